@@ -1,0 +1,43 @@
+//! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) sin(2πft − φ₀ − 2πs_k/λ).
+
+use std::f64::consts::TAU;
+
+use super::{Actuation, Wave};
+
+/// A travelling wave with a linear envelope.
+///
+/// sin(ψ − b_k) is expanded so that a time costs one sine and one cosine, whatever the number of nodes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TravellingWave {
+    /// (ΔL/ℓ_ref)(e₀ + e₁ξ_k) times (cos b_k, sin b_k), b_k = 2πs_k/λ.
+    table: Vec<[f64; 2]>,
+}
+
+impl TravellingWave {
+    /// The wave on `nodes` nodes at `spacing` (m): `envelope` [e₀, e₁], `wavelength` λ (m), `reference_length` ℓ_ref
+    /// (m; an amplitude is a turning per ℓ_ref, so 1 m makes it a curvature in 1/m).
+    pub fn new(nodes: usize, spacing: f64, envelope: [f64; 2], wavelength: f64, reference_length: f64) -> Self {
+        let table = (0..nodes)
+            .map(|k| {
+                let xi = k as f64 / (nodes - 1) as f64;
+                let size = spacing / reference_length * (envelope[0] + envelope[1] * xi);
+                let (sin, cos) = (TAU * k as f64 * spacing / wavelength).sin_cos();
+                [size * cos, size * sin]
+            })
+            .collect();
+        Self { table }
+    }
+}
+
+impl Actuation for TravellingWave {
+    fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]) {
+        let (sin, cos) = wave.phase.sin_cos();
+        let size = wave.amplitude * wave.gain;
+        let (turning, growing) = (size * wave.phase_rate, wave.amplitude * wave.gain_rate);
+        for ((natural, rate), [c, s]) in natural.iter_mut().zip(rate).zip(&self.table) {
+            let value = c * sin - s * cos;
+            *natural += size * value;
+            *rate += turning * (c * cos + s * sin) + growing * value;
+        }
+    }
+}

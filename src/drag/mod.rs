@@ -1,0 +1,129 @@
+//! Drag of the fluid on the rod, one law a file: force and exact derivatives, never a step size.
+
+pub mod stokes_like;
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::rod::{Edge, add, node};
+use crate::system::Linearisation;
+pub use stokes_like::StokesLike;
+
+/// A local drag law: the force a length of rod feels depends on its tangent and its velocity against the fluid.
+pub trait Law {
+    /// Force per unit length (N/m) that *opposes* the relative velocity `w` (m/s) on an edge of tangent `t`.
+    fn traction(&self, t: Vector2<f64>, w: Vector2<f64>) -> Vector2<f64>;
+
+    /// ∂(traction)/∂w, N s/m².
+    fn by_velocity(&self, t: Vector2<f64>, w: Vector2<f64>) -> Matrix2<f64>;
+
+    /// ∂(traction)/∂φ with φ the direction of the tangent, N/m.
+    fn by_direction(&self, t: Vector2<f64>, w: Vector2<f64>) -> Vector2<f64>;
+}
+
+/// Drag on a rod: each half-edge loads its own node with ½ΔL·w̄ times the law's traction.
+pub trait Drag: std::fmt::Debug + Send + Sync {
+    /// Adds the opposing force (N) to `residual` and its linearisation, if asked for, to that matrix.
+    fn assemble(
+        &self,
+        edges: &[Edge],
+        v: &[f64],
+        fluid: Fluid,
+        residual: &mut [f64],
+        jacobian: Option<&mut Linearisation<'_>>,
+    );
+
+    /// Viscous power (v−u)ᵀC(v−u) ≥ 0 and the flow's power uᵀC(u−v), W.
+    fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2];
+
+    /// Drag coefficient (N s/m) of the whole straight rod, along and across its axis.
+    fn whole(&self, fluid: Fluid) -> [f64; 2];
+}
+
+/// What the host may change of the fluid.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Fluid {
+    /// Dynamic viscosity μ, Pa s.
+    pub viscosity: f64,
+    /// Uniform background velocity u, m/s.
+    pub flow: Vector2<f64>,
+}
+
+/// A local law spread over the rod's half-edges with their weights.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HalfEdges<L> {
+    /// The law for each fluid.
+    law: L,
+    /// ½ΔL times the mean drag weight over the first and second half of every edge, m.
+    weights: Vec<[f64; 2]>,
+}
+
+impl<L> HalfEdges<L> {
+    /// Spreads `law` over `edges` edges of length `spacing` (m) with the weight `head_weight` up to arc length
+    /// `head_length` (m) and 1 after; each half-edge takes the exact mean over itself.
+    pub fn new(law: L, edges: usize, spacing: f64, head_weight: f64, head_length: f64) -> Self {
+        let half = 0.5 * spacing;
+        let weight = |start: f64| {
+            let inside = (head_length - start).clamp(0.0, half);
+            half + (head_weight - 1.0) * inside
+        };
+        let weights = (0..edges).map(|e| e as f64 * spacing).map(|s| [weight(s), weight(s + half)]).collect();
+        Self { law, weights }
+    }
+}
+
+/// A law that needs the fluid before it is a [`Law`].
+pub trait InFluid: std::fmt::Debug + Send + Sync {
+    /// The law at a given viscosity.
+    type Law: Law;
+
+    /// The law for `fluid`.
+    fn in_fluid(&self, fluid: Fluid) -> Self::Law;
+}
+
+impl<L: InFluid> Drag for HalfEdges<L> {
+    fn assemble(
+        &self,
+        edges: &[Edge],
+        v: &[f64],
+        fluid: Fluid,
+        residual: &mut [f64],
+        mut jacobian: Option<&mut Linearisation<'_>>,
+    ) {
+        let law = self.law.in_fluid(fluid);
+        for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
+            for (k, weight) in (e..).zip(weights) {
+                let w = node(v, k) - fluid.flow;
+                add(residual, k, law.traction(edge.t, w) * *weight);
+                if let Some(Linearisation { matrix, direction }) = &mut jacobian {
+                    matrix.add_block(k, k, &(law.by_velocity(edge.t, w) * (direction.v * weight)));
+                    // The tangent turns by n·δ(edge vector)/ℓ.
+                    let turn = edge.n() * (direction.q * weight / edge.length);
+                    let by_end = law.by_direction(edge.t, w) * turn.transpose();
+                    matrix.add_block(k, e, &-by_end);
+                    matrix.add_block(k, e + 1, &by_end);
+                }
+            }
+        }
+    }
+
+    fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2] {
+        let law = self.law.in_fluid(fluid);
+        let (mut viscous, mut flow) = (0.0, 0.0);
+        for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
+            for (k, weight) in (e..).zip(weights) {
+                let w = node(v, k) - fluid.flow;
+                let force = law.traction(edge.t, w) * *weight;
+                viscous += force.dot(&w);
+                flow -= force.dot(&fluid.flow);
+            }
+        }
+        [viscous, flow]
+    }
+
+    fn whole(&self, fluid: Fluid) -> [f64; 2] {
+        let law = self.law.in_fluid(fluid);
+        let length: f64 = self.weights.iter().flatten().sum();
+        let x = Vector2::x();
+        [law.traction(x, x).x * length, law.traction(x, Vector2::y()).y * length]
+    }
+}

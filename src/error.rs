@@ -1,0 +1,160 @@
+//! The one error type of the library: every variant carries the numbers, its text says where and what to do.
+
+use std::path::PathBuf;
+
+/// Everything that can go wrong, with the numbers inside.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A scene (or an override of one of its keys) says something that is not allowed.
+    #[error("{place}: {key}{}{problem}", if key.is_empty() { "" } else { ": " })]
+    Scene {
+        /// File and line, or the override on the command line.
+        place: String,
+        /// Dotted key, for example `rod.nodes`; empty where no single key is to blame.
+        key: String,
+        /// What was found and what is allowed.
+        problem: String,
+    },
+    /// A file cannot be read.
+    #[error("{}: cannot be read: {reason}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The operating system's reason.
+        reason: String,
+    },
+    /// A file or folder cannot be written.
+    #[error("{}: cannot be written: {reason}", path.display())]
+    Write {
+        /// The file or folder.
+        path: PathBuf,
+        /// The operating system's reason.
+        reason: String,
+    },
+    /// Newton's method did not converge, even after the step was halved.
+    #[error(
+        "no convergence at t = {time_s} s after {iterations} Newton iterations with a step of {step_s:e} s: last \
+         increment {increment_m:e} m, residual {residual_n:e} N, worst at node {node}; try a smaller \
+         solver.time_step_s, a start that is not `jump`, or fewer nodes"
+    )]
+    NotConverged {
+        /// Time the step aimed at, s.
+        time_s: f64,
+        /// The (halved) step, s.
+        step_s: f64,
+        /// Newton iterations made.
+        iterations: u32,
+        /// Largest displacement increment of the last iteration, m.
+        increment_m: f64,
+        /// Largest residual force, N.
+        residual_n: f64,
+        /// Node with the largest residual.
+        node: usize,
+    },
+    /// A number that is not finite came up.
+    #[error(
+        "{what} is not finite at node {node}, t = {time_s} s; try a smaller solver.time_step_s, or look at the inputs"
+    )]
+    NotFinite {
+        /// Time, s.
+        time_s: f64,
+        /// Node.
+        node: usize,
+        /// Which quantity.
+        what: &'static str,
+    },
+    /// The rod folded over at a joint: its turning reached π, where the curvature is singular.
+    #[error(
+        "the rod folds over at node {node}, t = {time_s} s: its turning reaches ±180°, where curvature is singular; \
+         try a smaller solver.time_step_s, more nodes, or a weaker actuation"
+    )]
+    FoldOver {
+        /// Time, s.
+        time_s: f64,
+        /// The joint's node.
+        node: usize,
+    },
+    /// An edge lost its length.
+    #[error(
+        "the edge between nodes {node} and {} collapses at t = {time_s} s: its length is {length_m:e} m; try a smaller \
+         solver.time_step_s or weaker loads", node + 1
+    )]
+    EdgeCollapse {
+        /// Time, s.
+        time_s: f64,
+        /// First node of the edge.
+        node: usize,
+        /// Its length, m.
+        length_m: f64,
+    },
+    /// A linear solver could not be set up.
+    #[error("the linear solver could not be set up for {unknowns} unknowns: {reason}")]
+    Linear {
+        /// Size of the system.
+        unknowns: usize,
+        /// The solver's reason.
+        reason: String,
+    },
+    /// The communication step is not a positive, finite time.
+    #[error("a step of {0} s cannot be made: it must be positive and finite")]
+    Step(f64),
+    /// No variable has this name in this scene.
+    #[error("there is no variable `{name}` in this scene{}", match nearest { Some(n) => format!("; did you mean `{n}`?"), None => "; `caudal variables SCENE` lists them".to_string() })]
+    UnknownVariable {
+        /// The name asked for.
+        name: String,
+        /// The most similar name there is.
+        nearest: Option<&'static str>,
+    },
+    /// Only inputs can be set.
+    #[error("variable `{0}` is not an input: it cannot be set")]
+    NotAnInput(&'static str),
+    /// An array of the wrong length was given for a variable.
+    #[error("variable `{name}` has {expected} values, not {found}")]
+    WrongLength {
+        /// The variable.
+        name: &'static str,
+        /// Its number of values.
+        expected: usize,
+        /// The number given.
+        found: usize,
+    },
+    /// A value outside the variable's range.
+    #[error("variable `{name}`: found {value}; allowed: {allowed}")]
+    BadValue {
+        /// The variable.
+        name: &'static str,
+        /// The value given.
+        value: f64,
+        /// What is allowed.
+        allowed: &'static str,
+    },
+}
+
+/// The library's result.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// True for failures of a step that a smaller step may cure.
+    pub(crate) fn is_cured_by_smaller_step(&self) -> bool {
+        matches!(
+            self,
+            Self::NotConverged { .. } | Self::NotFinite { .. } | Self::FoldOver { .. } | Self::EdgeCollapse { .. }
+        )
+    }
+
+    /// True where the input is to blame, so that nothing was run or written.
+    pub fn is_bad_input(&self) -> bool {
+        matches!(self, Self::Scene { .. } | Self::Read { .. })
+    }
+}
+
+/// The most similar of `names` to a misspelt one, if any is similar at all.
+pub(crate) fn nearest<'a>(name: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    names
+        .map(|other| (strsim::jaro_winkler(name, other), other))
+        .filter(|(similarity, _)| *similarity > 0.8)
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .map(|(_, other)| other)
+}

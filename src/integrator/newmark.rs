@@ -1,0 +1,36 @@
+//! Newmark's method: q = qⁿ + h vⁿ + h²((½−β)aⁿ + βa), v = vⁿ + h((1−γ)aⁿ + γa).
+
+use super::{Integrator, Method, Parameter, Rule};
+
+/// What is known of it.
+pub static METHOD: Method = Method {
+    name: "newmark",
+    stability: "unconditionally stable on linear systems for 2β ≥ γ ≥ ½; no damping at γ = ½",
+    source: "N. M. Newmark, J. Eng. Mech. Div. ASCE 85 (1959) 67–94; the source study, section 2.5.2, with (½, ½)",
+    parameters: &[
+        Parameter { name: "beta", default: 0.25, range: [1e-6, 1.0], allowed: "a number from 1e-6 to 1" },
+        Parameter { name: "gamma", default: 0.5, range: [0.0, 1.0], allowed: "a number from 0 to 1" },
+    ],
+    build: |values| Box::new(Newmark { beta: values[0], gamma: values[1] }),
+};
+
+#[derive(Debug)]
+struct Newmark {
+    beta: f64,
+    gamma: f64,
+}
+
+impl Integrator for Newmark {
+    fn order(&self) -> u32 {
+        if self.gamma == 0.5 { 2 } else { 1 }
+    }
+
+    fn rule(&self, h: f64) -> Rule {
+        Rule {
+            q_old: (0.5 - self.beta) * h * h,
+            v_old: (1.0 - self.gamma) * h,
+            q_new: self.beta * h * h,
+            v_new: self.gamma * h,
+        }
+    }
+}

@@ -1,0 +1,239 @@
+//! What is measured of a run: energies, powers, work and displacement, and the balance that they must close.
+
+use nalgebra::Vector2;
+use serde::Serialize;
+
+use crate::error::Result;
+use crate::model::Dynamics;
+use crate::rod::{bend, node, stretch};
+use crate::system::{State, System};
+
+/// Energies, J.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Energy {
+    /// Stretching energy E_s.
+    pub stretching: f64,
+    /// Bending energy E_b.
+    pub bending: f64,
+    /// Kinetic energy E_k.
+    pub kinetic: f64,
+}
+
+impl Energy {
+    /// E_s + E_b + E_k.
+    pub fn total(&self) -> f64 {
+        self.stretching + self.bending + self.kinetic
+    }
+
+    fn add(&mut self, other: &Self, factor: f64) {
+        self.stretching += factor * other.stretching;
+        self.bending += factor * other.bending;
+        self.kinetic += factor * other.kinetic;
+    }
+}
+
+/// Powers (W), or work (J): dE/dt = actuation − viscous + load + head + flow.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Power {
+    /// Put in by the moving natural curvature: −Σ m_k dκ̄_k/dt.
+    pub actuation: f64,
+    /// Taken by viscosity: (v−u)ᵀC(v−u) ≥ 0.
+    pub viscous: f64,
+    /// Put in by gravity, point loads and a host's forces.
+    pub load: f64,
+    /// Put in by a held head.
+    pub head: f64,
+    /// Put in by the background flow: uᵀC(u−v).
+    pub flow: f64,
+}
+
+impl Power {
+    /// What goes into the rod, net.
+    pub fn net(&self) -> f64 {
+        self.actuation - self.viscous + self.load + self.head + self.flow
+    }
+}
+
+/// All that is measured at one time.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Reading {
+    /// Time, s.
+    pub time: f64,
+    /// Centre of mass, m.
+    pub com: Vector2<f64>,
+    /// Energies.
+    pub energy: Energy,
+    /// Powers.
+    pub power: Power,
+    /// Force of the tail on a held head, N.
+    pub head_force: Vector2<f64>,
+    /// Moment of the tail on a held head about node 0, N m.
+    pub head_moment: f64,
+    /// Position and velocity of node 0.
+    head: [Vector2<f64>; 2],
+    /// Angle and spin of a held head.
+    head_angle: [f64; 2],
+    /// Force (N) that a held head exerts beyond the inertia of node 0.
+    head_push: Vector2<f64>,
+    /// Curvature κ_k, dimensionless, one entry a node.
+    pub kappa: Vec<f64>,
+    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry a node.
+    pub moment: Vec<f64>,
+    /// κ̄_k.
+    natural: Vec<f64>,
+}
+
+impl Reading {
+    /// An empty reading for `nodes` nodes.
+    pub fn new(nodes: usize) -> Self {
+        let zeros = || vec![0.0; nodes];
+        Self { kappa: zeros(), moment: zeros(), natural: zeros(), ..Self::default() }
+    }
+
+    /// Measures `state`, whose time `dynamics` was last moved to. `scratch` holds two entries a node.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::edges`].
+    pub fn take(&mut self, dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<()> {
+        self.time = state.t;
+        let mut energy = Energy::default();
+        let mut power = Power::default();
+        dynamics.edges(&state.q, state.t)?;
+        let rod = &dynamics.model.rod;
+        let (kappas, moments) = (&mut self.kappa, &mut self.moment);
+        dynamics.for_joints(state.t, |k, _, _, kappa| {
+            let deviation = kappa - dynamics.natural[k];
+            kappas[k] = kappa;
+            moments[k] = rod.joint[k] * deviation;
+            energy.bending += 0.5 * moments[k] * deviation;
+            power.actuation -= moments[k] * dynamics.natural_rate[k];
+        })?;
+        self.natural.copy_from_slice(&dynamics.natural);
+        for (k, mass) in rod.mass.iter().enumerate() {
+            energy.kinetic += 0.5 * mass * node(&state.v, k).norm_squared();
+        }
+        if dynamics.is_loaded() {
+            power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
+        }
+        self.com = rod.mean(&state.q);
+        let edges = dynamics.last_edges();
+        energy.stretching = edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum();
+        if let Some((drag, fluid)) = dynamics.drag() {
+            [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
+        }
+        if let Some([_, _, angle]) = dynamics.held {
+            scratch.fill(0.0);
+            let (mass, moment) = (rod.mass[0], self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
+            dynamics.unconstrained(state, scratch, None)?;
+            let held = node(scratch, 0);
+            self.head_force = -held;
+            self.head_moment = moment;
+            self.head_push = held - node(&state.a, 0) * mass;
+            self.head = [node(&state.q, 0), node(&state.v, 0)];
+            self.head_angle = [angle.value, angle.rate];
+            power.head = held.dot(&self.head[1]) - moment * angle.rate;
+        }
+        (self.energy, self.power) = (energy, power);
+        Ok(())
+    }
+
+    /// Work (J) from `before` to here, over which the loads did `load`: trapezoidal in time for viscosity and flow, in
+    /// κ̄ for the actuation, in the head's position and angle for the head.
+    fn work_since(&self, before: &Self, load: f64, head_mass: f64) -> Power {
+        let half_time = 0.5 * (self.time - before.time);
+        let actuation = (self.natural.iter().zip(&before.natural))
+            .zip(self.moment.iter().zip(&before.moment))
+            .map(|((now, old), (m_now, m_old))| -0.5 * (m_now + m_old) * (now - old))
+            .sum();
+        let push = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
+        let inertia = 0.5 * head_mass * (self.head[1].norm_squared() - before.head[1].norm_squared());
+        let twist = 0.5 * (self.head_moment + before.head_moment) * (self.head_angle[0] - before.head_angle[0]);
+        Power {
+            actuation,
+            viscous: half_time * (self.power.viscous + before.power.viscous),
+            load,
+            head: push + inertia - twist,
+            flow: half_time * (self.power.flow + before.power.flow),
+        }
+    }
+}
+
+/// The running totals of a run, over every step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Meter {
+    /// The last reading.
+    pub now: Reading,
+    /// Work since the start, J.
+    pub work: Power,
+    /// Energies integrated over time since the start, J s.
+    pub energy_time: Energy,
+    /// Energy at the start, J.
+    pub first_energy: f64,
+    /// Time (s) and centre of mass (m) at the start.
+    pub first: (f64, Vector2<f64>),
+    /// Positions at the start, m, two entries a node.
+    pub first_positions: Vec<f64>,
+    /// Largest |y_COM|, m.
+    pub max_lateral: f64,
+    /// Length of the path of the centre of mass, m.
+    pub path: f64,
+    /// Steps made.
+    pub steps: u64,
+    /// Times that a step was halved.
+    pub halvings: u64,
+}
+
+impl Meter {
+    /// Starts at `state`, whose time `dynamics` was last moved to.
+    ///
+    /// # Errors
+    /// Those of [`Reading::take`].
+    pub fn start(dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<Self> {
+        let mut now = Reading::new(dynamics.nodes());
+        now.take(dynamics, state, scratch)?;
+        Ok(Self {
+            work: Power::default(),
+            energy_time: Energy::default(),
+            first_energy: now.energy.total(),
+            first: (now.time, now.com),
+            first_positions: state.q.clone(),
+            max_lateral: now.com.y.abs(),
+            path: 0.0,
+            steps: 0,
+            halvings: 0,
+            now,
+        })
+    }
+
+    /// Counts the step to `next`, over which the loads did the work `load` (J), and keeps the old reading in `next`.
+    /// A reading at the same time counts what an input changed at once.
+    pub fn count(&mut self, next: &mut Reading, load: f64, head_mass: f64) {
+        let work = next.work_since(&self.now, load, head_mass);
+        let half_time = 0.5 * (next.time - self.now.time);
+        self.work.actuation += work.actuation;
+        self.work.viscous += work.viscous;
+        self.work.load += work.load;
+        self.work.head += work.head;
+        self.work.flow += work.flow;
+        self.energy_time.add(&self.now.energy, half_time);
+        self.energy_time.add(&next.energy, half_time);
+        self.max_lateral = self.max_lateral.max(next.com.y.abs());
+        self.path += (next.com - self.now.com).norm();
+        std::mem::swap(&mut self.now, next);
+    }
+
+    /// Time since the start, s.
+    pub fn elapsed(&self) -> f64 {
+        self.now.time - self.first.0
+    }
+
+    /// Δx of the centre of mass since the start, m.
+    pub fn net_displacement(&self) -> f64 {
+        self.now.com.x - self.first.1.x
+    }
+
+    /// Defect of the energy balance, J: what went in and neither went out nor is stored.
+    pub fn numerical_dissipation(&self) -> f64 {
+        self.work.net() - (self.now.energy.total() - self.first_energy)
+    }
+}

@@ -1,0 +1,433 @@
+//! The model: rod, actuation, drag, loads and head together are one [`System`].
+//!
+//! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
+
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use nalgebra::{Matrix2, Vector2};
+
+use crate::actuation::{Actuation, Wave};
+use crate::drag::{Drag, Fluid};
+use crate::error::{Error, Result};
+use crate::head::{Motion, Pose, Row, hermite, pose};
+use crate::rod::{Edge, Rod, add, bend, node, stretch};
+use crate::start::Start;
+use crate::system::{Linearisation, State, System};
+
+/// An edge shorter than this part of its rest length counts as collapsed.
+const COLLAPSED: f64 = 1e-3;
+
+/// A periodic drive of the actuation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drive {
+    /// Amplitude κ_amp.
+    pub amplitude: f64,
+    /// Frequency f, Hz.
+    pub frequency: f64,
+}
+
+/// All that does not change during a run. A part that a scene does not name is `None` and costs nothing.
+#[derive(Debug)]
+pub struct Model {
+    /// The rod.
+    pub rod: Rod,
+    /// Actuation and its drive as the scene has it.
+    pub actuation: Option<(Box<dyn Actuation>, Drive)>,
+    /// How the run starts.
+    pub start: Start,
+    /// Drag and the fluid as the scene has it.
+    pub drag: Option<(Box<dyn Drag>, Fluid)>,
+    /// Constant force of gravity and point loads (N), two entries a node.
+    pub load: Option<Vec<f64>>,
+    /// Motion of a held head; `None` is a free head.
+    pub head: Option<Motion>,
+}
+
+/// What a host may set while it runs; starts as the scene has it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Inputs {
+    /// Drive of the actuation.
+    pub drive: Drive,
+    /// Phase offset φ₀, rad.
+    pub phase_offset: f64,
+    /// Time (s) and phase (rad) at which the frequency last changed: the phase goes on without a jump.
+    phase_origin: [f64; 2],
+    /// A host's own natural curvature at each joint (1/m), one entry a node.
+    pub natural: Option<Vec<f64>>,
+    /// A host's forces (N), two entries a node.
+    pub force: Option<Vec<f64>>,
+    /// The fluid.
+    pub fluid: Fluid,
+    /// A host's motion of the head.
+    pub head: Option<HostHead>,
+}
+
+/// A host's motion of a held head: x (m), y (m) and angle (rad) at the end of its next step.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HostHead {
+    /// Values to reach.
+    pub target: [f64; 3],
+    /// Rates to reach (per s), where the host gives any; else the motion is linear.
+    pub rate: Option<[f64; 3]>,
+    /// The motion from the last target to this one.
+    rows: [[Row; 2]; 3],
+}
+
+impl HostHead {
+    /// A head that rests at `pose` since time `t` (s).
+    pub fn resting(pose: &Pose, t: f64) -> Self {
+        let target = pose.map(|s| s.value);
+        let rows = target.map(|value| [t, t + 1.0].map(|time| Row { time, value, rate: 0.0 }));
+        Self { target, rate: None, rows }
+    }
+
+    /// Sends the head from `pose` at time `t` to its target at `end` (s).
+    fn aim(&mut self, pose: &Pose, t: f64, end: f64) {
+        for (i, from) in pose.iter().enumerate() {
+            let mean = (self.target[i] - from.value) / (end - t);
+            let [first, last] = self.rate.map_or([mean, mean], |rate| [from.rate, rate[i]]);
+            self.rows[i] =
+                [Row { time: t, value: from.value, rate: first }, Row { time: end, value: self.target[i], rate: last }];
+        }
+    }
+}
+
+impl Inputs {
+    /// The inputs that leave the model as the scene has it.
+    pub fn of(model: &Model) -> Self {
+        Self {
+            drive: model.actuation.as_ref().map_or(Drive { amplitude: 0.0, frequency: 0.0 }, |(_, drive)| *drive),
+            phase_offset: 0.0,
+            phase_origin: [0.0; 2],
+            natural: None,
+            force: None,
+            fluid: model.drag.as_ref().map_or(Fluid { viscosity: 0.0, flow: Vector2::zeros() }, |(_, fluid)| *fluid),
+            head: None,
+        }
+    }
+
+    /// Changes the frequency (Hz) at time `t` (s), keeping the phase.
+    pub fn set_frequency(&mut self, frequency: f64, t: f64) {
+        if frequency != self.drive.frequency {
+            self.phase_origin = [t, self.cycle(t)];
+            self.drive.frequency = frequency;
+        }
+    }
+
+    /// Phase 2πft of the drive before the offset, rad.
+    fn cycle(&self, t: f64) -> f64 {
+        let [start, phase] = self.phase_origin;
+        phase + TAU * self.drive.frequency * (t - start)
+    }
+
+    fn wave(&self, start: &Start, t: f64) -> Wave {
+        let [gain, gain_rate] = start.gain(t);
+        Wave {
+            amplitude: self.drive.amplitude,
+            gain,
+            gain_rate,
+            phase: self.cycle(t) - self.phase_offset,
+            phase_rate: TAU * self.drive.frequency,
+        }
+    }
+}
+
+/// A model in motion: its inputs and all that follows from time and inputs alone, with room to work in.
+#[derive(Debug)]
+pub struct Dynamics {
+    /// The model.
+    pub model: Arc<Model>,
+    /// The host's inputs.
+    pub inputs: Inputs,
+    /// Natural curvature κ̄_k at the time last moved to, one entry a node; zero where there is no joint.
+    pub natural: Vec<f64>,
+    /// dκ̄_k/dt, 1/s.
+    pub natural_rate: Vec<f64>,
+    /// Pose of a held head at the time last moved to.
+    pub held: Option<Pose>,
+    edges: Vec<Edge>,
+}
+
+impl Dynamics {
+    /// The model at time zero with the scene's own inputs.
+    pub fn new(model: Arc<Model>) -> Self {
+        let nodes = model.rod.nodes;
+        let mut dynamics = Self {
+            inputs: Inputs::of(&model),
+            natural: vec![0.0; nodes],
+            natural_rate: vec![0.0; nodes],
+            held: None,
+            edges: vec![Edge { t: Vector2::x(), length: model.rod.spacing }; nodes - 1],
+            model,
+        };
+        dynamics.evaluate(0.0);
+        dynamics
+    }
+
+    /// The first state of a run: positions and velocities at time zero, accelerations zero.
+    pub fn first_state(&mut self) -> State {
+        let mut state = State::zeros(2 * self.model.rod.nodes);
+        self.evaluate(0.0);
+        let Model { rod, start, .. } = &*self.model;
+        start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), &mut state);
+        self.move_to(0.0, &mut state);
+        state
+    }
+
+    /// Takes over `inputs` as a whole.
+    pub fn restore(&mut self, inputs: &Inputs) {
+        self.inputs.clone_from(inputs);
+        self.natural.fill(0.0);
+        self.natural_rate.fill(0.0);
+    }
+
+    /// Tells a head that a host moves that the host's next step goes from `t` to `end` (s).
+    pub fn aim_head(&mut self, t: f64, end: f64) {
+        if let (Some(host), Some(pose)) = (&mut self.inputs.head, &self.held) {
+            host.aim(pose, t, end);
+        }
+    }
+
+    /// Evaluates natural curvature and head pose at time `t`.
+    fn evaluate(&mut self, t: f64) {
+        let Model { rod, actuation, start, head, .. } = &*self.model;
+        if actuation.is_some() || self.inputs.natural.is_some() {
+            self.natural.fill(0.0);
+            self.natural_rate.fill(0.0);
+        }
+        if let Some((actuation, _)) = actuation {
+            actuation.add(self.inputs.wave(start, t), &mut self.natural, &mut self.natural_rate);
+            for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
+                (self.natural[k], self.natural_rate[k]) = (0.0, 0.0);
+            }
+        }
+        if let Some(own) = &self.inputs.natural {
+            for k in rod.joints() {
+                self.natural[k] += own[k] * rod.spacing;
+            }
+        }
+        if head.is_some() {
+            self.natural[0] *= 0.5; // half a joint
+            self.natural_rate[0] *= 0.5;
+        }
+        self.held = match (&self.inputs.head, head) {
+            (Some(host), Some(_)) => Some(host.rows.map(|[from, to]| hermite(&from, &to, t))),
+            (None, Some(motion)) => Some(pose(motion, t)),
+            (_, None) => None,
+        };
+    }
+
+    /// Edges at positions `q`.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`], [`Error::EdgeCollapse`].
+    pub fn edges(&mut self, q: &[f64], t: f64) -> Result<&[Edge]> {
+        for (k, edge) in self.edges.iter_mut().enumerate() {
+            *edge = Edge::new(node(q, k + 1) - node(q, k));
+        }
+        let least = COLLAPSED * self.model.rod.spacing;
+        if let Some(k) = self.edges.iter().position(|e| !(least..f64::INFINITY).contains(&e.length)) {
+            return Err(match self.edges[k].length {
+                length if length < least => Error::EdgeCollapse { time_s: t, node: k, length_m: length },
+                _ => Error::NotFinite { time_s: t, node: k, what: "position" },
+            });
+        }
+        Ok(&self.edges)
+    }
+
+    /// The edges of the last call of [`edges`](Self::edges).
+    pub fn last_edges(&self) -> &[Edge] {
+        &self.edges
+    }
+
+    /// The direction that a held head prescribes, as the edge before the first.
+    fn wall(&self) -> Option<Edge> {
+        let [_, _, angle] = self.held.as_ref()?;
+        Some(Edge { t: Vector2::new(angle.value.cos(), angle.value.sin()), length: self.model.rod.spacing })
+    }
+
+    /// Visits every joint: its node, the edges before and after, and κ. The edges are those of the last call of
+    /// [`edges`](Self::edges); before the half-cell joint of a held head stands the head's own direction.
+    #[inline]
+    pub fn for_joints(&self, t: f64, mut visit: impl FnMut(usize, &Edge, &Edge, f64)) -> Result<()> {
+        if let Some(wall) = &self.wall() {
+            visit(0, wall, &self.edges[0], joint_curvature(0, wall, &self.edges[0], t)?);
+        }
+        for (k, pair) in (1..).zip(self.edges.windows(2)) {
+            visit(k, &pair[0], &pair[1], joint_curvature(k, &pair[0], &pair[1], t)?);
+        }
+        Ok(())
+    }
+
+    /// Constant and host forces on node `k`, N.
+    pub fn load(&self, k: usize) -> Vector2<f64> {
+        let of = |force: &Option<Vec<f64>>| force.as_ref().map_or(Vector2::zeros(), |f| node(f, k));
+        of(&self.model.load) + of(&self.inputs.force)
+    }
+
+    /// True where any constant or host force acts.
+    pub fn is_loaded(&self) -> bool {
+        self.model.load.is_some() || self.inputs.force.is_some()
+    }
+
+    /// Work (J) of the constant and host forces on the way from positions `from` to `to`.
+    pub fn load_work(&self, from: &[f64], to: &[f64]) -> f64 {
+        if !self.is_loaded() {
+            return 0.0;
+        }
+        (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
+    }
+
+    /// Drag and the fluid it is in now.
+    pub fn drag(&self) -> Option<(&dyn Drag, Fluid)> {
+        self.model.drag.as_ref().map(|(drag, _)| (&**drag, self.inputs.fluid))
+    }
+
+    /// M a − F at `state` for every node, that of a held head too, where it is the force the head must exert.
+    ///
+    /// # Errors
+    /// Those of [`System::assemble`].
+    pub fn unconstrained(
+        &mut self,
+        state: &State,
+        residual: &mut [f64],
+        mut jacobian: Option<Linearisation<'_>>,
+    ) -> Result<()> {
+        self.edges(&state.q, state.t)?;
+        let Model { rod, load, .. } = &*self.model;
+        for (k, edge) in self.edges.iter().enumerate() {
+            let (gradient, hessian) = stretch::derivatives(edge, rod.ea, rod.spacing);
+            add(residual, k, -gradient);
+            add(residual, k + 1, gradient);
+            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
+                let block = hessian * direction.q;
+                matrix.add_block(k, k, &block);
+                matrix.add_block(k + 1, k + 1, &block);
+                matrix.add_block(k, k + 1, &-block);
+                matrix.add_block(k + 1, k, &-block);
+            }
+        }
+        self.for_joints(state.t, |k, e, f, kappa| {
+            let d = bend::derivatives(e, f, rod.joint[k], kappa, self.natural[k]);
+            // e = x_k − x_{k−1} and f = x_{k+1} − x_k; at k = 0 the direction before is the head's and no node moves it.
+            let (first, d) = if k == 0 { (1, d.with_fixed_start()) } else { (0, d) };
+            let nodes = [k.wrapping_sub(1), k, k + 1];
+            let gradients = [-d.e, d.e - d.f, d.f];
+            for i in first..3 {
+                add(residual, nodes[i], gradients[i]);
+            }
+            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
+                let fe = d.ef.transpose();
+                let hessian = [
+                    [d.ee, d.ef - d.ee, -d.ef],
+                    [fe - d.ee, d.ee - d.ef - fe + d.ff, d.ef - d.ff],
+                    [-fe, fe - d.ff, d.ff],
+                ];
+                for i in first..3 {
+                    for j in first..3 {
+                        matrix.add_block(nodes[i], nodes[j], &(hessian[i][j] * direction.q));
+                    }
+                }
+            }
+        })?;
+        for (k, mass) in rod.mass.iter().enumerate() {
+            add(residual, k, node(&state.a, k) * *mass);
+            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
+                matrix.add_block(k, k, &Matrix2::from_diagonal_element(mass * direction.a));
+            }
+        }
+        for force in [load, &self.inputs.force].into_iter().flatten() {
+            residual.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
+        }
+        if let Some((drag, fluid)) = self.drag() {
+            drag.assemble(&self.edges, &state.v, fluid, residual, jacobian.as_mut());
+        }
+        Ok(())
+    }
+}
+
+/// κ of the joint at node `k`, refused at fold-over.
+#[inline]
+fn joint_curvature(k: usize, e: &Edge, f: &Edge, t: f64) -> Result<f64> {
+    if 1.0 + e.t.dot(&f.t) > bend::FOLD {
+        Ok(bend::curvature(e.t, f.t))
+    } else {
+        Err(Error::FoldOver { time_s: t, node: k })
+    }
+}
+
+impl System for Dynamics {
+    fn nodes(&self) -> usize {
+        self.model.rod.nodes
+    }
+
+    fn length(&self) -> f64 {
+        self.model.rod.length
+    }
+
+    fn move_to(&mut self, t: f64, state: &mut State) {
+        self.evaluate(t);
+        state.t = t;
+        if let Some([x, y, _]) = &self.held {
+            for (i, s) in [x, y].into_iter().enumerate() {
+                (state.q[i], state.v[i], state.a[i]) = (s.value, s.rate, s.acceleration);
+            }
+        }
+    }
+
+    fn assemble(&mut self, state: &State, residual: &mut [f64], mut jacobian: Option<Linearisation<'_>>) -> Result<()> {
+        let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
+        self.unconstrained(state, residual, part)?;
+        if self.held.is_some() {
+            residual[..2].fill(0.0);
+            if let Some(Linearisation { matrix, .. }) = jacobian {
+                matrix.prescribe(0);
+            }
+        }
+        Ok(())
+    }
+
+    fn check_step(&self, before: &State, after: &State) -> Result<()> {
+        let rod = &self.model.rod;
+        let wall = self.wall();
+        // cos and sin of the turning at node k, times a positive number.
+        let turning = |q: &[f64], k: usize| {
+            let f = node(q, k + 1) - node(q, k);
+            let e = match &wall {
+                Some(wall) if k == 0 => wall.t,
+                _ => node(q, k) - node(q, k - 1),
+            };
+            [e.dot(&f), e.perp(&f)]
+        };
+        let mut inverted_before = wall.is_none();
+        for k in rod.joints() {
+            let ([c0, s0], [c1, s1]) = (turning(&before.q, k), turning(&after.q, k));
+            let (same_turn, same_side) = (c0 * c1 + s0 * s1, s0 * s1);
+            if same_turn >= 0.0 && same_side >= 0.0 {
+                inverted_before = false;
+                continue;
+            }
+            let (size0, size1) = (c0.hypot(s0), c1.hypot(s1));
+            // An edge that went through zero length turns both its joints by 180°; no smooth step turns one by 150°.
+            let inverted = same_turn < -0.87 * size0 * size1;
+            if inverted && (inverted_before || k + 2 == rod.nodes) {
+                let edge = if inverted_before { k - 1 } else { k };
+                let length_m = (node(&after.q, edge + 1) - node(&after.q, edge)).norm();
+                return Err(Error::EdgeCollapse { time_s: after.t, node: edge, length_m });
+            }
+            if !inverted && same_side < 0.0 && c0 / size0 + c1 / size1 < 0.0 {
+                return Err(Error::FoldOver { time_s: after.t, node: k });
+            }
+            inverted_before = inverted;
+        }
+        Ok(())
+    }
+
+    fn residual_floor(&self, state: &State) -> f64 {
+        let rod = &self.model.rod;
+        let reach = state.q.iter().fold(rod.length, |max, x| max.max(x.abs()));
+        let stiffest = rod.joint.iter().fold(0.0_f64, |max, b| max.max(*b));
+        8.0 * f64::EPSILON * reach * (rod.ea / rod.spacing + 4.0 * stiffest / (rod.spacing * rod.spacing))
+    }
+}

@@ -1,0 +1,570 @@
+//! Scenes: what a user edits. TOML with units in the keys; unknown keys and values out of range are refused.
+
+mod document;
+mod table;
+pub mod value;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector2;
+use serde::Deserialize;
+
+pub use document::{Document, Fault};
+use value::{Finite, Gradient, NotNegative, Positive, ScalarSignal, Tolerance, VectorSignal, Wanted, Whole};
+
+use crate::actuation::{Actuation, TravellingWave};
+use crate::drag::{Drag, Fluid, HalfEdges, StokesLike};
+use crate::error::{Error, Result, nearest};
+use crate::head::{Motion, Signal};
+use crate::integrator::{Integrator, METHODS, Method};
+use crate::model::{Drive, Model};
+use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
+use crate::start::Start;
+
+/// Fewest and most nodes a scene may have.
+pub const NODES: [u64; 2] = [3, 10_000_000];
+
+/// A scene: everything there is to say about a run.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Scene {
+    /// Name; the file's where the scene has none.
+    #[serde(default)]
+    pub name: String,
+    /// The rod.
+    pub rod: RodTable,
+    /// Actuation; absent: a passive rod.
+    pub actuation: Option<ActuationTable>,
+    /// How the run starts.
+    #[serde(default)]
+    pub start: StartTable,
+    /// The fluid.
+    pub medium: Option<MediumTable>,
+    /// Drag; absent: none.
+    pub drag: Option<DragTable>,
+    /// Gravity and point loads; absent: none.
+    pub loads: Option<LoadsTable>,
+    /// The head; absent: free.
+    #[serde(default)]
+    pub head: HeadTable,
+    /// How it is solved.
+    pub solver: SolverTable,
+    /// What is recorded.
+    #[serde(default)]
+    pub record: RecordTable,
+    /// Folder that tables are looked for in.
+    #[serde(skip)]
+    pub folder: PathBuf,
+}
+
+/// `[rod]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RodTable {
+    /// Number of nodes.
+    pub nodes: Whole<{ NODES[0] }, { NODES[1] }>,
+    /// Length, m.
+    pub length_m: Positive,
+    /// Outer radius, m.
+    pub outer_radius_m: Positive,
+    /// Inner radius, m; 0 is a solid rod.
+    pub inner_radius_m: NotNegative,
+    /// Young's modulus, Pa.
+    pub youngs_modulus_pa: Positive,
+    /// Density, kg/m³.
+    pub density_kg_m3: Positive,
+    /// a in EI(1 + a(1−ξ)); 0 where neither this nor a profile is given.
+    pub stiffness_gradient: Option<Gradient>,
+    /// Points [ξ, factor] of EI, linear in between, constant outside.
+    pub stiffness_profile: Option<Vec<[NotNegative; 2]>>,
+    /// Lumping of the mass.
+    #[serde(default)]
+    pub mass_lumping: MassLumping,
+}
+
+/// `[actuation]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuationTable {
+    /// Kind of actuation.
+    pub kind: ActuationKind,
+    /// Amplitude, a turning per reference length.
+    pub kappa_amp: Finite,
+    /// Reference length, m; 1 m makes the amplitude a curvature in 1/m.
+    #[serde(default = "one_metre")]
+    pub kappa_reference_length_m: Positive,
+    /// Frequency, Hz.
+    pub frequency_hz: NotNegative,
+    /// Wavelength, m.
+    pub wavelength_m: Positive,
+    /// [e₀, e₁]: amplitude e₀ + e₁ξ along the rod; [1, 0] where it is not given.
+    #[serde(default = "even_envelope")]
+    pub envelope: [Finite; 2],
+}
+
+/// Kinds of actuation; adding one is its file and its line here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ActuationKind {
+    /// See [`TravellingWave`].
+    TravellingWave,
+}
+
+/// `[start]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartTable {
+    /// Kind of start.
+    #[serde(default)]
+    pub kind: StartKind,
+    /// Duration of a ramp, s.
+    pub ramp_s: Option<Positive>,
+}
+
+/// Kinds of start, see [`Start`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartKind {
+    /// See [`Start::Jump`].
+    Jump,
+    /// See [`Start::Ramp`].
+    Ramp,
+    /// See [`Start::Shaped`].
+    #[default]
+    Shaped,
+}
+
+/// `[medium]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MediumTable {
+    /// Dynamic viscosity, Pa s.
+    pub viscosity_pa_s: Positive,
+    /// Density, kg/m³: for the Reynolds number, it enters no force.
+    pub density_kg_m3: Positive,
+    /// Uniform background velocity, m/s.
+    #[serde(default = "still")]
+    pub flow_m_s: [Finite; 2],
+}
+
+/// `[drag]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DragTable {
+    /// The law.
+    #[serde(default)]
+    pub law: DragLaw,
+    /// Ratio of the coefficient across the rod to the one along it.
+    pub ratio: Positive,
+    /// Weight of the drag on the head; 1 where it is not given.
+    pub head_weight: Option<NotNegative>,
+    /// Arc length up to which the head's weight holds, m.
+    pub head_length_m: Option<Positive>,
+}
+
+/// Drag laws; adding one is its file and its line here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DragLaw {
+    /// See [`StokesLike`].
+    #[default]
+    StokesLike,
+}
+
+/// `[loads]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoadsTable {
+    /// Gravity, m/s²; a neutrally buoyant tail has none.
+    pub gravity_m_s2: Option<[Finite; 2]>,
+    /// Forces on single nodes.
+    #[serde(default)]
+    pub point: Vec<PointLoad>,
+}
+
+/// `[[loads.point]]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointLoad {
+    /// Node; a negative one counts from the tip, −1.
+    pub node: i64,
+    /// Force, N.
+    pub force_n: [Finite; 2],
+}
+
+/// `[head]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadTable {
+    /// Kind of head.
+    #[serde(default)]
+    pub kind: HeadKind,
+    /// Position of a driven head, m.
+    pub position_m: Option<VectorSignal>,
+    /// Angle of a driven head from +x, rad.
+    pub angle_rad: Option<ScalarSignal>,
+}
+
+/// Kinds of head.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HeadKind {
+    /// Nothing holds it.
+    #[default]
+    Free,
+    /// Held at the origin, along +x.
+    Clamped,
+    /// Held where the scene or a host says.
+    Driven,
+}
+
+/// `[solver]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct SolverTable {
+    /// Name of the method.
+    #[serde(default = "default_integrator")]
+    pub integrator: String,
+    /// Step size, s.
+    pub time_step_s: Positive,
+    /// Duration of the run, s.
+    pub duration_s: Positive,
+    /// Largest displacement increment of Newton's last iteration over the length.
+    #[serde(default = "default_tolerance")]
+    pub newton_tolerance: Tolerance,
+    /// The method's own parameters.
+    #[serde(flatten)]
+    pub parameters: BTreeMap<String, toml::Value>,
+}
+
+/// `[record]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordTable {
+    /// Steps between recorded times; the first and the last time are always recorded.
+    #[serde(default = "every_step")]
+    pub every: Whole<1, 1_000_000_000>,
+    /// True for nodes.csv, false for none; by default up to 200 nodes have it.
+    pub nodes_csv: Option<bool>,
+}
+
+impl Default for RecordTable {
+    fn default() -> Self {
+        Self { every: every_step(), nodes_csv: None }
+    }
+}
+
+/// The keys of `[solver]` beside the methods' parameters.
+const SOLVER_KEYS: [&str; 4] = ["integrator", "time_step_s", "duration_s", "newton_tolerance"];
+
+/// Up to this many nodes nodes.csv is written unless asked otherwise.
+const NODES_CSV_UP_TO: usize = 200;
+
+fn default_integrator() -> String {
+    "implicit-euler".to_string()
+}
+
+/// Reads a constant of this module; the texts are literals of the right kind.
+fn literal<T: for<'de> Deserialize<'de>>(value: f64) -> T {
+    use serde::de::{IntoDeserializer, value::Error};
+    let deserializer: serde::de::value::F64Deserializer<Error> = value.into_deserializer();
+    #[expect(clippy::expect_used, reason = "called with constants of this file only, each in its range")]
+    T::deserialize(deserializer).expect("a constant in its range")
+}
+
+fn default_tolerance() -> Tolerance {
+    literal(1e-10)
+}
+
+fn one_metre() -> Positive {
+    literal(1.0)
+}
+
+fn even_envelope() -> [Finite; 2] {
+    [literal(1.0), literal(0.0)]
+}
+
+fn still() -> [Finite; 2] {
+    [literal(0.0), literal(0.0)]
+}
+
+fn every_step() -> Whole<1, 1_000_000_000> {
+    Whole::LEAST
+}
+
+impl Scene {
+    /// Reads and checks a scene file.
+    ///
+    /// # Errors
+    /// [`Error::Read`], [`Error::Scene`].
+    pub fn load(path: impl AsRef<Path>) -> Result<Self> {
+        Document::read(path.as_ref())?.scene()
+    }
+
+    /// Checks what no single key can tell.
+    fn check(&self) -> std::result::Result<(), Fault> {
+        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+        if let Some(bad) = self.name.chars().find(|c| c.is_control() || ['/', '\\'].contains(c)) {
+            return fault("name", value::refused(format_args!("{bad:?} in it"), "a name that can be a folder's"));
+        }
+        if ["", ".", ".."].contains(&self.name.trim()) {
+            return fault("name", value::refused(format_args!("{:?}", self.name), "a name that can be a folder's"));
+        }
+        let rod = &self.rod;
+        if rod.inner_radius_m.get() >= rod.outer_radius_m.get() {
+            let allowed = format!("from 0 to below outer_radius_m = {}", rod.outer_radius_m.get());
+            return fault("rod.inner_radius_m", value::refused(rod.inner_radius_m.get(), allowed));
+        }
+        if let Some(profile) = &rod.stiffness_profile {
+            if rod.stiffness_gradient.is_some() {
+                return fault(
+                    "rod.stiffness_profile",
+                    "found beside stiffness_gradient; allowed: one of the two".into(),
+                );
+            }
+            let rising = profile.windows(2).all(|pair| pair[0][0].get() < pair[1][0].get());
+            let inside = profile.iter().all(|[xi, factor]| xi.get() <= 1.0 && factor.get() > 0.0);
+            if profile.is_empty() || !rising || !inside {
+                let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
+                return fault("rod.stiffness_profile", value::refused("other points", allowed));
+            }
+        }
+        match (self.start.kind, &self.start.ramp_s) {
+            (StartKind::Ramp, None) => return fault("start.ramp_s", "missing; a ramp has no default duration".into()),
+            (StartKind::Jump | StartKind::Shaped, Some(_)) => {
+                return fault("start.ramp_s", "found without kind = \"ramp\"; allowed: only with it".into());
+            }
+            _ => {}
+        }
+        if let Some(drag) = &self.drag {
+            if self.medium.is_none() {
+                return fault(
+                    "drag",
+                    "found without [medium], which has the viscosity; add it or remove [drag]".into(),
+                );
+            }
+            if drag.head_weight.is_some_and(|weight| weight.get() != 1.0) && drag.head_length_m.is_none() {
+                return fault(
+                    "drag.head_length_m",
+                    "missing; a head_weight other than 1 needs the head's length".into(),
+                );
+            }
+        }
+        let nodes = rod.nodes.get() as i64;
+        for (i, load) in self.loads.iter().flat_map(|loads| &loads.point).enumerate() {
+            if !(-nodes..nodes).contains(&load.node) {
+                let allowed = format!("a node from 0 to {}, or from -1 (the tip) to {}", nodes - 1, -nodes);
+                return fault(&format!("loads.point.{i}.node"), value::refused(load.node, allowed));
+            }
+        }
+        match (self.head.kind, &self.head) {
+            (HeadKind::Free | HeadKind::Clamped, HeadTable { position_m: Some(_), .. }) => {
+                return fault("head.position_m", "found without kind = \"driven\"; allowed: only with it".into());
+            }
+            (HeadKind::Free | HeadKind::Clamped, HeadTable { angle_rad: Some(_), .. }) => {
+                return fault("head.angle_rad", "found without kind = \"driven\"; allowed: only with it".into());
+            }
+            _ => {}
+        }
+        self.method().map(|_| ())
+    }
+
+    /// The method and its parameters.
+    fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
+        let solver = &self.solver;
+        let names = || METHODS.iter().map(|method| method.name);
+        let Some(method) = Method::named(&solver.integrator) else {
+            let allowed = names().collect::<Vec<_>>().join(", ");
+            let problem = value::refused(format_args!("{:?}", solver.integrator), allowed);
+            return Err(Fault { key: "solver.integrator".into(), problem });
+        };
+        for key in solver.parameters.keys() {
+            if method.parameters.iter().any(|parameter| parameter.name == key) {
+                continue;
+            }
+            let owners = METHODS.iter().filter(|other| other.parameters.iter().any(|p| p.name == key));
+            let owners = owners.map(|other| other.name).collect::<Vec<_>>();
+            let mut keys = SOLVER_KEYS.to_vec();
+            keys.extend(method.parameters.iter().map(|parameter| parameter.name));
+            let hint = nearest(key, keys.iter().copied()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
+            let problem = if owners.is_empty() {
+                format!("unknown key; allowed: `{}`{hint}", keys.join("`, `"))
+            } else {
+                format!("found with integrator = \"{}\"; allowed: only with {}", method.name, owners.join(", "))
+            };
+            return Err(Fault { key: format!("solver.{key}"), problem });
+        }
+        let mut values = Vec::new();
+        for parameter in method.parameters {
+            let value = match solver.parameters.get(parameter.name) {
+                None => parameter.default,
+                Some(toml::Value::Float(x)) => *x,
+                Some(toml::Value::Integer(x)) => *x as f64,
+                Some(_) => f64::NAN,
+            };
+            if !(parameter.range[0]..=parameter.range[1]).contains(&value) {
+                let found = solver.parameters.get(parameter.name).map_or(String::new(), ToString::to_string);
+                let problem = value::refused(found, parameter.allowed);
+                return Err(Fault { key: format!("solver.{}", parameter.name), problem });
+            }
+            values.push(value);
+        }
+        Ok((method, values))
+    }
+
+    /// Its integrator.
+    ///
+    /// # Errors
+    /// [`Error::Scene`]; none for a scene that was read by [`Document::scene`].
+    pub fn integrator(&self) -> Result<Box<dyn Integrator>> {
+        let (method, values) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;
+        Ok((method.build)(&values))
+    }
+
+    fn error(&self, key: &str, problem: String) -> Error {
+        Error::Scene { place: self.name.clone(), key: key.to_string(), problem }
+    }
+
+    /// The bending stiffness along the rod.
+    fn stiffness(&self) -> Stiffness {
+        match (&self.rod.stiffness_profile, self.rod.stiffness_gradient) {
+            (Some(points), _) => Stiffness::Profile(points.iter().map(|point| point.map(NotNegative::get)).collect()),
+            (None, gradient) => Stiffness::Gradient(gradient.map_or(0.0, Gradient::get)),
+        }
+    }
+
+    /// The model it describes.
+    ///
+    /// # Errors
+    /// [`Error::Read`] or [`Error::Scene`] for the table of a driven head.
+    pub fn model(&self) -> Result<Model> {
+        let table = &self.rod;
+        let material = Material {
+            section: Section { outer: table.outer_radius_m.get(), inner: table.inner_radius_m.get() },
+            youngs: table.youngs_modulus_pa.get(),
+            density: table.density_kg_m3.get(),
+            stiffness: self.stiffness(),
+        };
+        let held = self.head.kind != HeadKind::Free;
+        let rod = Rod::new(table.nodes.get(), table.length_m.get(), &material, table.mass_lumping, held);
+        Ok(Model {
+            actuation: self.actuation.as_ref().map(|actuation| actuation.build(&rod)),
+            start: match (self.start.kind, self.start.ramp_s) {
+                (StartKind::Ramp, Some(duration)) => Start::Ramp { duration: duration.get() },
+                (StartKind::Jump, _) => Start::Jump,
+                _ => Start::Shaped,
+            },
+            drag: self.drag.as_ref().zip(self.medium.as_ref()).map(|(drag, medium)| {
+                let flow = Vector2::from(medium.flow_m_s.map(Finite::get));
+                (drag.build(&rod), Fluid { viscosity: medium.viscosity_pa_s.get(), flow })
+            }),
+            load: self.loads.as_ref().and_then(|loads| loads.build(&rod)),
+            head: self.head_motion()?,
+            rod,
+        })
+    }
+
+    fn head_motion(&self) -> Result<Option<Motion>> {
+        let still = Signal::Constant(0.0);
+        match self.head.kind {
+            HeadKind::Free => Ok(None),
+            HeadKind::Clamped => Ok(Some([still.clone(), still.clone(), still])),
+            HeadKind::Driven => {
+                let signal = |wanted: &Wanted, column, columns| self.signal(wanted, column, columns);
+                let (x, y) = match &self.head.position_m {
+                    Some(VectorSignal([x, y])) => {
+                        let columns = if matches!((x, y), (Wanted::Table { file: a }, Wanted::Table { file: b }) if a == b)
+                        {
+                            2
+                        } else {
+                            1
+                        };
+                        (signal(x, 0, columns)?, signal(y, columns - 1, columns)?)
+                    }
+                    None => (still.clone(), still.clone()),
+                };
+                let angle = match &self.head.angle_rad {
+                    Some(ScalarSignal(angle)) => signal(angle, 0, 1)?,
+                    None => still,
+                };
+                Ok(Some([x, y, angle]))
+            }
+        }
+    }
+
+    /// A signal; from a table it takes value `column` of `columns`.
+    fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
+        Ok(match wanted {
+            Wanted::Constant(value) => Signal::Constant(*value),
+            &Wanted::Sinusoid { amplitude, frequency, phase, offset } => {
+                Signal::Sinusoid { amplitude, frequency, phase, offset }
+            }
+            Wanted::Table { file } => {
+                table::read(&self.folder.join(file), column, columns, self.solver.duration_s.get())?
+            }
+        })
+    }
+
+    /// Whether nodes.csv is written.
+    pub fn writes_nodes_csv(&self) -> bool {
+        self.record.nodes_csv.unwrap_or(self.rod.nodes.get() <= NODES_CSV_UP_TO)
+    }
+
+    /// The whole steps of Δt, and the shorter last one (s) if there is one: together the duration.
+    pub fn steps(&self) -> (u64, Option<f64>) {
+        let (duration, step) = (self.solver.duration_s.get(), self.solver.time_step_s.get());
+        let whole = (duration / step).round();
+        if (whole * step - duration).abs() <= 1e-9 * duration {
+            return (whole as u64, None);
+        }
+        let whole = (duration / step).floor();
+        (whole as u64, Some(duration - whole * step))
+    }
+}
+
+impl ActuationTable {
+    fn build(&self, rod: &Rod) -> (Box<dyn Actuation>, Drive) {
+        let drive = Drive { amplitude: self.kappa_amp.get(), frequency: self.frequency_hz.get() };
+        let actuation = match self.kind {
+            ActuationKind::TravellingWave => Box::new(TravellingWave::new(
+                rod.nodes,
+                rod.spacing,
+                self.envelope.map(Finite::get),
+                self.wavelength_m.get(),
+                self.kappa_reference_length_m.get(),
+            )),
+        };
+        (actuation, drive)
+    }
+}
+
+impl DragTable {
+    fn build(&self, rod: &Rod) -> Box<dyn Drag> {
+        let weight = self.head_weight.map_or(1.0, NotNegative::get);
+        let length = self.head_length_m.map_or(0.0, Positive::get);
+        match self.law {
+            DragLaw::StokesLike => {
+                let law = StokesLike { ratio: self.ratio.get(), radius: rod.section.equivalent_radius() };
+                Box::new(HalfEdges::new(law, rod.nodes - 1, rod.spacing, weight, length))
+            }
+        }
+    }
+}
+
+impl LoadsTable {
+    /// The forces of gravity and point loads (N), two entries a node; none where there are no loads.
+    fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
+        let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
+        if gravity == [0.0; 2] && self.point.is_empty() {
+            return None;
+        }
+        let mut force: Vec<f64> = rod.mass.iter().flat_map(|mass| gravity.map(|g| g * mass)).collect();
+        for load in &self.point {
+            let node = load.node.rem_euclid(rod.nodes as i64) as usize;
+            for (i, component) in load.force_n.iter().enumerate() {
+                force[2 * node + i] += component.get();
+            }
+        }
+        Some(force)
+    }
+}

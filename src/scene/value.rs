@@ -1,0 +1,285 @@
+//! Values of a scene's keys: each type knows its range, so that a wrong value is refused where it stands.
+
+use std::fmt;
+
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer};
+
+/// A number type with a range: `$ok` decides, `$allowed` says it in words.
+macro_rules! number {
+    ($(#[$doc:meta])* $name:ident, $allowed:literal, $ok:expr) => {
+        $(#[$doc])*
+        #[derive(Debug, Clone, Copy, PartialEq)]
+        pub struct $name(f64);
+
+        impl $name {
+            /// The number.
+            pub const fn get(self) -> f64 {
+                self.0
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $name {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                deserializer.deserialize_any(Number { allowed: $allowed, ok: $ok }).map(Self)
+            }
+        }
+    };
+}
+
+number!(
+    /// A number above zero.
+    Positive,
+    "a positive number",
+    |x| x > 0.0
+);
+number!(
+    /// A number of at least zero.
+    NotNegative,
+    "a number that is not negative",
+    |x| x >= 0.0
+);
+number!(
+    /// Any number but NaN and infinity.
+    Finite,
+    "a finite number",
+    |_| true
+);
+number!(
+    /// Above −1, so that 1 + a(1−ξ) stays positive.
+    Gradient,
+    "a number above -1",
+    |x| x > -1.0
+);
+number!(
+    /// A relative tolerance.
+    Tolerance,
+    "a number between 0 and 1",
+    |x| x > 0.0 && x < 1.0
+);
+
+struct Number {
+    allowed: &'static str,
+    ok: fn(f64) -> bool,
+}
+
+impl Visitor<'_> for Number {
+    type Value = f64;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.allowed)
+    }
+
+    fn visit_f64<E: Error>(self, x: f64) -> Result<f64, E> {
+        if x.is_finite() && (self.ok)(x) { Ok(x) } else { Err(E::custom(refused(x, self.allowed))) }
+    }
+
+    fn visit_i64<E: Error>(self, x: i64) -> Result<f64, E> {
+        self.visit_f64(x as f64)
+    }
+
+    fn visit_u64<E: Error>(self, x: u64) -> Result<f64, E> {
+        self.visit_f64(x as f64)
+    }
+}
+
+/// The text of a refusal.
+pub fn refused(found: impl fmt::Display, allowed: impl fmt::Display) -> String {
+    format!("found {found}; allowed: {allowed}")
+}
+
+/// A whole number from `MIN` to `MAX`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Whole<const MIN: u64, const MAX: u64>(u64);
+
+impl<const MIN: u64, const MAX: u64> Whole<MIN, MAX> {
+    /// The smallest.
+    pub const LEAST: Self = Self(MIN);
+
+    /// The number.
+    pub const fn get(self) -> usize {
+        self.0 as usize
+    }
+}
+
+impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for Whole<MIN, MAX> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Within<const MIN: u64, const MAX: u64>;
+        impl<const MIN: u64, const MAX: u64> Visitor<'_> for Within<MIN, MAX> {
+            type Value = u64;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "a whole number from {MIN} to {MAX}")
+            }
+
+            fn visit_i64<E: Error>(self, x: i64) -> Result<u64, E> {
+                match u64::try_from(x) {
+                    Ok(n) => self.visit_u64(n),
+                    Err(_) => Err(E::custom(refused(x, format_args!("a whole number from {MIN} to {MAX}")))),
+                }
+            }
+
+            fn visit_u64<E: Error>(self, n: u64) -> Result<u64, E> {
+                if (MIN..=MAX).contains(&n) {
+                    Ok(n)
+                } else {
+                    Err(E::custom(refused(n, format_args!("a whole number from {MIN} to {MAX}"))))
+                }
+            }
+        }
+        deserializer.deserialize_any(Within::<MIN, MAX>).map(Self)
+    }
+}
+
+/// A function of time in a scene: a number, a sinusoid, or a table in a file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Wanted {
+    /// Always the same.
+    Constant(f64),
+    /// offset + amplitude·sin(2πft + phase).
+    Sinusoid {
+        /// Amplitude.
+        amplitude: f64,
+        /// Frequency, Hz.
+        frequency: f64,
+        /// Phase, rad.
+        phase: f64,
+        /// Offset.
+        offset: f64,
+    },
+    /// Column `column` after the time, and its rate that many columns after the last value, of a CSV file.
+    Table {
+        /// Path, relative to the scene.
+        file: String,
+    },
+}
+
+/// The keys of a function of time with values of type T.
+#[derive(serde::Deserialize)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }"
+)]
+struct Keys<T> {
+    amplitude: Option<T>,
+    frequency_hz: Option<NotNegative>,
+    phase_rad: Option<Each>,
+    offset: Option<T>,
+    table: Option<String>,
+}
+
+impl<T> Keys<T> {
+    /// The functions, with `component` picking entry `i` of a value.
+    fn wanted<const M: usize, E: Error>(self, component: fn(&T, usize) -> f64) -> Result<[Wanted; M], E> {
+        match self {
+            Self { table: Some(file), amplitude: None, frequency_hz: None, phase_rad: None, offset: None } => {
+                Ok(std::array::from_fn(|_| Wanted::Table { file: file.clone() }))
+            }
+            Self { table: Some(_), .. } => Err(E::custom(refused(
+                "a table beside other keys",
+                "either { table } or { amplitude, frequency_hz, phase_rad, offset }",
+            ))),
+            Self { amplitude: Some(amplitude), frequency_hz: Some(frequency), phase_rad, offset, .. } => {
+                Ok(std::array::from_fn(|i| Wanted::Sinusoid {
+                    amplitude: component(&amplitude, i),
+                    frequency: frequency.get(),
+                    phase: phase_rad.map_or(0.0, |phase| phase.0[i]),
+                    offset: offset.as_ref().map_or(0.0, |offset| component(offset, i)),
+                }))
+            }
+            _ => Err(E::custom(refused("an incomplete sinusoid", "amplitude and frequency_hz together, or a table"))),
+        }
+    }
+}
+
+/// A number for both components, or one for each.
+#[derive(Clone, Copy)]
+struct Each([f64; 2]);
+
+impl<'de> Deserialize<'de> for Each {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct OneOrTwo;
+        const NUMBER: Number = Number { allowed: "a finite number, or two", ok: |_| true };
+        impl<'de> Visitor<'de> for OneOrTwo {
+            type Value = Each;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(NUMBER.allowed)
+            }
+
+            fn visit_f64<E: Error>(self, x: f64) -> Result<Each, E> {
+                NUMBER.visit_f64(x).map(|x| Each([x; 2]))
+            }
+
+            fn visit_i64<E: Error>(self, x: i64) -> Result<Each, E> {
+                self.visit_f64(x as f64)
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Each, A::Error> {
+                pair(seq).map(|pair: [Finite; 2]| Each(pair.map(Finite::get)))
+            }
+        }
+        deserializer.deserialize_any(OneOrTwo)
+    }
+}
+
+fn pair<'de, T: Deserialize<'de>, A: SeqAccess<'de>>(seq: A) -> Result<[T; 2], A::Error> {
+    Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))
+}
+
+/// One function of time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScalarSignal(pub Wanted);
+
+impl<'de> Deserialize<'de> for ScalarSignal {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Scalar;
+        impl<'de> Visitor<'de> for Scalar {
+            type Value = Wanted;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }")
+            }
+
+            fn visit_f64<E: Error>(self, x: f64) -> Result<Wanted, E> {
+                Number { allowed: "a finite number", ok: |_| true }.visit_f64(x).map(Wanted::Constant)
+            }
+
+            fn visit_i64<E: Error>(self, x: i64) -> Result<Wanted, E> {
+                Ok(Wanted::Constant(x as f64))
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Wanted, A::Error> {
+                let keys = Keys::<Finite>::deserialize(MapAccessDeserializer::new(map))?;
+                let [wanted] = keys.wanted(|value, _| value.get())?;
+                Ok(wanted)
+            }
+        }
+        deserializer.deserialize_any(Scalar).map(Self)
+    }
+}
+
+/// Two functions of time, x and y.
+#[derive(Debug, Clone, PartialEq)]
+pub struct VectorSignal(pub [Wanted; 2]);
+
+impl<'de> Deserialize<'de> for VectorSignal {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Vector;
+        impl<'de> Visitor<'de> for Vector {
+            type Value = [Wanted; 2];
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("[x, y], { amplitude = [x, y], frequency_hz, phase_rad, offset = [x, y] } or { table = \"file.csv\" }")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[Wanted; 2], A::Error> {
+                pair(seq).map(|[x, y]: [ScalarSignal; 2]| [x.0, y.0])
+            }
+
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<[Wanted; 2], A::Error> {
+                Keys::<[Finite; 2]>::deserialize(MapAccessDeserializer::new(map))?.wanted(|value, i| value[i].get())
+            }
+        }
+        deserializer.deserialize_any(Vector).map(Self)
+    }
+}

@@ -1,0 +1,122 @@
+//! How a run starts: the gain of the actuation in time, and the first positions and velocities.
+
+use nalgebra::{Rotation2, Vector2};
+
+use crate::head::Pose;
+use crate::rod::{Rod, add, bend, node};
+use crate::system::State;
+
+/// The kind of start.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Start {
+    /// The straight resting rod is released into the full actuation (the source study's).
+    Jump,
+    /// The actuation grows over `duration` (s) by r = 10z³ − 15z⁴ + 6z⁵, z = t/duration: twice differentiable.
+    Ramp {
+        /// τ, s.
+        duration: f64,
+    },
+    /// The rod starts in the shape of its natural curvature and moves with it, without momentum.
+    #[default]
+    Shaped,
+}
+
+impl Start {
+    /// The gain r(t) and its rate (1/s).
+    pub fn gain(&self, t: f64) -> [f64; 2] {
+        match *self {
+            Self::Ramp { duration } if t < duration => {
+                let z = (t / duration).max(0.0);
+                [z * z * z * (10.0 + z * (-15.0 + 6.0 * z)), 30.0 * (z * (1.0 - z)).powi(2) / duration]
+            }
+            _ => [1.0, 0.0],
+        }
+    }
+
+    /// Writes the first positions and velocities into `state`.
+    ///
+    /// `natural` and `rate` (1/s) are the natural curvatures at the first time, `held` the pose of a held head.
+    pub fn place(&self, rod: &Rod, natural: &[f64], rate: &[f64], held: Option<&Pose>, state: &mut State) {
+        let (origin, speed, angle, spin) = match held {
+            Some([x, y, angle]) => {
+                (Vector2::new(x.value, y.value), Vector2::new(x.rate, y.rate), angle.value, angle.rate)
+            }
+            None => (Vector2::zeros(), Vector2::zeros(), 0.0, 0.0),
+        };
+        if !matches!(self, Self::Shaped) {
+            let direction = Vector2::new(angle.cos(), angle.sin());
+            for k in 0..rod.nodes {
+                add(&mut state.q, k, origin + direction * rod.arc_length(k));
+            }
+            add(&mut state.v, 0, speed);
+            return;
+        }
+        chain(rod, natural, rate, [origin, speed], [angle, spin], state);
+        if held.is_none() {
+            straighten(rod, state);
+            rest(rod, state);
+        }
+    }
+}
+
+/// The unstretched chain with turnings from `natural`, from node 0 at `origin` moving at `speed`, its base direction
+/// `angle` turning at `spin`.
+fn chain(
+    rod: &Rod,
+    natural: &[f64],
+    rate: &[f64],
+    [origin, speed]: [Vector2<f64>; 2],
+    [mut angle, mut spin]: [f64; 2],
+    state: &mut State,
+) {
+    let (mut x, mut v) = (origin, speed);
+    add(&mut state.q, 0, x);
+    add(&mut state.v, 0, v);
+    for e in 0..rod.nodes - 1 {
+        if rod.joints().contains(&e) {
+            angle += bend::turning(natural[e]);
+            spin += rate[e] / bend::curvature_per_turning(natural[e]);
+        }
+        let edge = Vector2::new(angle.cos(), angle.sin()) * rod.spacing;
+        x += edge;
+        v += Vector2::new(-edge.y, edge.x) * spin;
+        add(&mut state.q, e + 1, x);
+        add(&mut state.v, e + 1, v);
+    }
+}
+
+/// Moves and turns the rod, and its velocities with it, so that its centre of mass is the straight rod's and the
+/// mass-weighted squared distance to the straight rod is least.
+fn straighten(rod: &Rod, state: &mut State) {
+    let straight = |k: usize| Vector2::new(rod.arc_length(k), 0.0);
+    let centre = rod.mean(&state.q);
+    let target = rod.mass.iter().enumerate().map(|(k, m)| straight(k) * *m).sum::<Vector2<f64>>() / rod.total_mass();
+    let (mut cross, mut dot) = (0.0, 0.0);
+    for (k, m) in rod.mass.iter().enumerate() {
+        let (p, r) = (node(&state.q, k) - centre, straight(k) - target);
+        cross += m * p.perp(&r);
+        dot += m * p.dot(&r);
+    }
+    let turn = Rotation2::new(cross.atan2(dot));
+    for k in 0..rod.nodes {
+        let (x, v) = (target + turn * (node(&state.q, k) - centre), turn * node(&state.v, k));
+        state.q[2 * k..2 * k + 2].copy_from_slice(x.as_slice());
+        state.v[2 * k..2 * k + 2].copy_from_slice(v.as_slice());
+    }
+}
+
+/// Adds the rigid motion that makes linear and angular momentum zero.
+fn rest(rod: &Rod, state: &mut State) {
+    let (centre, drift) = (rod.mean(&state.q), rod.mean(&state.v));
+    let (mut momentum, mut inertia) = (0.0, 0.0);
+    for (k, m) in rod.mass.iter().enumerate() {
+        let r = node(&state.q, k) - centre;
+        momentum += m * r.perp(&(node(&state.v, k) - drift));
+        inertia += m * r.norm_squared();
+    }
+    let spin = momentum / inertia;
+    for k in 0..rod.nodes {
+        let r = node(&state.q, k) - centre;
+        add(&mut state.v, k, -drift - Vector2::new(-r.y, r.x) * spin);
+    }
+}

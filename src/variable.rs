@@ -1,0 +1,327 @@
+//! The one table of variables: inputs, outputs and parameters with name, unit, causality and meaning.
+//!
+//! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
+
+use crate::metrics::Meter;
+use crate::model::{Dynamics, HostHead, Model};
+use crate::newton::Work;
+use crate::rod::bend;
+use crate::system::State;
+
+/// Who decides a variable's value.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Causality {
+    /// Fixed by the scene.
+    Parameter,
+    /// Set by the host.
+    Input,
+    /// Computed.
+    Output,
+    /// Time.
+    Independent,
+}
+
+impl Causality {
+    /// The FMI standard's word.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Parameter => "parameter",
+            Self::Input => "input",
+            Self::Output => "output",
+            Self::Independent => "independent",
+        }
+    }
+}
+
+/// Number of values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Size {
+    /// One.
+    Scalar,
+    /// One a node.
+    Nodes,
+    /// One a joint; a held head has one more, the half-cell joint at node 0, which comes first.
+    Joints,
+}
+
+/// What variables are read from.
+#[derive(Debug, Clone, Copy)]
+pub struct View<'a> {
+    /// Model and inputs.
+    pub dynamics: &'a Dynamics,
+    /// State.
+    pub state: &'a State,
+    /// Measurements.
+    pub meter: &'a Meter,
+    /// Work of Newton's method.
+    pub work: Work,
+    /// Largest internal step, s.
+    pub time_step: f64,
+}
+
+impl View<'_> {
+    fn model(&self) -> &Model {
+        &self.dynamics.model
+    }
+
+    /// Displacement of node `k` since the start along axis `i`.
+    fn displacement(&self, k: usize, i: usize) -> f64 {
+        self.state.q[2 * k + i] - self.meter.first_positions[2 * k + i]
+    }
+
+    fn middle(&self) -> usize {
+        (self.model().rod.nodes - 1) / 2
+    }
+
+    fn tip(&self) -> usize {
+        self.model().rod.nodes - 1
+    }
+}
+
+/// Reads a variable, or one entry of it: the index is a node.
+type Get = fn(&View<'_>, usize) -> f64;
+/// Sets a variable at a time.
+type Set = fn(&mut Dynamics, f64, &[f64]);
+
+/// Decides whether a value is allowed, and says in words what is.
+type Allowed = (fn(f64) -> bool, &'static str);
+
+/// One variable.
+#[derive(Debug)]
+pub struct Variable {
+    /// Name, ending in its unit.
+    pub name: &'static str,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// Who decides it.
+    pub causality: Causality,
+    /// What it is.
+    pub description: &'static str,
+    /// How many values it has.
+    pub size: Size,
+    /// True where trajectory.csv has it.
+    pub recorded: bool,
+    exists: fn(&Model) -> bool,
+    get: Get,
+    set: Option<Set>,
+    /// Values that are allowed, beyond being finite.
+    allowed: Option<Allowed>,
+}
+
+impl Variable {
+    const fn new(
+        causality: Causality,
+        name: &'static str,
+        unit: &'static str,
+        description: &'static str,
+        get: Get,
+    ) -> Self {
+        Self {
+            name,
+            unit,
+            causality,
+            description,
+            size: Size::Scalar,
+            recorded: false,
+            exists: |_| true,
+            get,
+            set: None,
+            allowed: None,
+        }
+    }
+
+    const fn sized(self, size: Size) -> Self {
+        Self { size, ..self }
+    }
+
+    const fn recorded(self) -> Self {
+        Self { recorded: true, ..self }
+    }
+
+    const fn when(self, exists: fn(&Model) -> bool) -> Self {
+        Self { exists, ..self }
+    }
+
+    const fn at_least_zero(self) -> Self {
+        Self { allowed: Some((|x| x >= 0.0, "a number that is not negative")), ..self }
+    }
+
+    /// True where a scene with `model` has it.
+    pub fn exists_in(&self, model: &Model) -> bool {
+        (self.exists)(model)
+    }
+
+    /// The entries' nodes.
+    fn entries(&self, model: &Model) -> std::ops::Range<usize> {
+        match self.size {
+            Size::Scalar => 0..1,
+            Size::Nodes => 0..model.rod.nodes,
+            Size::Joints => model.rod.joints(),
+        }
+    }
+
+    /// Number of values in `model`.
+    pub fn len(&self, model: &Model) -> usize {
+        self.entries(model).len()
+    }
+
+    /// Writes its values to `out`, which has [`len`](Self::len) entries.
+    pub fn read(&self, view: &View<'_>, out: &mut [f64]) {
+        for (value, k) in out.iter_mut().zip(self.entries(view.model())) {
+            *value = (self.get)(view, k);
+        }
+    }
+
+    /// Its value, or its first.
+    pub fn first(&self, view: &View<'_>) -> f64 {
+        (self.get)(view, self.entries(view.model()).start)
+    }
+
+    /// Sets it at time `t` (s); the caller has checked values and length.
+    pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, values: &[f64]) -> Option<()> {
+        self.set.map(|set| set(dynamics, t, values))
+    }
+
+    /// The first value that is not allowed, and what is.
+    pub(crate) fn refused(&self, values: &[f64]) -> Option<(f64, &'static str)> {
+        let (ok, allowed) = self.allowed.unwrap_or((|_| true, "a finite number"));
+        values.iter().find(|x| !x.is_finite() || !ok(**x)).map(|x| (*x, allowed))
+    }
+}
+
+const fn parameter(name: &'static str, unit: &'static str, description: &'static str, get: Get) -> Variable {
+    Variable::new(Causality::Parameter, name, unit, description, get)
+}
+
+const fn input(name: &'static str, unit: &'static str, description: &'static str, get: Get, set: Set) -> Variable {
+    let mut variable = Variable::new(Causality::Input, name, unit, description, get);
+    variable.set = Some(set);
+    variable
+}
+
+const fn output(name: &'static str, unit: &'static str, description: &'static str, get: Get) -> Variable {
+    Variable::new(Causality::Output, name, unit, description, get)
+}
+
+fn has_actuation(model: &Model) -> bool {
+    model.actuation.is_some()
+}
+
+fn has_drag(model: &Model) -> bool {
+    model.drag.is_some()
+}
+
+fn has_held_head(model: &Model) -> bool {
+    model.head.is_some()
+}
+
+/// A host's value or rate `i` (x, y, angle) of the head, where it is now if the host has set none.
+fn head_target(view: &View<'_>, i: usize) -> f64 {
+    match (&view.dynamics.inputs.head, &view.dynamics.held) {
+        (Some(host), _) => host.target[i],
+        (None, Some(pose)) => pose[i].value,
+        (None, None) => 0.0,
+    }
+}
+
+fn head_rate(view: &View<'_>, i: usize) -> f64 {
+    view.dynamics.inputs.head.as_ref().and_then(|host| host.rate).map_or(0.0, |rate| rate[i])
+}
+
+/// The head as the host moves it; it rests where it is until the host says more.
+fn host_head(dynamics: &mut Dynamics, t: f64) -> &mut HostHead {
+    let pose = dynamics.held.unwrap_or_default();
+    dynamics.inputs.head.get_or_insert_with(|| HostHead::resting(&pose, t))
+}
+
+fn set_head_rate(dynamics: &mut Dynamics, t: f64, i: usize, value: f64) {
+    host_head(dynamics, t).rate.get_or_insert([0.0; 3])[i] = value;
+}
+
+/// A host's forces along axis `i`.
+fn set_force(dynamics: &mut Dynamics, i: usize, values: &[f64]) {
+    let force = dynamics.inputs.force.get_or_insert_with(|| vec![0.0; 2 * values.len()]);
+    for (k, value) in values.iter().enumerate() {
+        force[2 * k + i] = *value;
+    }
+}
+
+fn set_natural_curvature(dynamics: &mut Dynamics, values: &[f64]) {
+    let joints = dynamics.model.rod.joints();
+    let nodes = dynamics.model.rod.nodes;
+    let natural = dynamics.inputs.natural.get_or_insert_with(|| vec![0.0; nodes]);
+    natural[joints].copy_from_slice(values);
+}
+
+fn of(values: &Option<Vec<f64>>, i: usize) -> f64 {
+    values.as_ref().map_or(0.0, |values| values[i])
+}
+
+/// All variables, in the order in which every face shows them.
+#[rustfmt::skip]
+pub static VARIABLES: &[Variable] = &[
+    Variable::new(Causality::Independent, "time_s", "s", "time", |v, _| v.state.t).recorded(),
+
+    output("x_com_m", "m", "centre of mass, x", |v, _| v.meter.now.com.x).recorded(),
+    output("y_com_m", "m", "centre of mass, y", |v, _| v.meter.now.com.y).recorded(),
+    output("stretching_energy_j", "J", "stretching energy", |v, _| v.meter.now.energy.stretching).recorded(),
+    output("bending_energy_j", "J", "bending energy", |v, _| v.meter.now.energy.bending).recorded(),
+    output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.meter.now.energy.kinetic).recorded(),
+    output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).recorded(),
+    output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).recorded(),
+    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).recorded(),
+    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).recorded(),
+    output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).recorded(),
+    output("head_dx_m", "m", "displacement of the head node since the start, x", |v, _| v.displacement(0, 0)).recorded(),
+    output("head_dy_m", "m", "displacement of the head node since the start, y", |v, _| v.displacement(0, 1)).recorded(),
+    output("mid_dx_m", "m", "displacement of the middle node since the start, x", |v, _| v.displacement(v.middle(), 0)).recorded(),
+    output("mid_dy_m", "m", "displacement of the middle node since the start, y", |v, _| v.displacement(v.middle(), 1)).recorded(),
+    output("tip_dx_m", "m", "displacement of the tip node since the start, x", |v, _| v.displacement(v.tip(), 0)).recorded(),
+    output("tip_dy_m", "m", "displacement of the tip node since the start, y", |v, _| v.displacement(v.tip(), 1)).recorded(),
+    output("tip_x_m", "m", "tip node, x", |v, _| v.state.q[2 * v.tip()]),
+    output("tip_y_m", "m", "tip node, y", |v, _| v.state.q[2 * v.tip() + 1]),
+    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).recorded(),
+    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).recorded(),
+    output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(has_held_head).recorded(),
+    output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.meter.net_displacement()),
+    output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.meter.max_lateral),
+    output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.work.actuation).recorded(),
+    output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.meter.work.viscous).recorded(),
+    output("load_work_j", "J", "work put in by loads since the start", |v, _| v.meter.work.load).recorded(),
+    output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.meter.work.head).recorded(),
+    output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.meter.work.flow).recorded(),
+    output("numerical_dissipation_j", "J", "defect of the energy balance since the start", |v, _| v.meter.numerical_dissipation()).recorded(),
+    output("steps", "1", "steps made", |v, _| v.meter.steps as f64),
+    output("newton_iterations", "1", "Newton iterations made", |v, _| v.work.newton_iterations as f64),
+    output("step_halvings", "1", "times that a step was halved", |v, _| v.meter.halvings as f64),
+    output("x_m", "m", "nodes, x", |v, k| v.state.q[2 * k]).sized(Size::Nodes),
+    output("y_m", "m", "nodes, y", |v, k| v.state.q[2 * k + 1]).sized(Size::Nodes),
+    output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
+    output("vy_m_s", "m/s", "velocity of the nodes, y", |v, k| v.state.v[2 * k + 1]).sized(Size::Nodes),
+    output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / v.model().rod.spacing).sized(Size::Joints),
+    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints),
+
+    input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length", |v, _| v.dynamics.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(has_actuation),
+    input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.dynamics.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(has_actuation).at_least_zero(),
+    input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.dynamics.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(has_actuation),
+    input("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, beside the actuation's", |v, k| of(&v.dynamics.inputs.natural, k), |d, _, x| set_natural_curvature(d, x)).sized(Size::Joints),
+    input("force_x_n", "N", "the host's forces on the nodes, x", |v, k| of(&v.dynamics.inputs.force, 2 * k), |d, _, x| set_force(d, 0, x)).sized(Size::Nodes),
+    input("force_y_n", "N", "the host's forces on the nodes, y", |v, k| of(&v.dynamics.inputs.force, 2 * k + 1), |d, _, x| set_force(d, 1, x)).sized(Size::Nodes),
+    input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.dynamics.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(has_drag).at_least_zero(),
+    input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.inputs.fluid.flow.x = x[0]).when(has_drag),
+    input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.inputs.fluid.flow.y = x[0]).when(has_drag),
+    input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| host_head(d, t).target[0] = x[0]).when(has_held_head),
+    input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| host_head(d, t).target[1] = x[0]).when(has_held_head),
+    input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| host_head(d, t).target[2] = x[0]).when(has_held_head),
+    input("head_vx_m_s", "m/s", "head velocity to reach with the position, x; the motion is cubic once a rate is set, linear before", |v, _| head_rate(v, 0), |d, t, x| set_head_rate(d, t, 0, x[0])).when(has_held_head),
+    input("head_vy_m_s", "m/s", "head velocity to reach with the position, y", |v, _| head_rate(v, 1), |d, t, x| set_head_rate(d, t, 1, x[0])).when(has_held_head),
+    input("head_spin_rad_s", "rad/s", "angular rate of the head to reach with the angle", |v, _| head_rate(v, 2), |d, t, x| set_head_rate(d, t, 2, x[0])).when(has_held_head),
+
+    parameter("nodes", "1", "number of nodes", |v, _| v.model().rod.nodes as f64),
+    parameter("length_m", "m", "length of the rod", |v, _| v.model().rod.length),
+    parameter("mass_kg", "kg", "mass of the rod", |v, _| v.model().rod.total_mass()),
+    parameter("stretching_stiffness_n", "N", "stretching stiffness EA", |v, _| v.model().rod.ea),
+    parameter("bending_stiffness_n_m2", "N m^2", "bending stiffness EI before the profile", |v, _| v.model().rod.ei),
+    parameter("joint_stiffness_n_m2", "N m^2", "bending stiffness EI at the joints", |v, k| v.model().rod.joint[k] * v.model().rod.spacing * if k == 0 { 0.5 } else { 1.0 }).sized(Size::Joints),
+    parameter("time_step_s", "s", "largest internal step", |v, _| v.time_step),
+];
