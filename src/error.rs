@@ -96,6 +96,20 @@ pub enum Error {
         /// The solver's reason.
         reason: String,
     },
+    /// A figure cannot be drawn.
+    #[error("figure `{title}` cannot be drawn: {reason}")]
+    Chart {
+        /// Its title.
+        title: String,
+        /// The plotting library's reason.
+        reason: String,
+    },
+    /// The report cannot be made.
+    #[error("the report cannot be made: {reason}")]
+    Page {
+        /// The reason.
+        reason: String,
+    },
     /// The communication step is not a positive, finite time.
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),

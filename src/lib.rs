@@ -1,5 +1,6 @@
 #![doc = "caudal"]
 pub mod actuation;
+pub mod check;
 pub mod drag;
 pub mod error;
 pub mod head;
@@ -7,8 +8,11 @@ pub mod integrator;
 pub mod linear;
 pub mod metrics;
 pub mod model;
+pub mod modes;
 pub mod newton;
+pub mod report;
 pub mod rod;
+pub mod run;
 pub mod scene;
 pub mod start;
 pub mod stepper;

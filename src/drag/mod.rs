@@ -35,8 +35,11 @@ pub trait Drag: std::fmt::Debug + Send + Sync {
     /// Viscous power (v−u)ᵀC(v−u) ≥ 0 and the flow's power uᵀC(u−v), W.
     fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2];
 
-    /// Drag coefficient (N s/m) of the whole straight rod, along and across its axis.
-    fn whole(&self, fluid: Fluid) -> [f64; 2];
+    /// Drag per unit length and speed (N s/m²) where the weight is 1, along and across the rod.
+    fn coefficients(&self, fluid: Fluid) -> [f64; 2];
+
+    /// The weighted length ∫w ds, m.
+    fn weighted_length(&self) -> f64;
 }
 
 /// What the host may change of the fluid.
@@ -120,10 +123,13 @@ impl<L: InFluid> Drag for HalfEdges<L> {
         [viscous, flow]
     }
 
-    fn whole(&self, fluid: Fluid) -> [f64; 2] {
+    fn coefficients(&self, fluid: Fluid) -> [f64; 2] {
         let law = self.law.in_fluid(fluid);
-        let length: f64 = self.weights.iter().flatten().sum();
         let x = Vector2::x();
-        [law.traction(x, x).x * length, law.traction(x, Vector2::y()).y * length]
+        [law.traction(x, x).x, law.traction(x, Vector2::y()).y]
+    }
+
+    fn weighted_length(&self) -> f64 {
+        self.weights.iter().flatten().sum()
     }
 }

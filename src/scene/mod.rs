@@ -505,6 +505,13 @@ impl Scene {
         })
     }
 
+    /// The same scene on another number of nodes.
+    pub fn with_nodes(&self, nodes: u64) -> Self {
+        let mut scene = self.clone();
+        scene.rod.nodes = Whole::nearest(nodes);
+        scene
+    }
+
     /// Whether nodes.csv is written.
     pub fn writes_nodes_csv(&self) -> bool {
         self.record.nodes_csv.unwrap_or(self.rod.nodes.get() <= NODES_CSV_UP_TO)

@@ -95,6 +95,11 @@ impl<const MIN: u64, const MAX: u64> Whole<MIN, MAX> {
     /// The smallest.
     pub const LEAST: Self = Self(MIN);
 
+    /// The number nearest to `n` that is allowed.
+    pub fn nearest(n: u64) -> Self {
+        Self(n.clamp(MIN, MAX))
+    }
+
     /// The number.
     pub const fn get(self) -> usize {
         self.0 as usize

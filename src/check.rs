@@ -1,0 +1,242 @@
+//! What a scene will compute, its dimensionless numbers, and where it leaves the range of model or method.
+
+use std::f64::consts::{FRAC_PI_4, TAU};
+
+use crate::actuation::Wave;
+use crate::error::Result;
+use crate::head::Signal;
+use crate::metrics::Energy;
+use crate::model::Model;
+use crate::modes::Modes;
+use crate::rod::bend;
+use crate::scene::{Scene, StartKind};
+use crate::start::Start;
+use crate::stepper::Stepper;
+use crate::system::State;
+
+/// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
+const MODES_UP_TO: u64 = 201;
+/// Reynolds number from which a drag linear in velocity is out of its range.
+const CREEPING: f64 = 1.0;
+/// Fewest steps in a period of the drive.
+const STEPS_A_PERIOD: f64 = 20.0;
+/// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
+const RESOLVED: f64 = 0.2;
+/// Newton in nodal positions contracts while ΔL is above this part of the length λ that a step bends.
+const WALL: f64 = 2e-4;
+/// Relative rounding error from which a warning is due.
+const ROUNDING: f64 = 1e-6;
+
+/// A line of the assessment.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Fact {
+    /// What.
+    pub name: &'static str,
+    /// Value, unit and meaning.
+    pub text: String,
+}
+
+/// The numbers that decide what a scene's motion is like; `None` where the scene lacks the part.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Assessment {
+    /// First non-rigid natural frequency ω₁ of the scene's own discrete rod, rad/s.
+    pub first_frequency: f64,
+    /// Largest |y| of the tip of the prescribed shape at rest, m.
+    pub tip_amplitude: Option<f64>,
+    /// Re = ρ_f·(2πf·tip amplitude)·2R_o/μ.
+    pub reynolds: Option<f64>,
+    /// ω/ω₁.
+    pub frequency_ratio: Option<f64>,
+    /// Sp = L(ξ_⊥ω/EI)^¼.
+    pub sperm_number: Option<f64>,
+    /// β = ωρA/ξ_⊥: inertia against drag.
+    pub inertia_ratio: Option<f64>,
+    /// All of it in words.
+    pub facts: Vec<Fact>,
+    /// What a user should know before trusting the run.
+    pub warnings: Vec<String>,
+}
+
+impl Assessment {
+    /// Assesses `scene`, whose stepper stands at its start.
+    ///
+    /// # Errors
+    /// Those of [`Modes::of`].
+    pub fn of(scene: &Scene, stepper: &Stepper) -> Result<Self> {
+        let model = stepper.model();
+        let nodes = model.rod.nodes as u64;
+        let coarse = if nodes > MODES_UP_TO { Some(scene.with_nodes(MODES_UP_TO).model()?) } else { None };
+        let first_frequency = Modes::of(&coarse.as_ref().unwrap_or(model).rod)?.lowest();
+        let drive = drive(model);
+        let omega = drive.map(|(frequency, _)| TAU * frequency).filter(|omega| *omega > 0.0);
+        let tip_amplitude = drive.map(|(_, amplitude)| amplitude);
+        let density = scene.medium.as_ref().map(|medium| medium.density_kg_m3.get());
+        let viscosity = scene.medium.as_ref().map(|medium| medium.viscosity_pa_s.get());
+        let across = model.drag.as_ref().map(|(drag, fluid)| drag.coefficients(*fluid)[1]);
+        let rod = &model.rod;
+        let line_density = scene.rod.density_kg_m3.get() * rod.section.area();
+        let reynolds =
+            omega.zip(tip_amplitude).zip(density.zip(viscosity)).map(|((omega, amplitude), (density, viscosity))| {
+                density * omega * amplitude * 2.0 * rod.section.outer / viscosity
+            });
+        let mut assessment = Self {
+            first_frequency,
+            tip_amplitude,
+            reynolds,
+            frequency_ratio: omega.map(|omega| omega / first_frequency),
+            sperm_number: omega.zip(across).map(|(omega, across)| rod.length * (across * omega / rod.ei).powf(0.25)),
+            inertia_ratio: omega.zip(across).map(|(omega, across)| omega * line_density / across),
+            facts: Vec::new(),
+            warnings: Vec::new(),
+        };
+        assessment.describe(scene, stepper, coarse.is_some());
+        assessment.warn(scene, stepper, omega, line_density);
+        Ok(assessment)
+    }
+
+    fn describe(&mut self, scene: &Scene, stepper: &Stepper, coarse: bool) {
+        let rod = &stepper.model().rod;
+        let (whole, last) = scene.steps();
+        let step = scene.solver.time_step_s.get();
+        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        fact("scene", scene.name.clone());
+        fact(
+            "rod",
+            format!(
+                "{} nodes, {} unknowns, spacing {:.4e} m, {:.4} kg",
+                rod.nodes,
+                2 * rod.nodes,
+                rod.spacing,
+                rod.total_mass()
+            ),
+        );
+        fact("stiffness", format!("EI = {:.4e} N m^2, EA = {:.4e} N before the profile", rod.ei, rod.ea));
+        let shorter = last.map_or(String::new(), |last| format!(" and a last one of {last:e} s"));
+        fact(
+            "solver",
+            format!(
+                "{}, {whole} steps of {step:e} s{shorter}, t = 0 … {} s",
+                scene.solver.integrator,
+                scene.solver.duration_s.get()
+            ),
+        );
+        let recorded = whole / scene.record.every.get() as u64 + 1;
+        let tables = if scene.writes_nodes_csv() { "trajectory.csv and nodes.csv" } else { "trajectory.csv" };
+        fact("output", format!("about {recorded} rows in {tables}"));
+        let Energy { stretching, bending, kinetic } = stepper.meter().now.energy;
+        fact(
+            "energy at the start",
+            format!(
+                "{:.4e} J: bending {bending:.4e}, kinetic {kinetic:.4e}, stretching {stretching:.4e}",
+                stretching + bending + kinetic
+            ),
+        );
+        let on = if coarse { format!(" (on {MODES_UP_TO} nodes)") } else { String::new() };
+        fact("first natural frequency", format!("{:.5} Hz{on}", self.first_frequency / TAU));
+        let numbers = [
+            ("tip amplitude", self.tip_amplitude, " m, of the shape that is prescribed"),
+            ("Reynolds number", self.reynolds, " of the transverse motion, ρ_f·2πf·amplitude·2R_o/μ"),
+            ("frequency ratio ω/ω₁", self.frequency_ratio, ": far below 1 the rod takes its natural curvature"),
+            ("sperm number", self.sperm_number, ", L(ξ⊥ω/EI)^¼: below about 1 the fluid does not bend the rod"),
+            ("inertia against drag", self.inertia_ratio, ", ωρA/ξ⊥"),
+        ];
+        for (name, value, meaning) in numbers {
+            if let Some(value) = value {
+                fact(name, format!("{value:.4e}{meaning}"));
+            }
+        }
+    }
+
+    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>, line_density: f64) {
+        let rod = &stepper.model().rod;
+        let step = scene.solver.time_step_s.get();
+        let warnings = &mut self.warnings;
+        if let Some(reynolds) = self.reynolds.filter(|reynolds| scene.drag.is_some() && *reynolds > CREEPING) {
+            warnings.push(format!(
+                "the drag law is outside its range: it is linear in velocity, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}"
+            ));
+        }
+        if let Some(steps) = omega.map(|omega| TAU / (omega * step)).filter(|steps| *steps < STEPS_A_PERIOD) {
+            warnings.push(format!(
+                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {STEPS_A_PERIOD}, solver.time_step_s = {:.1e}",
+                step * steps / STEPS_A_PERIOD
+            ));
+        }
+        let ringing = self.first_frequency * step;
+        let strained = stepper.meter().first_energy > 0.0;
+        if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained && ringing > RESOLVED {
+            warnings.push(format!(
+                "the jump start rings at {:.4} Hz and above, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start = \"shaped\" has no ringing",
+                self.first_frequency / TAU
+            ));
+        }
+        let sharpest = sharpest_turning(stepper.model());
+        if sharpest > FRAC_PI_4 {
+            warnings.push(format!(
+                "the mesh is coarse for this actuation: it turns a joint by up to {:.0}°; take more nodes to stay below 45°",
+                sharpest.to_degrees()
+            ));
+        }
+        let bent = (rod.ei * step * step / line_density).powf(0.25).min(0.5 * rod.length);
+        let rounding = 16.0 * f64::EPSILON * (bent / rod.spacing).powi(4);
+        if rod.spacing < WALL * bent {
+            warnings.push(format!(
+                "so fine a mesh cannot be solved in double precision: its spacing is {:.1e} of the length that a step bends, and Newton's method needs {WALL:e}; take at most {:.0} nodes",
+                rod.spacing / bent,
+                (rod.length / (WALL * bent)).floor()
+            ));
+        } else if rounding > ROUNDING {
+            warnings.push(format!("the mesh is so fine that rounding errors reach about {rounding:.1e} relative"));
+        }
+        if rod.spacing < rod.section.outer {
+            warnings.push(format!(
+                "the node spacing ({:.2e} m) is below the rod's radius: a beam has no more to say there",
+                rod.spacing
+            ));
+        }
+    }
+}
+
+/// Frequency (Hz) of what drives the tail, and the largest |y| (m) of its tip in the shape that is prescribed.
+fn drive(model: &Model) -> Option<(f64, f64)> {
+    if let Some((_, drive)) = &model.actuation {
+        let tip = shapes(model).map(|shape| shape.q[2 * model.rod.nodes - 1].abs()).fold(0.0, f64::max);
+        return Some((drive.frequency, tip));
+    }
+    let arms = [0.0, 1.0, model.rod.length];
+    let (mut fastest, mut reach) = (None, 0.0);
+    for (signal, arm) in model.head.iter().flatten().zip(arms) {
+        if let Signal::Sinusoid { amplitude, frequency, .. } = signal {
+            fastest = Some(f64::max(fastest.unwrap_or(0.0), *frequency));
+            reach += arm * amplitude.abs();
+        }
+    }
+    fastest.map(|frequency| (frequency, reach))
+}
+
+/// The shapes that the actuation prescribes over a period, at rest, with the straight rod's centre of mass.
+fn shapes(model: &Model) -> impl Iterator<Item = State> {
+    const PHASES: u32 = 32;
+    (0..PHASES).map(move |i| {
+        let mut state = State::zeros(2 * model.rod.nodes);
+        let natural = natural(model, TAU * f64::from(i) / f64::from(PHASES));
+        Start::Shaped.place(&model.rod, &natural, &vec![0.0; natural.len()], None, &mut state);
+        state
+    })
+}
+
+/// The fully grown natural curvature at a phase of the scene's drive.
+fn natural(model: &Model, phase: f64) -> Vec<f64> {
+    let mut natural = vec![0.0; model.rod.nodes];
+    if let Some((actuation, drive)) = &model.actuation {
+        let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
+        actuation.add(wave, &mut natural, &mut vec![0.0; model.rod.nodes]);
+    }
+    natural
+}
+
+/// Largest turning (rad) that the actuation asks of a joint.
+fn sharpest_turning(model: &Model) -> f64 {
+    let at = |phase: f64| natural(model, phase)[model.rod.joints()].iter().fold(0.0, |max: f64, k| max.max(k.abs()));
+    (0..16).map(|i| bend::turning(at(TAU * f64::from(i) / 16.0))).fold(0.0, f64::max)
+}

@@ -1,0 +1,105 @@
+//! The command line: what is asked, what is printed, and which exit code says how it ended.
+
+mod check;
+mod run;
+mod variables;
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use caudal::error::{Error, Result};
+use caudal::scene::{Document, Scene};
+use clap::{Args, Parser, Subcommand};
+
+/// Exit codes, as a user's scripts rely on them.
+mod exit {
+    /// The run failed; what was computed so far is kept.
+    pub const FAILED: u8 = 1;
+    /// The input is wrong; nothing is written.
+    pub const WRONG_INPUT: u8 = 2;
+    /// Ctrl-C; the files are valid up to that time.
+    pub const INTERRUPTED: u8 = 130;
+}
+
+/// Simulates bio-inspired tails and swimmers: a slender rod driven by a travelling natural curvature in a viscous fluid.
+#[derive(Debug, Parser)]
+#[command(
+    version,
+    after_help = "Exit codes: 0 done; 1 the run failed, what was computed so far is kept; \
+    2 the input is wrong, nothing is written; 130 interrupted by Ctrl-C, the files are valid to that time."
+)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a scene: numbers, tables, figures and an animated report in one folder
+    Run {
+        #[command(flatten)]
+        scene: SceneArguments,
+        /// Folder for the results [default: out/<name of the scene>]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
+    /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
+    Check {
+        #[command(flatten)]
+        scene: SceneArguments,
+    },
+    /// List the variables a host can get and set: all, or those of a scene with their sizes
+    Variables {
+        /// The scene [default: every variable there is]
+        scene: Option<PathBuf>,
+    },
+}
+
+#[derive(Debug, Args)]
+struct SceneArguments {
+    /// The scene, a TOML file
+    scene: PathBuf,
+    /// Override a key of the scene, for example --set rod.nodes=17
+    #[arg(long, value_name = "TABLE.KEY=VALUE")]
+    set: Vec<String>,
+}
+
+impl SceneArguments {
+    fn read(&self) -> Result<(Document, Scene)> {
+        let mut document = Document::read(&self.scene)?;
+        for assignment in &self.set {
+            document.set(assignment)?;
+        }
+        let scene = document.scene()?;
+        Ok((document, scene))
+    }
+}
+
+pub fn main() -> ExitCode {
+    let outcome = match Cli::parse().command {
+        Command::Run { scene, out } => run::run(&scene, out),
+        Command::Check { scene } => check::check(&scene),
+        Command::Variables { scene } => variables::variables(scene.as_deref()),
+    };
+    outcome.unwrap_or_else(|error| {
+        complain(&error.to_string());
+        ExitCode::from(if error.is_bad_input() { exit::WRONG_INPUT } else { exit::FAILED })
+    })
+}
+
+/// Prints a line to standard output; a reader that has gone away is no failure.
+fn say(line: &str) {
+    let _ = writeln!(std::io::stdout(), "{line}");
+}
+
+/// Prints an error.
+fn complain(line: &str) {
+    let _ = writeln!(std::io::stderr(), "error: {line}");
+}
+
+/// Prints an error and ends as for wrong input.
+fn refuse(error: &Error) -> ExitCode {
+    complain(&error.to_string());
+    ExitCode::from(exit::WRONG_INPUT)
+}

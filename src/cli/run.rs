@@ -1,0 +1,89 @@
+//! `caudal run`.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use caudal::check::Assessment;
+use caudal::error::Result;
+use caudal::report::Output;
+use caudal::run::{Ending, Summary, run as run_scene};
+use caudal::stepper::Stepper;
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{SceneArguments, complain, exit, refuse, say};
+
+pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
+    let (document, scene) = arguments.read()?;
+    let mut stepper = Stepper::of(&scene)?;
+    let assessment = Assessment::of(&scene, &stepper)?;
+    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let mut output = match Output::create(&folder, &scene, &stepper) {
+        Ok(output) => output,
+        Err(error) => return Ok(refuse(&error)),
+    };
+    for warning in &assessment.warnings {
+        say(&format!("note: {warning}"));
+    }
+    let interrupted = watch_for_interrupts();
+    let (whole, last) = scene.steps();
+    let bar = progress_bar(whole + u64::from(last.is_some()));
+    let outcome = run_scene(&scene, &mut stepper, |stepper| {
+        bar.inc(1);
+        output.step(stepper)?;
+        Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    });
+    bar.finish_and_clear();
+    let outcome = outcome?;
+    let summary = Summary::of(&scene, &stepper, &outcome);
+    let files = output.finish(&stepper, &summary, &document, &assessment.warnings)?;
+    say(&format!(
+        "{}: t = {} s in {} steps, {} Newton iterations, {:.3} s",
+        summary.name, summary.end_time_s, summary.steps, summary.newton_iterations, summary.wall_s
+    ));
+    say(&format!("centre of mass ({:.9}, {:.9}) m", summary.x_com_m, summary.y_com_m));
+    say(&format!(
+        "net displacement {:.6e} m, largest |y| {:.6e} m",
+        summary.net_displacement_m, summary.max_lateral_excursion_m
+    ));
+    if summary.step_halvings > 0 {
+        say(&format!("{} steps did not converge at first and were halved", summary.step_halvings));
+    }
+    say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
+    Ok(match outcome.ending {
+        Ending::Complete => ExitCode::SUCCESS,
+        Ending::Interrupted => {
+            complain(&format!("interrupted: the files are complete and valid up to t = {} s", summary.end_time_s));
+            ExitCode::from(exit::INTERRUPTED)
+        }
+        Ending::Failed(error) => {
+            complain(&error.to_string());
+            complain(&format!("what was computed up to t = {} s is kept", summary.end_time_s));
+            ExitCode::from(exit::FAILED)
+        }
+    })
+}
+
+/// A flag that Ctrl-C (or a request to terminate) raises; a second one ends the program at once.
+fn watch_for_interrupts() -> Arc<AtomicBool> {
+    let flag = Arc::new(AtomicBool::new(false));
+    let raised = Arc::clone(&flag);
+    // Without a handler the run can still be ended, only less gently: no reason not to run.
+    let _ = ctrlc::set_handler(move || {
+        if raised.swap(true, Ordering::Relaxed) {
+            std::process::exit(i32::from(exit::INTERRUPTED));
+        }
+    });
+    flag
+}
+
+/// A bar with the time left on a terminal, nothing elsewhere.
+fn progress_bar(steps: u64) -> ProgressBar {
+    let bar = ProgressBar::new(steps);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  step {pos} of {len}  {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}

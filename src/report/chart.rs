@@ -1,0 +1,227 @@
+//! Charts as SVG text, drawn by a plotting library: one look for every figure of the program.
+
+use plotters::coord::Shift;
+use plotters::coord::ranged1d::ValueFormatter;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+
+use crate::error::{Error, Result};
+
+/// Size of a chart in pixels.
+const SIZE: (u32, u32) = (760, 440);
+
+/// Colours that people with any kind of colour vision tell apart (Okabe and Ito 2008), then grey.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    GREY,
+];
+const GREY: RGBColor = RGBColor(170, 170, 170);
+
+/// How a series is drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mark {
+    /// A line.
+    Line,
+    /// A line with a dot at every point.
+    Dotted,
+    /// Dots only.
+    Dots,
+    /// A thin grey line in the background, without an entry in the legend of its own.
+    Ghost,
+}
+
+/// One series of a chart.
+#[derive(Debug, Clone)]
+pub struct Series {
+    /// Text in the legend.
+    pub label: String,
+    /// Points.
+    pub points: Vec<(f64, f64)>,
+    /// Look.
+    pub mark: Mark,
+}
+
+impl Series {
+    /// A series with a look.
+    pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
+        Self { label: label.into(), points, mark }
+    }
+}
+
+/// The scales of a chart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// Both linear.
+    Linear,
+    /// Both linear, and a metre is as long on one axis as on the other.
+    Equal,
+    /// y logarithmic; values are shown by their size, down to this many decades below the largest.
+    LogY(i32),
+}
+
+/// A chart.
+#[derive(Debug, Clone)]
+pub struct Chart {
+    /// Title.
+    pub title: String,
+    /// Label of the x axis, with unit.
+    pub x: String,
+    /// Label of the y axis, with unit.
+    pub y: String,
+    /// Scales.
+    pub scale: Scale,
+    /// Series, drawn in order.
+    pub series: Vec<Series>,
+}
+
+impl Chart {
+    /// The chart as an SVG document.
+    ///
+    /// # Errors
+    /// [`Error::Chart`] where the plotting library fails.
+    pub fn svg(&self) -> Result<String> {
+        let mut text = String::new();
+        {
+            let area = SVGBackend::with_string(&mut text, SIZE).into_drawing_area();
+            self.draw(&area).map_err(|reason| Error::Chart { title: self.title.clone(), reason })?;
+        }
+        Ok(text)
+    }
+
+    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> std::result::Result<(), String> {
+        area.fill(&WHITE).map_err(|e| e.to_string())?;
+        let points = || self.series.iter().flat_map(|series| series.points.iter().copied());
+        let mut x = range(points().map(|p| p.0));
+        match self.scale {
+            Scale::Linear => {
+                let y = range(points().map(|p| p.1));
+                let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
+                self.mesh(&mut chart)?;
+                self.curves(&mut chart, |p| p)
+            }
+            Scale::Equal => {
+                let mut y = range(points().map(|p| p.1));
+                let margins = (95.0, 100.0); // of the labels around the plot, px
+                let (width, height) = (f64::from(SIZE.0) - margins.0, f64::from(SIZE.1) - margins.1);
+                let pixel = ((x.1 - x.0) / width).max((y.1 - y.0) / height);
+                x = widened(x, pixel * width);
+                y = widened(y, pixel * height);
+                let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
+                self.mesh(&mut chart)?;
+                self.curves(&mut chart, |p| p)
+            }
+            Scale::LogY(decades) => {
+                let top = points().map(|p| p.1.abs()).fold(0.0, f64::max);
+                let top = if top > 0.0 { top } else { 1.0 };
+                let bottom = 10.0_f64.powf(top.log10().ceil() - f64::from(decades));
+                let y = (bottom..2.0 * top).log_scale();
+                let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y).map_err(|e| e.to_string())?;
+                self.mesh(&mut chart)?;
+                self.curves(&mut chart, |p| (p.0, p.1.abs().max(bottom)))
+            }
+        }
+    }
+
+    fn builder<'a, 'b>(&self, area: &'a DrawingArea<SVGBackend<'b>, Shift>) -> ChartBuilder<'a, 'b, SVGBackend<'b>> {
+        let mut builder = ChartBuilder::on(area);
+        builder
+            .caption(&self.title, ("sans-serif", 20))
+            .margin(12)
+            .margin_right(20)
+            .x_label_area_size(46)
+            .y_label_area_size(78);
+        builder
+    }
+
+    fn mesh<Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
+        &self,
+        chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<RangedCoordf64, Y>>,
+    ) -> std::result::Result<(), String> {
+        chart
+            .configure_mesh()
+            .x_desc(&self.x)
+            .y_desc(&self.y)
+            .x_label_formatter(&|x| number(*x))
+            .y_label_formatter(&|y| number(*y))
+            .axis_desc_style(("sans-serif", 16))
+            .label_style(("sans-serif", 13))
+            .light_line_style(RGBColor(244, 244, 244))
+            .bold_line_style(RGBColor(224, 224, 224))
+            .draw()
+            .map_err(|e| e.to_string())
+    }
+
+    fn curves<'b, Y: Ranged<ValueType = f64>>(
+        &self,
+        chart: &mut ChartContext<'b, SVGBackend<'b>, Cartesian2d<RangedCoordf64, Y>>,
+        place: impl Fn((f64, f64)) -> (f64, f64),
+    ) -> std::result::Result<(), String> {
+        let mut named = 0;
+        for series in &self.series {
+            let ghost = series.mark == Mark::Ghost;
+            let colour = if ghost { GREY } else { COLOURS[named % COLOURS.len()] };
+            let style = colour.stroke_width(if ghost { 1 } else { 2 });
+            let points = || series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).map(&place);
+            let mut drawn = None;
+            if series.mark != Mark::Dots {
+                drawn = Some(chart.draw_series(LineSeries::new(points(), style)).map_err(|e| e.to_string())?);
+            }
+            if matches!(series.mark, Mark::Dots | Mark::Dotted) {
+                let dots = points().map(|p| Circle::new(p, 4, colour.filled()));
+                drawn = Some(chart.draw_series(dots).map_err(|e| e.to_string())?);
+            }
+            if !ghost {
+                named += 1;
+                if let Some(drawn) = drawn {
+                    drawn.label(&series.label).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+                }
+            }
+        }
+        if named > 1 {
+            chart
+                .configure_series_labels()
+                .background_style(WHITE.mix(0.85))
+                .border_style(GREY)
+                .label_font(("sans-serif", 14))
+                .position(SeriesLabelPosition::UpperRight)
+                .draw()
+                .map_err(|e| e.to_string())?;
+        }
+        Ok(())
+    }
+}
+
+/// The values' range with a margin; never empty.
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let (low, high) = values
+        .filter(|value| value.is_finite())
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    if low > high {
+        return (0.0, 1.0);
+    }
+    let size = high.abs().max(low.abs()).max(1e-12);
+    let margin = (0.04 * (high - low)).max(1e-6 * size);
+    (low - margin, high + margin)
+}
+
+/// A range of size `size` around the middle of `range`.
+fn widened((low, high): (f64, f64), size: f64) -> (f64, f64) {
+    let middle = 0.5 * (low + high);
+    (middle - 0.5 * size, middle + 0.5 * size)
+}
+
+/// A number as an axis shows it: short, with an exponent where it is very large or small.
+fn number(x: f64) -> String {
+    let size = x.abs();
+    if size != 0.0 && !(1e-3..1e5).contains(&size) {
+        return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");
+    }
+    let text = format!("{x:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_string() } else { text.to_string() }
+}

@@ -1,0 +1,9 @@
+//! What a run leaves behind: tables, figures, summary and an animated page, in one folder.
+
+pub mod chart;
+mod figures;
+mod output;
+mod page;
+mod record;
+
+pub use output::Output;

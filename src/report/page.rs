@@ -1,0 +1,100 @@
+//! report.html: one self-contained file that plays the run and shows its figures and numbers.
+
+use minijinja::value::Serde;
+use minijinja::{AutoEscape, Environment};
+use serde::Serialize;
+
+use super::record::Frame;
+use crate::error::{Error, Result};
+use crate::run::Summary;
+
+/// Everything the page shows.
+pub struct Page<'a> {
+    /// Summary of the run.
+    pub summary: &'a Summary,
+    /// The scene's text, and the overrides of its keys.
+    pub scene: (&'a str, &'a [String]),
+    /// What `caudal check` says of the scene, line by line.
+    pub notes: &'a [String],
+    /// Frames of the animation.
+    pub frames: &'a [Frame],
+    /// Figures: file name and SVG.
+    pub figures: &'a [(&'static str, String)],
+}
+
+/// What the template sees.
+#[derive(Serialize)]
+struct Content<'a> {
+    summary: &'a Summary,
+    displacement: String,
+    rows: Vec<(String, String)>,
+    figures: Vec<Figure<'a>>,
+    notes: &'a [String],
+    scene: &'a str,
+    overrides: &'a [String],
+    motion: Motion,
+}
+
+#[derive(Serialize)]
+struct Figure<'a> {
+    file: &'a str,
+    svg: &'a str,
+}
+
+/// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
+#[derive(Serialize)]
+struct Motion {
+    times: Vec<f64>,
+    points: Vec<Vec<f64>>,
+    com: Vec<[f64; 2]>,
+}
+
+impl Page<'_> {
+    /// The page's HTML.
+    ///
+    /// # Errors
+    /// [`Error::Page`] where the template fails.
+    pub fn html(&self) -> Result<String> {
+        let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
+        let mut environment = Environment::new();
+        environment.set_auto_escape_callback(|_| AutoEscape::Html);
+        environment.add_template("page", include_str!("page.html")).map_err(failed)?;
+        let page = environment.get_template("page").map_err(failed)?;
+        let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
+        let rows: Vec<(String, String)> = numbers
+            .as_object()
+            .into_iter()
+            .flatten()
+            .filter(|(key, _)| *key != "final_positions_m")
+            .map(|(key, value)| (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_string)))
+            .collect();
+        let content = Content {
+            summary: self.summary,
+            displacement: format!("{:.6e}", self.summary.net_displacement_m),
+            rows,
+            figures: self.figures.iter().map(|(file, svg)| Figure { file, svg }).collect(),
+            notes: self.notes,
+            scene: self.scene.0,
+            overrides: self.scene.1,
+            motion: self.motion(),
+        };
+        page.render(Serde(&content)).map_err(failed)
+    }
+
+    fn motion(&self) -> Motion {
+        let extent =
+            self.frames.iter().flat_map(|frame| &frame.points).flatten().fold(1e-12, |m: f64, x| m.max(x.abs()));
+        // Six digits of the largest coordinate.
+        let unit = 10.0_f64.powi(5 - extent.log10().floor() as i32);
+        let round = |x: f64| (x * unit).round() / unit;
+        Motion {
+            times: self.frames.iter().map(|frame| frame.time).collect(),
+            points: self
+                .frames
+                .iter()
+                .map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect())
+                .collect(),
+            com: self.frames.iter().map(|frame| frame.com.map(round)).collect(),
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! A run: a scene driven over its duration, and the summary of what came out.
+
+use std::ops::ControlFlow;
+use std::time::{Duration, Instant};
+
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+use crate::metrics::Power;
+use crate::scene::Scene;
+use crate::stepper::Stepper;
+
+/// Standard gravity, m/s², for the cost of transport.
+const GRAVITY: f64 = 9.80665;
+
+/// A displacement below this part of the length counts as none.
+const NO_DISPLACEMENT: f64 = 1e-9;
+
+/// How a run ended.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Ending {
+    /// It reached its duration.
+    Complete,
+    /// The observer stopped it.
+    Interrupted,
+    /// A step failed; the stepper shows the last good state.
+    Failed(Error),
+}
+
+/// A run that ended.
+#[derive(Debug)]
+pub struct Outcome {
+    /// How.
+    pub ending: Ending,
+    /// Wall-clock time it took.
+    pub wall: Duration,
+}
+
+/// Drives `stepper` through the steps of `scene`; `observe` sees the state after every step, and may stop the run.
+///
+/// # Errors
+/// Those of `observe` only: a step that fails is an [`Ending`], so that what came before is kept.
+pub fn run(
+    scene: &Scene,
+    stepper: &mut Stepper,
+    mut observe: impl FnMut(&Stepper) -> Result<ControlFlow<()>>,
+) -> Result<Outcome> {
+    let start = Instant::now();
+    let (whole, last) = scene.steps();
+    let steps = (0..whole).map(|_| scene.solver.time_step_s.get()).chain(last);
+    let mut ending = Ending::Complete;
+    for h in steps {
+        if let Err(error) = stepper.do_step(h) {
+            ending = Ending::Failed(error);
+            break;
+        }
+        if observe(stepper)?.is_break() {
+            ending = Ending::Interrupted;
+            break;
+        }
+    }
+    Ok(Outcome { ending, wall: start.elapsed() })
+}
+
+/// What came out of a run; the content of summary.json, all in SI units.
+#[derive(Debug, Clone, Serialize)]
+#[expect(missing_docs, reason = "the names say what they are, with units; the table of variables explains them")]
+pub struct Summary {
+    pub name: String,
+    pub caudal_version: &'static str,
+    pub complete: bool,
+    pub ending: String,
+    pub end_time_s: f64,
+    pub nodes: usize,
+    pub integrator: String,
+    pub time_step_s: f64,
+    pub steps: u64,
+    pub newton_iterations: u64,
+    pub factorisations: u64,
+    pub step_halvings: u64,
+    pub newton_floor_stops: u64,
+    pub x_com_m: f64,
+    pub y_com_m: f64,
+    pub net_displacement_m: f64,
+    pub max_lateral_excursion_m: f64,
+    pub com_path_m: f64,
+    pub initial_energy_j: f64,
+    pub stretching_energy_j: f64,
+    pub bending_energy_j: f64,
+    pub kinetic_energy_j: f64,
+    pub mean_stretching_energy_j: f64,
+    pub mean_bending_energy_j: f64,
+    pub mean_kinetic_energy_j: f64,
+    pub actuation_work_j: f64,
+    pub viscous_work_j: f64,
+    pub load_work_j: f64,
+    pub head_work_j: f64,
+    pub flow_work_j: f64,
+    pub mean_actuation_power_w: f64,
+    pub mean_viscous_power_w: f64,
+    pub mean_load_power_w: f64,
+    pub mean_head_power_w: f64,
+    pub mean_flow_power_w: f64,
+    pub numerical_dissipation_j: f64,
+    pub cost_of_transport: Option<f64>,
+    pub efficiency: Option<f64>,
+    pub head_force_n: Option<[f64; 2]>,
+    pub head_moment_n_m: Option<f64>,
+    pub wall_s: f64,
+    pub final_positions_m: Vec<[f64; 2]>,
+}
+
+impl Summary {
+    /// The summary of a run of `scene`.
+    pub fn of(scene: &Scene, stepper: &Stepper, outcome: &Outcome) -> Self {
+        let (meter, work) = (stepper.meter(), stepper.work());
+        let (now, model) = (&meter.now, stepper.model());
+        let elapsed = meter.elapsed();
+        let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
+        let Power { actuation, viscous, load, head, flow } = meter.work;
+        let displacement = meter.net_displacement();
+        let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
+        let towed =
+            stepper.view().dynamics.drag().map(|(drag, fluid)| drag.coefficients(fluid)[0] * drag.weighted_length());
+        Self {
+            name: scene.name.clone(),
+            caudal_version: env!("CARGO_PKG_VERSION"),
+            complete: outcome.ending == Ending::Complete,
+            ending: match &outcome.ending {
+                Ending::Complete => "complete".to_string(),
+                Ending::Interrupted => "interrupted".to_string(),
+                Ending::Failed(error) => error.to_string(),
+            },
+            end_time_s: stepper.time(),
+            nodes: model.rod.nodes,
+            integrator: scene.solver.integrator.clone(),
+            time_step_s: scene.solver.time_step_s.get(),
+            steps: meter.steps,
+            newton_iterations: work.newton_iterations,
+            factorisations: work.factorisations,
+            step_halvings: meter.halvings,
+            newton_floor_stops: work.floor_stops,
+            x_com_m: now.com.x,
+            y_com_m: now.com.y,
+            net_displacement_m: displacement,
+            max_lateral_excursion_m: meter.max_lateral,
+            com_path_m: meter.path,
+            initial_energy_j: meter.first_energy,
+            stretching_energy_j: now.energy.stretching,
+            bending_energy_j: now.energy.bending,
+            kinetic_energy_j: now.energy.kinetic,
+            mean_stretching_energy_j: mean(meter.energy_time.stretching),
+            mean_bending_energy_j: mean(meter.energy_time.bending),
+            mean_kinetic_energy_j: mean(meter.energy_time.kinetic),
+            actuation_work_j: actuation,
+            viscous_work_j: viscous,
+            load_work_j: load,
+            head_work_j: head,
+            flow_work_j: flow,
+            mean_actuation_power_w: mean(actuation),
+            mean_viscous_power_w: mean(viscous),
+            mean_load_power_w: mean(load),
+            mean_head_power_w: mean(head),
+            mean_flow_power_w: mean(flow),
+            numerical_dissipation_j: meter.numerical_dissipation(),
+            cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
+            efficiency: towed.filter(|_| swims).map(|along| along * displacement.powi(2) / elapsed / actuation),
+            head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
+            head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
+            wall_s: outcome.wall.as_secs_f64(),
+            final_positions_m: stepper.state().q.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
+        }
+    }
+}
