@@ -85,6 +85,22 @@ enum Guess {
     Positions,
 }
 
+impl Guess {
+    /// Which to try first: accelerations that change the velocities by more than this part of them in one step are
+    /// not those of the next step. Measured on the scenes of `models/` at steps of 0.1–20 ms: the first guess so
+    /// chosen is the better one everywhere (either alone costs up to 33 % more iterations); 0.12–0.2 differ by 1 %.
+    const FAST: f64 = 0.15;
+
+    fn order(from: &State, h: f64) -> [Self; 2] {
+        let norm = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if h * norm(&from.a) <= Self::FAST * norm(&from.v) {
+            [Self::Accelerations, Self::Positions]
+        } else {
+            [Self::Positions, Self::Accelerations]
+        }
+    }
+}
+
 impl Rule {
     fn step(self, system: &mut dyn System, newton: &mut Newton, from: &State, h: f64, to: &mut State) -> Result<()> {
         let time = to.t;
@@ -105,8 +121,9 @@ impl Rule {
             newton.solve(system, to, direction)?;
             system.check_step(from, to)
         };
-        match attempt(Guess::Accelerations) {
-            Err(error) if error.is_cured_by_smaller_step() => attempt(Guess::Positions).map_err(|e| match e {
+        let [first, second] = Guess::order(from, h);
+        match attempt(first) {
+            Err(error) if error.is_cured_by_smaller_step() => attempt(second).map_err(|e| match e {
                 Error::NotConverged { time_s, iterations, increment_m, residual_n, node, .. } => {
                     Error::NotConverged { time_s, step_s: h, iterations, increment_m, residual_n, node }
                 }

@@ -101,7 +101,7 @@ impl Chart {
             Scale::Linear => {
                 let y = range(points().map(|p| p.1));
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
-                self.mesh(&mut chart)?;
+                self.mesh(&mut chart, [x, y])?;
                 self.curves(&mut chart, |p| p)
             }
             Scale::Equal => {
@@ -112,7 +112,7 @@ impl Chart {
                 x = widened(x, pixel * width);
                 y = widened(y, pixel * height);
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
-                self.mesh(&mut chart)?;
+                self.mesh(&mut chart, [x, y])?;
                 self.curves(&mut chart, |p| p)
             }
             Scale::LogY(decades) => {
@@ -121,7 +121,7 @@ impl Chart {
                 let bottom = 10.0_f64.powf(top.log10().ceil() - f64::from(decades));
                 let y = (bottom..2.0 * top).log_scale();
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y).map_err(|e| e.to_string())?;
-                self.mesh(&mut chart)?;
+                self.mesh(&mut chart, [x, (0.0, 0.0)])?;
                 self.curves(&mut chart, |p| (p.0, p.1.abs().max(bottom)))
             }
         }
@@ -141,13 +141,17 @@ impl Chart {
     fn mesh<Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
         &self,
         chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<RangedCoordf64, Y>>,
+        [x, y]: [(f64, f64); 2],
     ) -> std::result::Result<(), String> {
+        // A tick at zero comes out as rounding noise.
+        let label =
+            |value: f64, range: (f64, f64)| number(if value.abs() < 1e-9 * (range.1 - range.0) { 0.0 } else { value });
         chart
             .configure_mesh()
             .x_desc(&self.x)
             .y_desc(&self.y)
-            .x_label_formatter(&|x| number(*x))
-            .y_label_formatter(&|y| number(*y))
+            .x_label_formatter(&|value| label(*value, x))
+            .y_label_formatter(&|value| label(*value, y))
             .axis_desc_style(("sans-serif", 16))
             .label_style(("sans-serif", 13))
             .light_line_style(RGBColor(244, 244, 244))
@@ -188,7 +192,10 @@ impl Chart {
                 .background_style(WHITE.mix(0.85))
                 .border_style(GREY)
                 .label_font(("sans-serif", 14))
-                .position(SeriesLabelPosition::UpperRight)
+                .position(match self.scale {
+                    Scale::LogY(_) => SeriesLabelPosition::LowerRight,
+                    _ => SeriesLabelPosition::UpperRight,
+                })
                 .draw()
                 .map_err(|e| e.to_string())?;
         }

@@ -1,0 +1,222 @@
+//! The command does what its contract says: files, exit codes, and nothing half-written.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// The files of a run, in the order of their names.
+const FILES: [&str; 12] = [
+    "com_path.svg",
+    "com_x.svg",
+    "energy.svg",
+    "head_x.svg",
+    "mid_x.svg",
+    "mid_y.svg",
+    "nodes.csv",
+    "report.html",
+    "shape.svg",
+    "summary.json",
+    "tip_y.svg",
+    "trajectory.csv",
+];
+
+fn caudal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_caudal")).current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().unwrap()
+}
+
+fn run(scene: &str, out: &Path, more: &[&str]) -> Output {
+    caudal(&[&["run", scene, "--out", out.to_str().unwrap()], more].concat())
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn summary(folder: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(folder.join("summary.json")).unwrap()).unwrap()
+}
+
+fn rows(path: PathBuf) -> Vec<Vec<f64>> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    reader.records().map(|row| row.unwrap().iter().map(|field| field.parse().unwrap()).collect()).collect()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+#[test]
+fn the_baseline_runs_to_the_numbers_of_the_independent_implementation() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run("models/baseline.toml", folder.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "", "quiet where there is no terminal");
+    assert_eq!(files(folder.path()), FILES);
+    let summary = summary(folder.path());
+    // Measured: 7e-13 and 3e-13 m with newton_tolerance = 1e-12, 4e-12 m with the default.
+    assert!((summary["x_com_m"].as_f64().unwrap() - 0.45592738522).abs() < 1e-8);
+    assert!((summary["y_com_m"].as_f64().unwrap() - 0.00362578129).abs() < 1e-8);
+    assert_eq!(summary["steps"], 4000);
+    let trajectory = rows(folder.path().join("trajectory.csv"));
+    assert_eq!(trajectory.len(), 4001);
+    assert_eq!(
+        trajectory[4000][..3],
+        [20.0, summary["x_com_m"].as_f64().unwrap(), summary["y_com_m"].as_f64().unwrap()]
+    );
+    let nodes = rows(folder.path().join("nodes.csv"));
+    let last: Vec<f64> = summary["final_positions_m"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(|p| p.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()))
+        .collect();
+    assert_eq!(nodes[4000][1..], last);
+}
+
+#[test]
+fn every_scene_of_models_runs_and_is_checked() {
+    let mut scenes = 0;
+    for entry in std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("models")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|extension| extension != "toml") {
+            continue;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let output = run(path.to_str().unwrap(), folder.path(), &["--set", "solver.duration_s=0.1"]);
+        assert_eq!(output.status.code(), Some(0), "{}: {}", path.display(), text(&output.stderr));
+        assert_eq!(files(folder.path()), FILES);
+        for figure in FILES.iter().filter(|name| name.ends_with(".svg")) {
+            let svg = std::fs::read_to_string(folder.path().join(figure)).unwrap();
+            assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{figure}");
+            assert!(svg.contains("(m)") || svg.contains("(J)"), "{figure} has units");
+        }
+        let check = caudal(&["check", path.to_str().unwrap()]);
+        assert_eq!(check.status.code(), Some(0));
+        assert!(text(&check.stdout).contains("first natural frequency"));
+        scenes += 1;
+    }
+    assert!(scenes >= 8);
+}
+
+#[test]
+fn wrong_input_ends_with_2_and_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for more in [&["--set", "rod.nodes=2"][..], &["--set", "rod.length_mm=1"], &["--set", "nonsense"]] {
+        let output = run("models/baseline.toml", &out, more);
+        assert_eq!(output.status.code(), Some(2));
+        assert_eq!(text(&output.stderr).lines().count(), 1, "one clear message: {}", text(&output.stderr));
+        assert!(!out.exists());
+    }
+    assert_eq!(run("models/none.toml", &out, &[]).status.code(), Some(2));
+    assert!(!out.exists());
+    // A folder that cannot be made: its parent is a file.
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let output = run("models/baseline.toml", &file.join("out"), &[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_run_replaces_its_own_files_only() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    let short = ["--set", "solver.duration_s=0.1"];
+    assert_eq!(run("models/baseline.toml", folder.path(), &short).status.code(), Some(0));
+    let first = std::fs::read(folder.path().join("trajectory.csv")).unwrap();
+    let without = [&short[..], &["--set", "record.nodes_csv=false", "--set", "medium.viscosity_pa_s=1.0"]].concat();
+    assert_eq!(run("models/baseline.toml", folder.path(), &without).status.code(), Some(0));
+    assert_ne!(std::fs::read(folder.path().join("trajectory.csv")).unwrap(), first);
+    assert_eq!(std::fs::read_to_string(folder.path().join("notes.txt")).unwrap(), "mine");
+    // The nodes.csv of the first run does not belong to the second; nothing unfinished is left either.
+    let mut expected: Vec<&str> =
+        FILES.iter().copied().filter(|name| *name != "nodes.csv").chain(["notes.txt"]).collect();
+    expected.sort_unstable();
+    assert_eq!(files(folder.path()), expected);
+}
+
+#[test]
+fn a_failing_run_ends_with_1_and_keeps_what_it_computed() {
+    let folder = tempfile::tempdir().unwrap();
+    // Newmark (1/4, 1/2) does not damp the ringing of the jump start, and Newton fails on it after 54 steps.
+    let output = run("models/glycerol.toml", folder.path(), &["--set", "solver.integrator=newmark"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert_eq!(files(folder.path()), FILES);
+    let summary = summary(folder.path());
+    assert_eq!(summary["complete"], false);
+    let end = summary["end_time_s"].as_f64().unwrap();
+    assert!((0.0..5.0).contains(&end));
+    assert_eq!(rows(folder.path().join("trajectory.csv")).last().unwrap()[0], end);
+    assert!(text(&output.stderr).contains("t = "), "{}", text(&output.stderr));
+}
+
+#[cfg(unix)]
+#[test]
+fn interrupted_runs_end_with_130_and_valid_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "models/baseline.toml", "--set", "solver.duration_s=1e5", "--out"])
+        .arg(folder.path())
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // Wait until it is under way, then press Ctrl-C.
+    let start = Instant::now();
+    while files(folder.path()).is_empty() && start.elapsed() < Duration::from_secs(30) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signalled.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(text(&output.stderr).contains("interrupted"), "{}", text(&output.stderr));
+    assert_eq!(files(folder.path()), FILES);
+    let summary = summary(folder.path());
+    assert_eq!(summary["ending"], "interrupted");
+    let end = summary["end_time_s"].as_f64().unwrap();
+    assert!(end > 0.0);
+    assert_eq!(rows(folder.path().join("nodes.csv")).last().unwrap()[0], end);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_leaves_no_half_written_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = ["--set", "solver.duration_s=0.1"];
+    assert_eq!(run("models/baseline.toml", folder.path(), &short).status.code(), Some(0));
+    let before = std::fs::read(folder.path().join("trajectory.csv")).unwrap();
+    // A limit on the size of files stands in for the end of the disk: writing beyond it fails in the same way.
+    let command = format!(
+        "trap '' XFSZ; ulimit -f 200; exec '{}' run models/baseline.toml --out '{}'",
+        env!("CARGO_BIN_EXE_caudal"),
+        folder.path().display()
+    );
+    let output = Command::new("sh").current_dir(env!("CARGO_MANIFEST_DIR")).args(["-c", &command]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
+    assert_eq!(files(folder.path()), FILES);
+    assert_eq!(std::fs::read(folder.path().join("trajectory.csv")).unwrap(), before);
+}
+
+#[test]
+fn the_variables_of_a_scene_are_listed_with_their_sizes() {
+    let all = caudal(&["variables"]);
+    let of_scene = caudal(&["variables", "models/baseline.toml"]);
+    assert_eq!((all.status.code(), of_scene.status.code()), (Some(0), Some(0)));
+    let (all, of_scene) = (text(&all.stdout), text(&of_scene.stdout));
+    assert!(all.lines().count() > of_scene.lines().count(), "a free head has no reaction force");
+    let curvature = of_scene.lines().find(|line| line.starts_with("natural_curvature_1_m")).unwrap();
+    assert_eq!(
+        curvature.split_whitespace().take(4).collect::<Vec<_>>(),
+        ["natural_curvature_1_m", "7", "1/m", "input"]
+    );
+}

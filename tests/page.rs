@@ -1,0 +1,76 @@
+//! report.html works in a browser: it is one file, its script runs, the tail moves, and every figure is there.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// A Chromium on this machine.
+fn chromium() -> Option<PathBuf> {
+    let folders = std::env::var_os("PATH")?;
+    let names = ["chromium", "chromium-browser", "google-chrome", "google-chrome-stable"];
+    std::env::split_paths(&folders)
+        .flat_map(|folder| names.map(|name| folder.join(name)))
+        .find(|candidate| candidate.is_file())
+}
+
+fn browse(browser: &Path, page: &Path, more: &[String]) -> String {
+    let profile = tempfile::tempdir().unwrap();
+    let output = Command::new(browser)
+        .args(["--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"])
+        .args(["--disable-background-networking", "--disable-component-update", "--disable-sync"])
+        .args(["--window-size=1200,900", "--virtual-time-budget=2000"])
+        .arg(format!("--user-data-dir={}", profile.path().display()))
+        .args(more)
+        .arg(format!("file://{}", page.display()))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The value of an attribute of the element with an id.
+fn attribute<'a>(page: &'a str, id: &str, name: &str) -> &'a str {
+    let element = page.split('<').find(|element| element.contains(&format!("id=\"{id}\""))).unwrap();
+    element.split(&format!(" {name}=\"")).nth(1).and_then(|rest| rest.split('"').next()).unwrap_or_default()
+}
+
+#[test]
+fn the_report_plays_the_tail_in_a_browser() {
+    let folder = tempfile::tempdir().unwrap();
+    let status = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "models/baseline-smooth.toml", "--set", "solver.duration_s=10.0", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(status.status.success());
+    let path = folder.path().join("report.html");
+    let source = std::fs::read_to_string(&path).unwrap();
+    for outside in ["src=", "href=", "@import", "url("] {
+        assert!(!source.contains(outside), "the page is one self-contained file, without {outside}");
+    }
+    let Some(browser) = chromium() else {
+        // Straight to standard error, which the test runner does not hold back.
+        let _ = writeln!(std::io::stderr(), "skipped: no Chromium on this machine, so the page was not opened");
+        return;
+    };
+    let page = browse(&browser, &path, &["--dump-dom".to_string()]);
+    let frames: usize = attribute(&page, "stage", "data-frames").parse().expect("the script ran to its end");
+    let frame: usize = attribute(&page, "stage", "data-frame").parse().unwrap();
+    assert!(frames >= 200, "{frames} frames");
+    assert!(frame > 0, "the animation moves");
+    assert_eq!(attribute(&page, "rod", "points").split_whitespace().count(), 9, "the rod has its nodes");
+    assert_eq!(page.matches("<figure>").count(), 8);
+    assert!(page.contains("net_displacement_m"));
+    // What a person would see: the rod's and the trace's colours are on the picture, not only in the text.
+    let picture = folder.path().join("page.png");
+    browse(&browser, &path, &[format!("--screenshot={}", picture.display())]);
+    let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(&picture).unwrap()));
+    let mut reader = decoder.read_info().unwrap();
+    let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+    let channels = reader.next_frame(&mut pixels).unwrap().color_type.samples();
+    let near = |pixel: &[u8], colour: [u8; 3]| pixel.iter().zip(colour).all(|(a, b)| a.abs_diff(b) < 12);
+    let count = |colour| pixels.chunks_exact(channels).filter(|pixel| near(&pixel[..3], colour)).count();
+    assert!(count([0, 114, 178]) > 500, "the rod is drawn: {} pixels", count([0, 114, 178]));
+    assert!(count([213, 94, 0]) > 50, "the centre of mass is drawn: {} pixels", count([213, 94, 0]));
+}
