@@ -7,6 +7,7 @@ pub mod integrator;
 pub mod linear;
 pub mod metrics;
 pub mod model;
+pub mod modes;
 pub mod newton;
 pub mod rod;
 pub mod scene;
