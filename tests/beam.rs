@@ -7,7 +7,7 @@ use std::f64::consts::PI;
 use caudal::modes::Modes;
 use caudal::rod::Rod;
 use caudal::scene::Scene;
-use common::{distance, equilibrium, order, scene};
+use common::{distance, equilibrium, order, rod, scene};
 
 /// β₁L and β₂L of a free-free beam of even section, ω = (βL)²√(EI/ρAL⁴): roots of cos x cosh x = 1.
 const FREE_FREE: [f64; 2] = [4.730040744862704, 7.853204624095838];
@@ -15,14 +15,14 @@ const FREE_FREE: [f64; 2] = [4.730040744862704, 7.853204624095838];
 const CANTILEVER: f64 = 1.8751040687119611;
 
 /// An even rod with a mass lumping and a head.
-fn rod(nodes: usize, lumping: &str, head: &str) -> Rod {
+fn even_rod(nodes: usize, lumping: &str, head: &str) -> Rod {
     let changes = [
         "rod.stiffness_gradient=0",
         &format!("rod.nodes={nodes}"),
         &format!("rod.mass_lumping={lumping}"),
         &format!("head.kind={head}"),
     ];
-    scene(&changes).model().unwrap().rod
+    rod(&scene(&changes))
 }
 
 /// Relative error of a frequency (rad/s) of the continuous beam's (βL)²√(EI/ρAL⁴).
@@ -36,7 +36,7 @@ fn deviation(rod: &Rod, frequency: f64, beta_length: f64) -> f64 {
 fn free_free_frequencies_converge_with_second_order_where_the_ends_carry_half_a_mass() {
     for (mode, beta_length) in FREE_FREE.into_iter().enumerate() {
         let [e9, e33, e65, e129] = [9, 33, 65, 129].map(|nodes| {
-            let rod = rod(nodes, "tributary", "free");
+            let rod = even_rod(nodes, "tributary", "free");
             deviation(&rod, Modes::of(&rod).unwrap().bending[mode], beta_length)
         });
         // Measured: −5.979 % and −12.342 % at N = 9, −0.401 % and −0.878 % at N = 33.
@@ -52,7 +52,7 @@ fn free_free_frequencies_converge_with_second_order_where_the_ends_carry_half_a_
 fn free_free_frequencies_converge_with_first_order_where_every_node_carries_the_same_mass() {
     for (mode, beta_length) in FREE_FREE.into_iter().enumerate() {
         let [e9, e129, e257] = [9, 129, 257].map(|nodes| {
-            let rod = rod(nodes, "uniform", "free");
+            let rod = even_rod(nodes, "uniform", "free");
             deviation(&rod, Modes::of(&rod).unwrap().bending[mode], beta_length)
         });
         // Measured: −20.537 % and −22.535 % at N = 9.
@@ -65,7 +65,7 @@ fn free_free_frequencies_converge_with_first_order_where_every_node_carries_the_
 #[test]
 fn the_first_frequency_of_a_cantilever_converges_with_second_order() {
     let [e33, e65, e129] = [33, 65, 129].map(|nodes| {
-        let rod = rod(nodes, "tributary", "clamped");
+        let rod = even_rod(nodes, "tributary", "clamped");
         deviation(&rod, Modes::of(&rod).unwrap().lowest(), CANTILEVER)
     });
     // Measured: −8.254e-4 at N = 33.
@@ -78,7 +78,7 @@ fn the_first_frequency_of_a_cantilever_converges_with_second_order() {
 #[test]
 fn the_fastest_stretching_mode_of_even_masses_is_the_chain_s() {
     for nodes in [9, 17, 33] {
-        let rod = rod(nodes, "uniform", "free");
+        let rod = even_rod(nodes, "uniform", "free");
         let chain = 2.0 / rod.spacing * (70e9_f64 / 2700.0).sqrt() * (PI / (2 * nodes) as f64).cos();
         let highest = Modes::of(&rod).unwrap().highest();
         // Measured: 6e-16.
@@ -90,7 +90,7 @@ fn the_fastest_stretching_mode_of_even_masses_is_the_chain_s() {
 fn the_study_tail_s_first_frequency_is_149_hz_on_9_even_masses_and_188_hz_on_a_fine_mesh() {
     let hertz = |nodes: usize, lumping: &str| {
         let changes = [&*format!("rod.nodes={nodes}"), &*format!("rod.mass_lumping={lumping}")];
-        Modes::of(&scene(&changes).model().unwrap().rod).unwrap().lowest() / (2.0 * PI)
+        Modes::of(&rod(&scene(&changes))).unwrap().lowest() / (2.0 * PI)
     };
     // Measured: 149.2073 Hz and 187.9822 Hz.
     assert!((hertz(9, "uniform") - 149.207).abs() < 1e-3);
@@ -114,7 +114,7 @@ fn tip_load_deflection(nodes: usize, force: f64) -> f64 {
 #[test]
 fn a_cantilever_under_a_small_tip_load_deflects_by_its_discrete_formula() {
     for nodes in [3, 9, 33, 129] {
-        let rod = cantilever(nodes, &[]).model().unwrap().rod;
+        let rod = rod(&cantilever(nodes, &[]));
         // A deflection of 1e-6 L, whose square is the part that the linear formula leaves out.
         let force = 3.0 * rod.ei * 1e-6;
         let inner: f64 = (1..nodes - 1).map(|k| rod.spacing * (rod.length - rod.arc_length(k)).powi(2)).sum();
@@ -128,11 +128,11 @@ fn a_cantilever_under_a_small_tip_load_deflects_by_its_discrete_formula() {
 #[test]
 fn a_cantilever_under_tip_load_and_own_weight_is_off_by_its_spacing_squared_and_no_more() {
     let of_load = |nodes| {
-        let rod = cantilever(nodes, &[]).model().unwrap().rod;
+        let rod = rod(&cantilever(nodes, &[]));
         tip_load_deflection(nodes, 3.0 * rod.ei * 1e-6) / 1e-6 - 1.0
     };
     let of_weight = |nodes: usize| {
-        let rod = cantilever(nodes, &[]).model().unwrap().rod;
+        let rod = rod(&cantilever(nodes, &[]));
         let gravity = 8.0 * rod.ei * 1e-6 / (2700.0 * rod.section.area());
         let scene = cantilever(nodes, &[&format!("loads.gravity_m_s2=[0, -{gravity:e}]")]);
         let (_, state) = equilibrium(&scene, &vec![0.0; 2 * nodes], 1);
@@ -157,7 +157,7 @@ const ELASTICA: [[f64; 3]; 4] =
 fn elastica(nodes: usize, radius: f64, load: f64) -> Vec<f64> {
     let scene = cantilever(nodes, &[&format!("rod.outer_radius_m={radius}"), "rod.inner_radius_m=0"]);
     let mut forces = vec![0.0; 2 * nodes];
-    forces[2 * nodes - 1] = -load * scene.model().unwrap().rod.ei;
+    forces[2 * nodes - 1] = -load * rod(&scene).ei;
     equilibrium(&scene, &forces, 10).1.q
 }
 

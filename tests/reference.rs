@@ -10,13 +10,10 @@ use serde_json::Value;
 /// Largest deviation allowed, m. Measured: at most 3.6e-12 m (glycerol_jump_n9).
 const TOLERANCE: f64 = 1e-8;
 
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap()
-}
-
 #[test]
 fn every_reference_scene_ends_where_the_independent_implementation_does() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference");
+    let number = |value: &Value| value.as_f64().unwrap();
     let mut scenes = 0;
     for entry in std::fs::read_dir(&folder).unwrap() {
         let path = entry.unwrap().path();

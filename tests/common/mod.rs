@@ -1,11 +1,13 @@
 //! What the tests share: a passive rod to add tables to, runs to a scene's end, and observed orders.
-#![allow(dead_code, reason = "every test file takes what it needs")]
+#![allow(dead_code, clippy::unwrap_used, reason = "every test file takes what it needs; a failure ends the test")]
 
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use caudal::integrator::Method;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
+use caudal::rod::Rod;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use caudal::system::{Direction, State, System};
@@ -33,9 +35,13 @@ pub const WAVE: &str = r#"actuation={ kind = "travelling-wave", kappa_amp = 0.6,
 pub const WATER: &str = "medium={ viscosity_pa_s = 0.001, density_kg_m3 = 1000.0 }";
 /// The study's drag, its head ten times as heavy.
 pub const DRAG: &str = "drag={ ratio = 5.0, head_weight = 10.0, head_length_m = 0.0625 }";
-/// A soft solid rod: its fastest mode is slow enough to be resolved by steps of 0.5 ms (9 nodes).
-pub const SILICONE: [&str; 4] =
-    ["rod.outer_radius_m=0.012", "rod.inner_radius_m=0", "rod.youngs_modulus_pa=5e6", "rod.density_kg_m3=1150"];
+/// A soft solid rod: its fastest mode is slow enough to be resolved by steps of 0.8 ms (9 nodes).
+pub const SILICONE: &str =
+    "rod={ outer_radius_m = 0.012, inner_radius_m = 0.0, youngs_modulus_pa = 5e6, density_kg_m3 = 1150.0 }";
+/// Glycerol.
+pub const GLYCEROL: &str = "medium={ viscosity_pa_s = 0.8, density_kg_m3 = 1260.0 }";
+/// A smooth start from rest.
+pub const RAMP: &str = "start={ kind = \"ramp\", ramp_s = 0.1 }";
 
 /// The study's tail, passive, with `changes` of the form `table.key=value`.
 pub fn scene(changes: &[&str]) -> Scene {
@@ -49,6 +55,17 @@ pub fn document(path: impl Into<PathBuf>, changes: &[&str]) -> Document {
         document.set(change).unwrap();
     }
     document
+}
+
+/// The rod of a scene.
+pub fn rod(scene: &Scene) -> Rod {
+    scene.model().unwrap().rod
+}
+
+/// The scene of `changes` with a method of its own and with steps of `time_step` (s).
+pub fn scene_by(method: &Method, time_step: f64, changes: &[&str]) -> Scene {
+    let (method, step) = (format!("solver.integrator={}", method.name), format!("solver.time_step_s={time_step:e}"));
+    scene(&[changes, &[&method, &step]].concat())
 }
 
 /// Runs `scene` to its end.
