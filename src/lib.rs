@@ -45,10 +45,13 @@
 //!     let bend = 0.5 * tail.time();
 //!     tail.set("natural_curvature_1_m", &[bend; 15])?;
 //! }
-//! assert!(tail.get_scalar("y_com_m")?.abs() > 1e-3);
+//! let curvature = tail.get("curvature_1_m")?;
+//! assert!(curvature.iter().sum::<f64>() > 0.0);
 //! # Ok(())
 //! # }
 //! ```
+
+#![warn(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)]
 
 // From the ground up: each module imports only what stands above it.
 pub mod error;

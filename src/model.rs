@@ -10,7 +10,7 @@ use nalgebra::{Matrix2, Vector2};
 use crate::actuation::{Actuation, Wave};
 use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
-use crate::head::{Motion, Pose, Row, hermite, pose};
+use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::{Edge, Rod, add, bend, node, stretch};
 use crate::start::Start;
 use crate::system::{Linearisation, State, System};
@@ -75,11 +75,15 @@ pub struct HostHead {
 }
 
 impl HostHead {
-    /// A head that rests at `pose` since time `t` (s).
-    pub fn resting(pose: &Pose, t: f64) -> Self {
-        let target = pose.map(|s| s.value);
-        let rows = target.map(|value| [t, t + 1.0].map(|time| Row { time, value, rate: 0.0 }));
-        Self { target, rate: None, rows }
+    /// Takes the head over as it moves by `pose` at time `t` (s); from the next step on it rests there unless aimed
+    /// elsewhere.
+    pub fn taking_over(pose: &Pose, t: f64) -> Self {
+        // The parabola through the pose, so that taking over changes nothing at this time.
+        let rows = pose.map(|Sample { value, rate, acceleration }| {
+            let end = Row { time: t + 1.0, value: value + rate + 0.5 * acceleration, rate: rate + acceleration };
+            [Row { time: t, value, rate }, end]
+        });
+        Self { target: pose.map(|s| s.value), rate: None, rows }
     }
 
     /// Sends the head from `pose` at time `t` to its target at `end` (s).

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::metrics::Power;
+use crate::metrics::{Meter, Power};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
@@ -15,6 +15,9 @@ const GRAVITY: f64 = 9.80665;
 
 /// A displacement below this part of the length counts as none.
 const NO_DISPLACEMENT: f64 = 1e-9;
+
+/// A defect of the energy balance from this part of the energies on is worth a word.
+const UNBALANCED: f64 = 0.1;
 
 /// How a run ended.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,12 +105,30 @@ pub struct Summary {
     pub mean_head_power_w: f64,
     pub mean_flow_power_w: f64,
     pub numerical_dissipation_j: f64,
+    pub notes: Vec<String>,
     pub cost_of_transport: Option<f64>,
     pub efficiency: Option<f64>,
     pub head_force_n: Option<[f64; 2]>,
     pub head_moment_n_m: Option<f64>,
     pub wall_s: f64,
     pub final_positions_m: Vec<[f64; 2]>,
+}
+
+/// What to say of an energy balance that does not close: the mark of steps that are too coarse, or of a wrong root.
+fn balance_note(meter: &Meter) -> Option<String> {
+    let Power { actuation, viscous, load, head, flow } = meter.work;
+    let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, load, head, flow]
+        .into_iter()
+        .fold(0.0, |max: f64, x| max.max(x.abs()));
+    let defect = meter.numerical_dissipation();
+    (defect.abs() > UNBALANCED * scale).then(|| {
+        let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };
+        format!(
+            "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; a smaller step shows whether the result stands",
+            defect.abs(),
+            100.0 * defect.abs() / scale
+        )
+    })
 }
 
 impl Summary {
@@ -163,6 +184,7 @@ impl Summary {
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),
             numerical_dissipation_j: meter.numerical_dissipation(),
+            notes: balance_note(meter).into_iter().collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: towed.filter(|_| swims).map(|along| along * displacement.powi(2) / elapsed / actuation),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),

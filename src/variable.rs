@@ -228,10 +228,10 @@ fn head_rate(view: &View<'_>, i: usize) -> f64 {
     view.dynamics.inputs.head.as_ref().and_then(|host| host.rate).map_or(0.0, |rate| rate[i])
 }
 
-/// The head as the host moves it; it rests where it is until the host says more.
+/// The head as the host moves it, taken over from the scene where this is the host's first word.
 fn host_head(dynamics: &mut Dynamics, t: f64) -> &mut HostHead {
     let pose = dynamics.held.unwrap_or_default();
-    dynamics.inputs.head.get_or_insert_with(|| HostHead::resting(&pose, t))
+    dynamics.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
 }
 
 fn set_head_rate(dynamics: &mut Dynamics, t: f64, i: usize, value: f64) {

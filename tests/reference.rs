@@ -1,33 +1,19 @@
 //! The scenes of `tests/reference` end where an independent implementation of the same equations ends.
 
+mod common;
+
 use std::path::Path;
 
 use caudal::scene::Scene;
-use caudal::stepper::Stepper;
 use serde_json::Value;
 
 /// Largest deviation allowed, m. Measured: at most 3.6e-12 m (glycerol_jump_n9).
 const TOLERANCE: f64 = 1e-8;
 
-fn run(scene: &Scene) -> Stepper {
-    let mut stepper = Stepper::of(scene).unwrap();
-    let (whole, last) = scene.steps();
-    for _ in 0..whole {
-        stepper.do_step(scene.solver.time_step_s.get()).unwrap();
-    }
-    if let Some(last) = last {
-        stepper.do_step(last).unwrap();
-    }
-    stepper
-}
-
-fn number(value: &Value) -> f64 {
-    value.as_f64().unwrap()
-}
-
 #[test]
 fn every_reference_scene_ends_where_the_independent_implementation_does() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference");
+    let number = |value: &Value| value.as_f64().unwrap();
     let mut scenes = 0;
     for entry in std::fs::read_dir(&folder).unwrap() {
         let path = entry.unwrap().path();
@@ -36,7 +22,7 @@ fn every_reference_scene_ends_where_the_independent_implementation_does() {
         }
         let expected: Value =
             serde_json::from_str(&std::fs::read_to_string(path.with_extension("json")).unwrap()).unwrap();
-        let stepper = run(&Scene::load(&path).unwrap());
+        let stepper = common::run(&Scene::load(&path).unwrap());
         let (state, meter) = (stepper.state(), stepper.meter());
         let mut pairs = vec![
             (meter.now.com.x, number(&expected["x_com_m"])),

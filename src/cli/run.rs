@@ -38,7 +38,8 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
     bar.finish_and_clear();
     let outcome = outcome?;
     let summary = Summary::of(&scene, &stepper, &outcome);
-    let files = output.finish(&stepper, &summary, &document, &assessment.warnings)?;
+    let notes = [assessment.warnings, summary.notes.clone()].concat();
+    let files = output.finish(&stepper, &summary, &document, &notes)?;
     say(&format!(
         "{}: t = {} s in {} steps, {} Newton iterations, {:.3} s",
         summary.name, summary.end_time_s, summary.steps, summary.newton_iterations, summary.wall_s
@@ -48,6 +49,9 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
+    for note in &summary.notes {
+        say(&format!("note: {note}"));
+    }
     if summary.step_halvings > 0 {
         say(&format!("{} steps did not converge at first and were halved", summary.step_halvings));
     }

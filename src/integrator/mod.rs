@@ -43,6 +43,11 @@ impl Method {
     pub fn named(name: &str) -> Option<&'static Self> {
         METHODS.iter().copied().find(|method| method.name == name)
     }
+
+    /// The values of its parameters where a scene says nothing.
+    pub fn defaults(&self) -> Vec<f64> {
+        self.parameters.iter().map(|parameter| parameter.default).collect()
+    }
 }
 
 /// A method with its parameters: makes one step.

@@ -65,7 +65,7 @@ impl Page<'_> {
             .as_object()
             .into_iter()
             .flatten()
-            .filter(|(key, _)| *key != "final_positions_m")
+            .filter(|(key, _)| !["final_positions_m", "notes"].contains(&key.as_str()))
             .map(|(key, value)| (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_string)))
             .collect();
         let content = Content {
