@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use crate::actuation::Wave;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::head::Signal;
 use crate::metrics::Energy;
 use crate::model::Model;
@@ -22,8 +22,9 @@ const CREEPING: f64 = 1.0;
 const STEPS_A_PERIOD: f64 = 20.0;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
 const RESOLVED: f64 = 0.2;
-/// Newton in nodal positions contracts while ΔL is above this part of the length λ that a step bends.
-const WALL: f64 = 2e-4;
+/// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
+/// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
+const WALL: [f64; 2] = [2e-4, 5e-5];
 /// Relative rounding error from which a warning is due.
 const ROUNDING: f64 = 1e-6;
 
@@ -55,6 +56,8 @@ pub struct Assessment {
     pub facts: Vec<Fact>,
     /// What a user should know before trusting the run.
     pub warnings: Vec<String>,
+    /// Why a run would be meaningless.
+    pub refusal: Option<Error>,
 }
 
 impl Assessment {
@@ -88,6 +91,7 @@ impl Assessment {
             inertia_ratio: omega.zip(across).map(|(omega, across)| omega * line_density / across),
             facts: Vec::new(),
             warnings: Vec::new(),
+            refusal: None,
         };
         assessment.describe(scene, stepper, coarse.is_some());
         assessment.warn(scene, stepper, omega, line_density);
@@ -179,12 +183,18 @@ impl Assessment {
         }
         let bent = (rod.ei * step * step / line_density).powf(0.25).min(0.5 * rod.length);
         let rounding = 16.0 * f64::EPSILON * (bent / rod.spacing).powi(4);
-        if rod.spacing < WALL * bent {
-            warnings.push(format!(
-                "so fine a mesh cannot be solved in double precision: its spacing is {:.1e} of the length that a step bends, and Newton's method needs {WALL:e}; take at most {:.0} nodes",
-                rod.spacing / bent,
-                (rod.length / (WALL * bent)).floor()
-            ));
+        let part = rod.spacing / bent;
+        if part < WALL[0] {
+            let problem = format!(
+                "found {}; so fine a mesh cannot be solved in double precision: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at this time step",
+                rod.nodes,
+                WALL[0],
+                (rod.length / (WALL[0] * bent)).floor()
+            );
+            if part < WALL[1] {
+                self.refusal = Some(scene.refusal("rod.nodes", problem.clone()));
+            }
+            warnings.push(format!("rod.nodes: {problem}"));
         } else if rounding > ROUNDING {
             warnings.push(format!("the mesh is so fine that rounding errors reach about {rounding:.1e} relative"));
         }

@@ -19,6 +19,9 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
     let (document, scene) = arguments.read()?;
     let mut stepper = Stepper::of(&scene)?;
     let assessment = Assessment::of(&scene, &stepper)?;
+    if let Some(refusal) = &assessment.refusal {
+        return Ok(refuse(refusal));
+    }
     let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
     let mut output = match Output::create(&folder, &scene, &stepper) {
         Ok(output) => output,
