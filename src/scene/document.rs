@@ -138,11 +138,9 @@ impl Document {
 
     /// What is written at `span`, where that is short.
     fn source(&self, span: &Range<usize>) -> Option<&str> {
-        let within =
-            |text: &'_ str, at: usize| Some(span.start.checked_sub(at)?..span.end.checked_sub(at)?.min(text.len()));
-        let mut texts = std::iter::once((self.text.as_str(), 0))
-            .chain(self.overrides.iter().map(String::as_str).zip(self.starts()));
-        let found = texts.find_map(|(text, at)| text.get(within(text, at)?).filter(|found| !found.is_empty()))?;
+        let overrides = self.overrides.iter().map(String::as_str).zip(self.starts());
+        let mut texts = std::iter::once((self.text.as_str(), 0)).chain(overrides);
+        let found = texts.find_map(|(text, at)| text.get(span.start.checked_sub(at)?..span.end.checked_sub(at)?))?;
         (found.len() <= LONGEST_FOUND && !found.contains('\n')).then_some(found)
     }
 
