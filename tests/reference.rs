@@ -1,5 +1,7 @@
 //! The scenes of `tests/reference` end where an independent implementation of the same equations ends.
 
+#![allow(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::path::Path;
 
 use caudal::scene::Scene;
