@@ -75,10 +75,10 @@ pub enum Error {
         /// The joint's node.
         node: usize,
     },
-    /// An edge lost its length.
+    /// An edge lost its length, or turned over within one step, which takes it through zero length.
     #[error(
-        "the edge between nodes {node} and {} collapses at t = {time_s} s: its length is {length_m:e} m; try a smaller \
-         solver.time_step_s or weaker loads", node + 1
+        "the edge between nodes {node} and {} collapses, or turns over in one step, at t = {time_s} s: its length is \
+         {length_m:e} m; try a smaller solver.time_step_s or weaker loads", node + 1
     )]
     EdgeCollapse {
         /// Time, s.

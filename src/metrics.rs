@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::model::Dynamics;
 use crate::rod::{bend, node, stretch};
 use crate::system::{State, System};
@@ -93,7 +93,7 @@ impl Reading {
     /// Measures `state`, whose time `dynamics` was last moved to. `scratch` holds two entries a node.
     ///
     /// # Errors
-    /// Those of [`Dynamics::edges`].
+    /// Those of [`Dynamics::edges`] and [`Dynamics::for_joints`]; [`Error::NotFinite`] for energies and powers.
     pub fn take(&mut self, dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<()> {
         self.time = state.t;
         let mut energy = Energy::default();
@@ -132,6 +132,10 @@ impl Reading {
             self.head = [node(&state.q, 0), node(&state.v, 0)];
             self.head_angle = [angle.value, angle.rate];
             power.head = held.dot(&self.head[1]) - moment * angle.rate;
+        }
+        if !(energy.total() + power.net()).is_finite() {
+            let node = self.moment.iter().position(|m| !(m * m).is_finite()).unwrap_or(0);
+            return Err(Error::NotFinite { time_s: state.t, node, what: "energy or power" });
         }
         (self.energy, self.power) = (energy, power);
         Ok(())

@@ -18,6 +18,9 @@ use crate::system::{Linearisation, State, System};
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
 
+/// An edge whose direction turns beyond the angle of this cosine, 150°, in one step went through zero length.
+const REVERSED: f64 = -0.87;
+
 /// A periodic drive of the actuation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
@@ -394,36 +397,30 @@ impl System for Dynamics {
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
         let rod = &self.model.rod;
+        let edge = |q: &[f64], k: usize| node(q, k + 1) - node(q, k);
+        for k in 0..rod.nodes - 1 {
+            let (old, new) = (edge(&before.q, k), edge(&after.q, k));
+            let dot = old.dot(&new);
+            if dot < 0.0 && dot < REVERSED * old.norm() * new.norm() {
+                return Err(Error::EdgeCollapse { time_s: after.t, node: k, length_m: new.norm() });
+            }
+        }
         let wall = self.wall();
         // cos and sin of the turning at node k, times a positive number.
         let turning = |q: &[f64], k: usize| {
-            let f = node(q, k + 1) - node(q, k);
+            let f = edge(q, k);
             let e = match &wall {
                 Some(wall) if k == 0 => wall.t,
-                _ => node(q, k) - node(q, k - 1),
+                _ => edge(q, k - 1),
             };
             [e.dot(&f), e.perp(&f)]
         };
-        let mut inverted_before = wall.is_none();
         for k in rod.joints() {
             let ([c0, s0], [c1, s1]) = (turning(&before.q, k), turning(&after.q, k));
-            let (same_turn, same_side) = (c0 * c1 + s0 * s1, s0 * s1);
-            if same_turn >= 0.0 && same_side >= 0.0 {
-                inverted_before = false;
-                continue;
-            }
-            let (size0, size1) = (c0.hypot(s0), c1.hypot(s1));
-            // An edge that went through zero length turns both its joints by 180°; no smooth step turns one by 150°.
-            let inverted = same_turn < -0.87 * size0 * size1;
-            if inverted && (inverted_before || k + 2 == rod.nodes) {
-                let edge = if inverted_before { k - 1 } else { k };
-                let length_m = (node(&after.q, edge + 1) - node(&after.q, edge)).norm();
-                return Err(Error::EdgeCollapse { time_s: after.t, node: edge, length_m });
-            }
-            if !inverted && same_side < 0.0 && c0 / size0 + c1 / size1 < 0.0 {
+            // From one side to the other, and the way over ±180° is the shorter one.
+            if s0 * s1 < 0.0 && c0 / c0.hypot(s0) + c1 / c1.hypot(s1) < 0.0 {
                 return Err(Error::FoldOver { time_s: after.t, node: k });
             }
-            inverted_before = inverted;
         }
         Ok(())
     }

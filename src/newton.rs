@@ -90,13 +90,12 @@ impl Newton {
         self.work.newton_iterations += 1;
         let linearisation = Linearisation { matrix: &mut self.jacobian, direction };
         system.assemble(state, &mut self.increment, Some(linearisation))?;
+        finite(&self.increment, state.t, "force")?; // here its node is still known
         let (worst, residual) = largest(&self.increment);
         self.work.factorisations += 1;
         self.solver.factor(&self.jacobian)?;
         self.solver.solve(&mut self.increment);
-        if let Some(i) = self.increment.iter().position(|d| !d.is_finite()) {
-            return Err(Error::NotFinite { time_s: state.t, node: i / 2, what: "Newton's increment" });
-        }
+        finite(&self.increment, state.t, "Newton's increment")?;
         for (i, d) in self.increment.iter().enumerate() {
             state.q[i] -= direction.q * d;
             state.v[i] -= direction.v * d;
@@ -138,6 +137,14 @@ impl Increments {
     /// One value an iteration.
     pub fn as_slice(&self) -> &[f64] {
         &self.values[..self.count]
+    }
+}
+
+/// Refuses values, two a node, that are not all finite.
+fn finite(values: &[f64], time_s: f64, what: &'static str) -> Result<()> {
+    match values.iter().position(|x| !x.is_finite()) {
+        Some(i) => Err(Error::NotFinite { time_s, node: i / 2, what }),
+        None => Ok(()),
     }
 }
 

@@ -161,6 +161,7 @@ impl Stepper {
             }
         };
         let (clock, parts) = (self.clock, parts as u64);
+        let head = self.dynamics.inputs.head.clone();
         self.dynamics.aim_head(start, end_of(clock, parts));
         for count in 1..=parts {
             let end = end_of(clock, count);
@@ -170,10 +171,13 @@ impl Stepper {
                 _ if self.state.t == start => clock,
                 _ => Clock { origin: self.state.t, count: 0 },
             };
-            if outcome.is_err() {
+            if let Err(error) = outcome {
+                if self.state.t == start {
+                    self.dynamics.inputs.head = head; // it has not set out
+                }
                 self.dynamics.move_to(self.state.t, &mut self.state);
+                return Err(error);
             }
-            outcome?;
             self.meter.steps += 1;
         }
         Ok(())
@@ -231,8 +235,8 @@ impl Stepper {
     /// curvature, is counted at once.
     ///
     /// # Errors
-    /// [`Error::UnknownVariable`], [`Error::NotAnInput`], [`Error::WrongLength`], [`Error::BadValue`]; nothing is
-    /// changed then.
+    /// [`Error::UnknownVariable`], [`Error::NotAnInput`], [`Error::WrongLength`], [`Error::BadValue`], and
+    /// [`Error::NotFinite`] for a value so large that energies overflow; nothing is changed then.
     pub fn set(&mut self, name: &str, values: &[f64]) -> Result<()> {
         let variable = self.find(name)?;
         if variable.causality != Causality::Input {
@@ -245,9 +249,14 @@ impl Stepper {
         if let Some((value, allowed)) = variable.refused(values) {
             return Err(Error::BadValue { name: variable.name, value, allowed });
         }
+        let before = self.dynamics.inputs.clone();
         variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
         self.dynamics.move_to(self.state.t, &mut self.state);
-        self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch)?;
+        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
+            self.dynamics.restore(&before);
+            self.dynamics.move_to(self.state.t, &mut self.state);
+            return Err(error);
+        }
         self.meter.count(&mut self.reading, 0.0, self.dynamics.model.rod.mass[0]);
         Ok(())
     }

@@ -8,10 +8,14 @@ use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 use super::Scene;
+use super::value::refused;
 use crate::error::{Error, Result, nearest};
 
 /// A larger file is no scene.
 const LARGEST: u64 = 16 << 20;
+
+/// Up to this many bytes of a wrong value are shown as they are written.
+const LONGEST_FOUND: usize = 60;
 
 /// What is wrong with a key, before it is known where the key stands.
 #[derive(Debug, Clone, PartialEq)]
@@ -101,10 +105,13 @@ impl Document {
                 .map_err(|e| self.error(&root, e.span(), &Fault { key: String::new(), problem: e.message().into() }))?;
             merge(root.get_mut(), table.into_inner());
         }
+        check_tables(root.get_ref()).map_err(|fault| self.error(&root, span_of(root.get_ref(), &fault.key), &fault))?;
         let mut scene = Scene::deserialize(toml::Deserializer::from(root.clone())).map_err(|e| {
-            let key = e.span().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
-            let (key, problem) = reworded(key, e.message());
-            self.error(&root, e.span(), &Fault { key, problem })
+            let span = e.span().filter(|span| *span != root.span());
+            let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
+            let found = span.as_ref().and_then(|span| self.source(span));
+            let (key, problem) = reworded(key, e.message(), found);
+            self.error(&root, span, &Fault { key, problem })
         })?;
         if scene.name.is_empty() {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
@@ -127,6 +134,14 @@ impl Document {
             *next += text.len() + 1;
             Some(start)
         })
+    }
+
+    /// What is written at `span`, where that is short.
+    fn source(&self, span: &Range<usize>) -> Option<&str> {
+        let overrides = self.overrides.iter().map(String::as_str).zip(self.starts());
+        let mut texts = std::iter::once((self.text.as_str(), 0)).chain(overrides);
+        let found = texts.find_map(|(text, at)| text.get(span.start.checked_sub(at)?..span.end.checked_sub(at)?))?;
+        (found.len() <= LONGEST_FOUND && !found.contains('\n')).then_some(found)
     }
 
     /// File and line, or the override, that `span` lies in.
@@ -173,7 +188,10 @@ fn key_at(table: &DeTable<'_>, at: usize) -> Option<String> {
         let inner = match value.get_ref() {
             DeValue::Table(inner) => key_at(inner, at),
             DeValue::Array(items) => items.iter().enumerate().find_map(|(i, item)| match item.get_ref() {
-                DeValue::Table(inner) => key_at(inner, at).map(|inner| format!("{i}.{inner}")),
+                DeValue::Table(inner) => match key_at(inner, at) {
+                    Some(inner) => Some(format!("{i}.{inner}")),
+                    None => item.span().contains(&at).then(|| i.to_string()),
+                },
                 _ => None,
             }),
             _ => None,
@@ -202,31 +220,82 @@ fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
     Some(inner.unwrap_or_else(|| name.span()))
 }
 
-/// serde's words for what is wrong at `key`, in those of this program.
-fn reworded(key: String, message: &str) -> (String, String) {
-    let quoted = |text: &str| text.split('`').nth(1).unwrap_or_default().to_string();
-    let allowed = |rest: &str| rest.trim_start_matches(", expected ").trim_start_matches("one of ").to_string();
-    if let Some(rest) = message.strip_prefix("unknown field ") {
-        let name = quoted(rest);
-        let names = rest.splitn(3, '`').nth(2).unwrap_or_default();
-        let near = nearest(&name, names.split('`').skip(1).step_by(2));
-        let hint = near.map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-        return (key, format!("unknown key; allowed: {}{hint}", allowed(names)));
-    }
-    if let Some(rest) = message.strip_prefix("missing field ") {
-        let name = quoted(rest);
-        let key = if key.is_empty() { name } else { format!("{key}.{name}") };
-        return (key, "missing; it has no default".to_string());
-    }
-    if let Some(rest) = message.strip_prefix("unknown variant ") {
-        let names = rest.splitn(3, '`').nth(2).unwrap_or_default();
-        return (key, format!("found `{}`; allowed: {}", quoted(rest), allowed(names)));
-    }
-    for prefix in ["invalid type: ", "invalid value: ", "invalid length "] {
-        if let Some((found, allowed)) = message.strip_prefix(prefix).and_then(|rest| rest.split_once(", expected ")) {
-            let length = if prefix == "invalid length " { "length " } else { "" };
-            return (key, format!("found {length}{found}; allowed: {allowed}"));
+/// Refuses what serde would let pass or complain of in the wrong words: lists in the place of tables, whose values
+/// would be taken in the order of our own structs, and unknown keys of `[solver]`, which stand behind missing ones.
+fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), Fault> {
+    for (key, value) in root {
+        if value.get_ref().is_array() {
+            return Err(Fault { key: key.get_ref().to_string(), problem: refused("a list", "a table") });
         }
     }
-    (key, message.to_string())
+    let inside = |table: &str, key: &str| root.get(table)?.get_ref().as_table()?.get(key).map(Spanned::get_ref);
+    if let Some(DeValue::Array(points)) = inside("loads", "point")
+        && let Some(i) = points.iter().position(|point| !point.get_ref().is_table())
+    {
+        let problem = format!("point {i} is no table; allowed: tables {{ node, force_n }}");
+        return Err(Fault { key: "loads.point".to_string(), problem });
+    }
+    let Some(DeValue::Table(solver)) = root.get("solver").map(Spanned::get_ref) else { return Ok(()) };
+    let integrator = inside("solver", "integrator").and_then(DeValue::as_str);
+    solver.keys().try_for_each(|key| super::check_solver_key(key.get_ref(), integrator))
+}
+
+/// serde's words for what is wrong at `key`, in those of this program; `source` is the text of the wrong value.
+fn reworded(key: String, message: &str, source: Option<&str>) -> (String, String) {
+    let listed = |names: &str| names.trim_start_matches("one of ").to_string();
+    if let Some((name, names)) =
+        message.strip_prefix("unknown field `").and_then(|rest| rest.rsplit_once("`, expected "))
+    {
+        let near = nearest(name, names.split('`').skip(1).step_by(2));
+        return (key, unknown_key(&listed(names), near));
+    }
+    if let Some(name) = message.strip_prefix("missing field `") {
+        let name = name.trim_end_matches('`');
+        let key = if key.is_empty() { name.to_string() } else { format!("{key}.{name}") };
+        return (key, "missing; it has no default".to_string());
+    }
+    if let Some((name, names)) =
+        message.strip_prefix("unknown variant `").and_then(|rest| rest.rsplit_once("`, expected "))
+    {
+        let near = nearest(name, names.split('`').skip(1).step_by(2));
+        return (key, format!("found {name:?}; allowed: {}{}", listed(names), did_you_mean(near)));
+    }
+    for prefix in ["invalid type: ", "invalid value: "] {
+        if let Some((found, allowed)) = message.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(", expected ")) {
+            let found = match (found, source) {
+                // The source of a table made by a dotted key is that key.
+                ("map", Some(text)) if text.starts_with(|c: char| c == '{' || c == '[' || c.is_ascii_digit()) => text,
+                ("map", _) => "a table",
+                (_, Some(text)) => text,
+                ("sequence", None) => "a list",
+                (other, None) => other,
+            };
+            let allowed = match allowed {
+                "a string" => "a text in quotes",
+                "a boolean" => "true or false",
+                "a sequence" => "a list in brackets",
+                "i64" => "a whole number",
+                table if table.starts_with("struct ") => "a table",
+                other => other,
+            };
+            return (key, format!("found {found}; allowed: {allowed}"));
+        }
+    }
+    let found = source.unwrap_or("another value");
+    match message {
+        "wanted string or table" => (key, format!("found {found}; allowed: a text in quotes")),
+        "floating-point number overflowed" | "integer number overflowed" => {
+            (key, format!("found {found}; allowed: a number below 1e308"))
+        }
+        other => (key, other.to_string()),
+    }
+}
+
+/// The complaint about a key that is not among those `allowed`.
+pub(super) fn unknown_key(allowed: &str, near: Option<&str>) -> String {
+    format!("unknown key; allowed: {allowed}{}", did_you_mean(near))
+}
+
+fn did_you_mean(near: Option<&str>) -> String {
+    near.map_or(String::new(), |near| format!("; did you mean `{near}`?"))
 }

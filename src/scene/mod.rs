@@ -25,6 +25,9 @@ use crate::start::Start;
 /// Fewest and most nodes a scene may have.
 pub const NODES: [u64; 2] = [3, 10_000_000];
 
+/// Most steps a scene may have; integers are exact well beyond.
+const MOST_STEPS: f64 = 1e15;
+
 /// A scene: everything there is to say about a run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -77,6 +80,7 @@ pub struct RodTable {
     /// a in EI(1 + a(1−ξ)); 0 where neither this nor a profile is given.
     pub stiffness_gradient: Option<Gradient>,
     /// Points [ξ, factor] of EI, linear in between, constant outside.
+    #[serde(default, deserialize_with = "value::optional_pairs")]
     pub stiffness_profile: Option<Vec<[NotNegative; 2]>>,
     /// Lumping of the mass.
     #[serde(default)]
@@ -99,7 +103,7 @@ pub struct ActuationTable {
     /// Wavelength, m.
     pub wavelength_m: Positive,
     /// [e₀, e₁]: amplitude e₀ + e₁ξ along the rod; [1, 0] where it is not given.
-    #[serde(default = "even_envelope")]
+    #[serde(default = "even_envelope", deserialize_with = "value::pair")]
     pub envelope: [Finite; 2],
 }
 
@@ -144,7 +148,7 @@ pub struct MediumTable {
     /// Density, kg/m³: for the Reynolds number, it enters no force.
     pub density_kg_m3: Positive,
     /// Uniform background velocity, m/s.
-    #[serde(default = "still")]
+    #[serde(default = "still", deserialize_with = "value::pair")]
     pub flow_m_s: [Finite; 2],
 }
 
@@ -177,6 +181,7 @@ pub enum DragLaw {
 #[serde(deny_unknown_fields)]
 pub struct LoadsTable {
     /// Gravity, m/s²; a neutrally buoyant tail has none.
+    #[serde(default, deserialize_with = "value::optional_pair")]
     pub gravity_m_s2: Option<[Finite; 2]>,
     /// Forces on single nodes.
     #[serde(default)]
@@ -190,6 +195,7 @@ pub struct PointLoad {
     /// Node; a negative one counts from the tip, −1.
     pub node: i64,
     /// Force, N.
+    #[serde(deserialize_with = "value::pair")]
     pub force_n: [Finite; 2],
 }
 
@@ -257,6 +263,19 @@ impl Default for RecordTable {
 /// The keys of `[solver]` beside the methods' parameters.
 const SOLVER_KEYS: [&str; 4] = ["integrator", "time_step_s", "duration_s", "newton_tolerance"];
 
+/// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
+fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {
+    let parameters = |method: &'static Method| method.parameters.iter().map(|parameter| parameter.name);
+    if SOLVER_KEYS.contains(&key) || METHODS.iter().any(|method| parameters(method).any(|name| name == key)) {
+        return Ok(());
+    }
+    let mut keys = SOLVER_KEYS.to_vec();
+    keys.extend(integrator.and_then(Method::named).into_iter().flat_map(parameters));
+    let near = nearest(key, keys.iter().copied());
+    let problem = document::unknown_key(&format!("`{}`", keys.join("`, `")), near);
+    Err(Fault { key: format!("solver.{key}"), problem })
+}
+
 /// Up to this many nodes nodes.csv is written unless asked otherwise.
 const NODES_CSV_UP_TO: usize = 200;
 
@@ -322,11 +341,18 @@ impl Scene {
                     "found beside stiffness_gradient; allowed: one of the two".into(),
                 );
             }
-            let rising = profile.windows(2).all(|pair| pair[0][0].get() < pair[1][0].get());
-            let inside = profile.iter().all(|[xi, factor]| xi.get() <= 1.0 && factor.get() > 0.0);
-            if profile.is_empty() || !rising || !inside {
-                let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
-                return fault("rod.stiffness_profile", value::refused("other points", allowed));
+            let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
+            if profile.is_empty() {
+                return fault("rod.stiffness_profile", value::refused("no points", allowed));
+            }
+            let mut last = -1.0;
+            for [xi, factor] in profile.iter().map(|point| point.map(NotNegative::get)) {
+                if !(xi > last && xi <= 1.0 && factor > 0.0) {
+                    let found = if xi > last { String::new() } else { format!(" after {last}") };
+                    let found = format!("the point [{xi}, {factor}]{found}");
+                    return fault("rod.stiffness_profile", value::refused(found, allowed));
+                }
+                last = xi;
             }
         }
         match (self.start.kind, &self.start.ramp_s) {
@@ -366,6 +392,12 @@ impl Scene {
             }
             _ => {}
         }
+        let (step, duration) = (self.solver.time_step_s.get(), self.solver.duration_s.get());
+        if duration > MOST_STEPS * step {
+            let allowed =
+                format!("at least {:e}, so that duration_s has at most {MOST_STEPS:e} steps", duration / MOST_STEPS);
+            return fault("solver.time_step_s", value::refused(format_args!("{step:e}"), allowed));
+        }
         self.method().map(|_| ())
     }
 
@@ -382,16 +414,10 @@ impl Scene {
             if method.parameters.iter().any(|parameter| parameter.name == key) {
                 continue;
             }
+            check_solver_key(key, Some(method.name))?;
             let owners = METHODS.iter().filter(|other| other.parameters.iter().any(|p| p.name == key));
-            let owners = owners.map(|other| other.name).collect::<Vec<_>>();
-            let mut keys = SOLVER_KEYS.to_vec();
-            keys.extend(method.parameters.iter().map(|parameter| parameter.name));
-            let hint = nearest(key, keys.iter().copied()).map_or(String::new(), |n| format!("; did you mean `{n}`?"));
-            let problem = if owners.is_empty() {
-                format!("unknown key; allowed: `{}`{hint}", keys.join("`, `"))
-            } else {
-                format!("found with integrator = \"{}\"; allowed: only with {}", method.name, owners.join(", "))
-            };
+            let owners = owners.map(|other| other.name).collect::<Vec<_>>().join(", ");
+            let problem = format!("found with integrator = \"{}\"; allowed: only with {owners}", method.name);
             return Err(Fault { key: format!("solver.{key}"), problem });
         }
         let mut values = Vec::new();

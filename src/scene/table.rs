@@ -16,19 +16,34 @@ pub fn read(path: &Path, column: usize, columns: usize, duration: f64) -> Result
         key: String::new(),
         problem,
     };
-    let file =
-        std::fs::File::open(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
-    let mut reader = csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(file);
-    let width = reader.headers().map_err(|e| refuse(1, e.to_string()))?.len();
+    let text =
+        std::fs::read_to_string(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+    // Where a record is said to start there may be comments and empty lines before it.
+    let line_of = |start: Option<&csv::Position>| {
+        let (byte, line) = start.map_or((0, 1), |start| (start.byte() as usize, start.line()));
+        let before = text.get(byte..).unwrap_or_default().lines();
+        line + before.take_while(|line| line.is_empty() || line.starts_with('#')).count() as u64
+    };
+    let mut reader =
+        csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).flexible(true).from_reader(text.as_bytes());
+    let first_line = line_of(None);
+    let header = reader.headers().map_err(|e| refuse(first_line, e.to_string()))?;
+    let width = header.len();
+    if let Some(number) = header.iter().find(|name| name.parse::<f64>().is_ok()) {
+        return Err(refuse(first_line, format!("found {number} in the header; allowed: names, time_s first")));
+    }
     let with_rates = width == 1 + 2 * columns;
     if !with_rates && width != 1 + columns {
         let allowed = format!("time_s and {columns} value(s), or these and {columns} rate(s)");
-        return Err(refuse(1, format!("found {width} columns; allowed: {allowed}")));
+        return Err(refuse(first_line, format!("found {width} columns; allowed: {allowed}")));
     }
     let mut rows: Vec<Row> = Vec::new();
     for record in reader.records() {
-        let record = record.map_err(|e| refuse(e.position().map_or(1, csv::Position::line), e.to_string()))?;
-        let line = record.position().map_or(1, csv::Position::line);
+        let record = record.map_err(|e| refuse(line_of(e.position()), e.to_string()))?;
+        let line = line_of(record.position());
+        if record.len() != width {
+            return Err(refuse(line, format!("found {} columns; allowed: {width}, as in the header", record.len())));
+        }
         let number = |i: usize| {
             let text = &record[i];
             text.parse()
@@ -38,17 +53,23 @@ pub fn read(path: &Path, column: usize, columns: usize, duration: f64) -> Result
         };
         let rate = if with_rates { number(1 + columns + column)? } else { 0.0 };
         let row = Row { time: number(0)?, value: number(1 + column)?, rate };
-        if rows.last().is_some_and(|last| last.time >= row.time) {
-            return Err(refuse(line, format!("found time {} s after a later one; allowed: rising times", row.time)));
+        if let Some(last) = rows.last().filter(|last| last.time >= row.time) {
+            return Err(refuse(
+                line,
+                format!("found time {} s after {} s; allowed: rising times", row.time, last.time),
+            ));
         }
         rows.push(row);
     }
     let (Some(first), Some(last)) = (rows.first(), rows.last()) else {
-        return Err(refuse(1, "found no rows; allowed: at least one".to_string()));
+        return Err(refuse(first_line, "found no rows; allowed: at least one".to_string()));
     };
     if first.time > 0.0 || last.time < duration * (1.0 - 1e-9) {
         let found = format!("found times from {} to {} s", first.time, last.time);
-        return Err(refuse(1, format!("{found}; allowed: a table that reaches from 0 to the duration, {duration} s")));
+        return Err(refuse(
+            first_line,
+            format!("{found}; allowed: a table that reaches from 0 to the duration, {duration} s"),
+        ));
     }
     if with_rates {
         return Ok(Signal::Table(rows));

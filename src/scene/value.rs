@@ -1,8 +1,10 @@
 //! Values of a scene's keys: each type knows its range, so that a wrong value is refused where it stands.
 
 use std::fmt;
+use std::marker::PhantomData;
 
-use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor, value::MapAccessDeserializer};
+use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
 /// A number type with a range: `$ok` decides, `$allowed` says it in words.
 macro_rules! number {
@@ -80,6 +82,14 @@ impl Visitor<'_> for Number {
     fn visit_u64<E: Error>(self, x: u64) -> Result<f64, E> {
         self.visit_f64(x as f64)
     }
+
+    fn visit_i128<E: Error>(self, x: i128) -> Result<f64, E> {
+        self.visit_f64(x as f64)
+    }
+
+    fn visit_u128<E: Error>(self, x: u128) -> Result<f64, E> {
+        self.visit_f64(x as f64)
+    }
 }
 
 /// The text of a refusal.
@@ -123,6 +133,10 @@ impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for Whole<MIN, MAX> {
                 }
             }
 
+            fn visit_i128<E: Error>(self, x: i128) -> Result<u64, E> {
+                Err(E::custom(refused(x, format_args!("a whole number from {MIN} to {MAX}"))))
+            }
+
             fn visit_u64<E: Error>(self, n: u64) -> Result<u64, E> {
                 if (MIN..=MAX).contains(&n) {
                     Ok(n)
@@ -158,23 +172,27 @@ pub enum Wanted {
     },
 }
 
-/// The keys of a function of time with values of type T.
+/// The keys of a function of time with values of type T and phases of type P.
 #[derive(serde::Deserialize)]
 #[serde(
     deny_unknown_fields,
     expecting = "a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }"
 )]
-struct Keys<T> {
+struct Keys<T, P> {
     amplitude: Option<T>,
     frequency_hz: Option<NotNegative>,
-    phase_rad: Option<Each>,
+    phase_rad: Option<P>,
     offset: Option<T>,
     table: Option<String>,
 }
 
-impl<T> Keys<T> {
-    /// The functions, with `component` picking entry `i` of a value.
-    fn wanted<const M: usize, E: Error>(self, component: fn(&T, usize) -> f64) -> Result<[Wanted; M], E> {
+impl<T, P> Keys<T, P> {
+    /// The functions, with `component` picking entry `i` of a value, `phase` of a phase.
+    fn wanted<const M: usize, E: Error>(
+        self,
+        component: fn(&T, usize) -> f64,
+        phase: fn(&P, usize) -> f64,
+    ) -> Result<[Wanted; M], E> {
         match self {
             Self { table: Some(file), amplitude: None, frequency_hz: None, phase_rad: None, offset: None } => {
                 Ok(std::array::from_fn(|_| Wanted::Table { file: file.clone() }))
@@ -187,7 +205,7 @@ impl<T> Keys<T> {
                 Ok(std::array::from_fn(|i| Wanted::Sinusoid {
                     amplitude: component(&amplitude, i),
                     frequency: frequency.get(),
-                    phase: phase_rad.map_or(0.0, |phase| phase.0[i]),
+                    phase: phase_rad.as_ref().map_or(0.0, |value| phase(value, i)),
                     offset: offset.as_ref().map_or(0.0, |offset| component(offset, i)),
                 }))
             }
@@ -220,15 +238,60 @@ impl<'de> Deserialize<'de> for Each {
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<Each, A::Error> {
-                pair(seq).map(|pair: [Finite; 2]| Each(pair.map(Finite::get)))
+                pair(SeqAccessDeserializer::new(seq)).map(|pair: [Finite; 2]| Each(pair.map(Finite::get)))
             }
         }
         deserializer.deserialize_any(OneOrTwo)
     }
 }
 
-fn pair<'de, T: Deserialize<'de>, A: SeqAccess<'de>>(seq: A) -> Result<[T; 2], A::Error> {
-    Deserialize::deserialize(serde::de::value::SeqAccessDeserializer::new(seq))
+/// Two values, no more and no fewer; serde's own arrays let more pass.
+struct Pair<T>([T; 2]);
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Pair<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Two<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Two<T> {
+            type Value = [T; 2];
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("two values in brackets")
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<[T; 2], A::Error> {
+                let (first, second) = (seq.next_element()?, seq.next_element()?);
+                let mut count = usize::from(first.is_some()) + usize::from(second.is_some());
+                while seq.next_element::<IgnoredAny>()?.is_some() {
+                    count += 1;
+                }
+                match (first, second, count) {
+                    (Some(first), Some(second), 2) => Ok([first, second]),
+                    _ => Err(A::Error::custom(refused(format_args!("a list of {count}"), "two values in brackets"))),
+                }
+            }
+        }
+        deserializer.deserialize_any(Two(PhantomData)).map(Self)
+    }
+}
+
+/// Reads two values.
+pub fn pair<'de, D: Deserializer<'de>, T: Deserialize<'de>>(deserializer: D) -> Result<[T; 2], D::Error> {
+    Pair::deserialize(deserializer).map(|pair| pair.0)
+}
+
+/// Reads two values of a key that may be absent.
+pub fn optional_pair<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Option<[T; 2]>, D::Error> {
+    pair(deserializer).map(Some)
+}
+
+/// Reads a list of two values each of a key that may be absent.
+pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
+    deserializer: D,
+) -> Result<Option<Vec<[T; 2]>>, D::Error> {
+    let pairs: Vec<Pair<T>> = Deserialize::deserialize(deserializer)?;
+    Ok(Some(pairs.into_iter().map(|pair| pair.0).collect()))
 }
 
 /// One function of time.
@@ -250,12 +313,16 @@ impl<'de> Deserialize<'de> for ScalarSignal {
             }
 
             fn visit_i64<E: Error>(self, x: i64) -> Result<Wanted, E> {
-                Ok(Wanted::Constant(x as f64))
+                self.visit_f64(x as f64)
+            }
+
+            fn visit_u64<E: Error>(self, x: u64) -> Result<Wanted, E> {
+                self.visit_f64(x as f64)
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Wanted, A::Error> {
-                let keys = Keys::<Finite>::deserialize(MapAccessDeserializer::new(map))?;
-                let [wanted] = keys.wanted(|value, _| value.get())?;
+                let keys = Keys::<Finite, Finite>::deserialize(MapAccessDeserializer::new(map))?;
+                let [wanted] = keys.wanted(|value, _| value.get(), |phase, _| phase.get())?;
                 Ok(wanted)
             }
         }
@@ -278,11 +345,12 @@ impl<'de> Deserialize<'de> for VectorSignal {
             }
 
             fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[Wanted; 2], A::Error> {
-                pair(seq).map(|[x, y]: [ScalarSignal; 2]| [x.0, y.0])
+                pair(SeqAccessDeserializer::new(seq)).map(|[x, y]: [ScalarSignal; 2]| [x.0, y.0])
             }
 
             fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<[Wanted; 2], A::Error> {
-                Keys::<[Finite; 2]>::deserialize(MapAccessDeserializer::new(map))?.wanted(|value, i| value[i].get())
+                Keys::<Pair<Finite>, Each>::deserialize(MapAccessDeserializer::new(map))?
+                    .wanted(|value, i| value.0[i].get(), |phase, i| phase.0[i])
             }
         }
         deserializer.deserialize_any(Vector).map(Self)

@@ -1,0 +1,115 @@
+//! One Newton iteration and its parts, and one step of implicit Euler: the study's tail, Δt = 5 ms, time per node.
+
+#![allow(clippy::unwrap_used, missing_docs, reason = "a benchmark may panic; criterion's macros write no documents")]
+
+use std::hint::black_box;
+use std::sync::Arc;
+
+use caudal::linear::{BandMatrix, FaerLu, LinearSolver};
+use caudal::model::Dynamics;
+use caudal::newton::Newton;
+use caudal::scene::{Document, Scene};
+use caudal::stepper::Stepper;
+use caudal::system::{Direction, Linearisation, System};
+use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
+
+/// Step size, s.
+const H: f64 = 5e-3;
+
+/// The direction of implicit Euler.
+const DIRECTION: Direction = Direction { q: H * H, v: H, a: 1.0 };
+
+/// Steps before anything is measured: by then the jump start has rung down.
+const STEPS: u32 = 100;
+
+/// The study's tail with `nodes` nodes.
+fn scene(nodes: usize) -> Scene {
+    let text = format!(
+        r#"
+        [rod]
+        nodes = {nodes}
+        length_m = 1.0
+        outer_radius_m = 0.013
+        inner_radius_m = 0.011
+        youngs_modulus_pa = 70e9
+        density_kg_m3 = 2700.0
+        stiffness_gradient = 1.0
+        mass_lumping = "uniform"
+        [actuation]
+        kind = "travelling-wave"
+        kappa_amp = 0.6
+        kappa_reference_length_m = 0.125
+        frequency_hz = 2.0
+        wavelength_m = 1.0
+        envelope = [0.2, 0.8]
+        [start]
+        kind = "jump"
+        [medium]
+        viscosity_pa_s = 1e-3
+        density_kg_m3 = 1000.0
+        [drag]
+        ratio = 5.0
+        head_weight = 10.0
+        head_length_m = 0.0625
+        [solver]
+        integrator = "implicit-euler"
+        time_step_s = {H:?}
+        duration_s = 20.0
+        "#
+    );
+    Document::new("newton.toml", text).scene().unwrap()
+}
+
+fn newton(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("newton");
+    for nodes in [9, 101, 1001] {
+        group.throughput(Throughput::Elements(nodes as u64));
+        let id = |name: &str| BenchmarkId::new(name, nodes);
+
+        let scene = scene(nodes);
+        let mut stepper = Stepper::of(&scene).unwrap();
+        for _ in 0..STEPS {
+            stepper.do_step(H).unwrap();
+        }
+        let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
+        let mut state = stepper.state().clone();
+        dynamics.move_to(state.t, &mut state);
+        let mut matrix = BandMatrix::new(nodes).unwrap();
+        let mut residual = vec![0.0; 2 * nodes];
+
+        group.bench_function(id("assemble"), |b| {
+            b.iter(|| {
+                matrix.clear();
+                residual.fill(0.0);
+                let jacobian = Linearisation { matrix: &mut matrix, direction: DIRECTION };
+                dynamics.assemble(black_box(&state), &mut residual, Some(jacobian)).unwrap();
+            });
+        });
+        let mut solver = FaerLu::analyse(&matrix).unwrap();
+        group.bench_function(id("factor"), |b| b.iter(|| solver.factor(black_box(&matrix)).unwrap()));
+        let mut solution = residual.clone();
+        group.bench_function(id("solve"), |b| {
+            b.iter(|| {
+                solution.copy_from_slice(black_box(&residual));
+                solver.solve(&mut solution);
+            });
+        });
+
+        // At the solution an iteration costs what it costs anywhere, and moves nothing.
+        let mut newton = Newton::new(nodes, 1e-10).unwrap();
+        group.bench_function(id("iteration"), |b| {
+            b.iter(|| newton.iterate(&mut dynamics, black_box(&mut state), DIRECTION).unwrap());
+        });
+
+        // Step after step of the run; what a step needs varies over the period, so the mean is what counts.
+        let before = (stepper.meter().steps, stepper.work().newton_iterations);
+        group.bench_function(id("step"), |b| b.iter(|| stepper.do_step(black_box(H)).unwrap()));
+        let steps = stepper.meter().steps - before.0;
+        let iterations = stepper.work().newton_iterations - before.1;
+        println!("newton/step/{nodes}: {:.2} iterations a step, {steps} steps", iterations as f64 / steps as f64);
+    }
+    group.finish();
+}
+
+criterion_group!(benches, newton);
+criterion_main!(benches);
