@@ -3,13 +3,13 @@
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use crate::actuation::Wave;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::head::Signal;
 use crate::metrics::Energy;
 use crate::model::Model;
 use crate::modes::Modes;
 use crate::rod::bend;
-use crate::scene::{Scene, StartKind};
+use crate::scene::{Fault, Scene, StartKind};
 use crate::start::Start;
 use crate::stepper::Stepper;
 use crate::system::State;
@@ -57,7 +57,7 @@ pub struct Assessment {
     /// What a user should know before trusting the run.
     pub warnings: Vec<String>,
     /// Why a run would be meaningless.
-    pub refusal: Option<Error>,
+    pub refusal: Option<Fault>,
 }
 
 impl Assessment {
@@ -192,7 +192,7 @@ impl Assessment {
                 (rod.length / (WALL[0] * bent)).floor()
             );
             if part < WALL[1] {
-                self.refusal = Some(scene.refusal("rod.nodes", problem.clone()));
+                self.refusal = Some(Fault { key: "rod.nodes".to_string(), problem: problem.clone() });
             }
             warnings.push(format!("rod.nodes: {problem}"));
         } else if rounding > ROUNDING {

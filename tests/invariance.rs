@@ -1,9 +1,7 @@
 //! Physics knows no place and no direction: a rod that is moved, turned or mirrored with all that acts on it moves,
 //! turned or mirrored, as it did before.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-
-mod support;
+mod common;
 
 use std::sync::Arc;
 
@@ -15,9 +13,9 @@ use caudal::newton::Newton;
 use caudal::rod::node;
 use caudal::scene::Scene;
 use caudal::system::{Direction, Linearisation, State, System};
+use common::{Dice, SOFT, largest, scene_of};
 use nalgebra::{DMatrix, Matrix2, Vector2};
 use proptest::prelude::*;
-use support::{Dice, SOFT, largest, scene};
 
 /// x → turn·x + shift; a mirror where the determinant is −1.
 #[derive(Debug, Clone, Copy)]
@@ -76,8 +74,9 @@ impl Placement {
 }
 
 fn scenes() -> [Scene; 3] {
-    let with =
-        |more: &[&str]| scene(SOFT, &[&["loads.gravity_m_s2=[0.3,-9.8]", "medium.flow_m_s=[0.4,-0.2]"], more].concat());
+    let with = |more: &[&str]| {
+        scene_of(SOFT, &[&["loads.gravity_m_s2=[0.3,-9.8]", "medium.flow_m_s=[0.4,-0.2]"], more].concat())
+    };
     [
         with(&[]),
         with(&["head.kind=driven", "head.position_m=[0.2,-0.1]", "head.angle_rad=0.7"]),

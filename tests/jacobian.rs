@@ -1,8 +1,6 @@
 //! Every derivative in the program is that of the force or energy beside it, to 1e-6 against differences.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-
-mod support;
+mod common;
 
 use std::sync::Arc;
 
@@ -13,8 +11,8 @@ use caudal::model::{Dynamics, Model};
 use caudal::rod::{Edge, bend, node, stretch};
 use caudal::scene::Scene;
 use caudal::system::{Direction, Linearisation, State, System};
+use common::{Dice, SOFT, largest, scene_of};
 use nalgebra::{DMatrix, DVector, Vector2};
-use support::{Dice, SOFT, largest, scene};
 
 /// Largest difference allowed between a derivative and its central difference, over the largest entry. Measured:
 /// stretching 9.2e-11, bending 2.7e-10 (rounding of the differences), drag 1.7e-9 by position and 6.5e-13 by velocity,
@@ -194,7 +192,7 @@ fn the_flows_power_less_the_viscous_power_is_the_power_of_the_drag_force() {
 /// Scenes with a free, a clamped and a driven head, loads, flow and host inputs.
 fn whole_scenes() -> Vec<(&'static str, Scene)> {
     let loads = ["loads.gravity_m_s2=[0.3,-9.8]", "medium.flow_m_s=[0.4,-0.2]"];
-    let with = |more: &[&str]| scene(SOFT, &[&loads, more].concat());
+    let with = |more: &[&str]| scene_of(SOFT, &[&loads, more].concat());
     vec![
         ("free", with(&[])),
         ("clamped", with(&["head.kind=clamped"])),

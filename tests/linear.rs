@@ -1,12 +1,10 @@
 //! The matrix is what its dense twin is, and the solver solves what it is given or says that it cannot.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-
-mod support;
+mod common;
 
 use caudal::linear::{BandMatrix, FaerLu, LinearSolver};
+use common::{Dice, largest};
 use nalgebra::{DMatrix, DVector, Matrix2};
-use support::{Dice, largest};
 
 /// A random band matrix of `nodes` nodes and its dense twin, filled block by block in a random order, twice over.
 fn random(nodes: usize, dice: &mut Dice) -> (BandMatrix, DMatrix<f64>) {

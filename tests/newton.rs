@@ -1,9 +1,7 @@
 //! Newton's method converges quadratically; where it cannot, the step is halved a bounded number of times and then
 //! refused with numbers, and the state before stands. No fold-over, collapse or NaN is stepped through in silence.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-
-mod support;
+mod common;
 
 use std::sync::Arc;
 
@@ -13,8 +11,8 @@ use caudal::newton::Newton;
 use caudal::rod::node;
 use caudal::stepper::Stepper;
 use caudal::system::{Direction, Linearisation, State, System};
+use common::{SOFT, STUDY, scene_of, stepper_of};
 use nalgebra::Vector2;
-use support::{SOFT, STUDY, scene, stepper};
 
 /// Increments of Newton's method, over the length, on the first implicit-Euler step of `h` (s) from the first state.
 fn first_step(system: &mut dyn System, mut state: State, h: f64) -> Result<Vec<f64>> {
@@ -31,7 +29,7 @@ fn quadratic_constant(increments: &[f64]) -> f64 {
 }
 
 fn dynamics(text: &str, overrides: &[&str]) -> (Dynamics, State) {
-    let mut dynamics = Dynamics::new(Arc::new(scene(text, overrides).model().unwrap()));
+    let mut dynamics = Dynamics::new(Arc::new(scene_of(text, overrides).model().unwrap()));
     let state = dynamics.first_state();
     (dynamics, state)
 }
@@ -120,7 +118,7 @@ fn readable(stepper: &Stepper) -> Vec<Vec<f64>> {
 
 #[test]
 fn a_step_that_cannot_be_made_is_halved_ten_times_and_refused_with_its_numbers_and_the_state_before_stands() {
-    let mut stepper = stepper(STUDY, &[]);
+    let mut stepper = stepper_of(STUDY, &[]);
     stepper.do_step(0.015).unwrap();
     stepper.set("natural_curvature_1_m", &[1e4; 7]).unwrap();
     let (state, values, iterations) = (stepper.state().clone(), readable(&stepper), stepper.work().newton_iterations);
@@ -143,7 +141,7 @@ fn a_step_that_cannot_be_made_is_halved_ten_times_and_refused_with_its_numbers_a
     assert_eq!(*stepper.state(), state);
     assert_eq!(readable(&stepper), values);
     // It goes on once the input is sound again, as if nothing had been.
-    let mut other = support::stepper(STUDY, &[]);
+    let mut other = common::stepper_of(STUDY, &[]);
     other.do_step(0.015).unwrap();
     for stepper in [&mut stepper, &mut other] {
         stepper.set("natural_curvature_1_m", &[0.0; 7]).unwrap();
@@ -154,7 +152,7 @@ fn a_step_that_cannot_be_made_is_halved_ten_times_and_refused_with_its_numbers_a
 
 #[test]
 fn a_failed_step_of_a_head_that_a_host_moves_leaves_the_head_where_it_was_and_as_fast() {
-    let mut stepper = stepper(STUDY, &["head.kind=driven"]);
+    let mut stepper = stepper_of(STUDY, &["head.kind=driven"]);
     stepper.set("head_y_m", &[1e-4]).unwrap();
     stepper.do_step(5e-3).unwrap();
     let moving = stepper.state().clone();
@@ -168,7 +166,7 @@ fn a_failed_step_of_a_head_that_a_host_moves_leaves_the_head_where_it_was_and_as
 
 #[test]
 fn halving_carries_a_hard_step_through_and_is_counted() {
-    let mut stepper = stepper(STUDY, &[]);
+    let mut stepper = stepper_of(STUDY, &[]);
     stepper.do_step(0.015).unwrap();
     stepper.set("natural_curvature_1_m", &[100.0; 7]).unwrap();
     stepper.do_step(5e-3).unwrap();
@@ -180,7 +178,7 @@ fn halving_carries_a_hard_step_through_and_is_counted() {
 
 /// The error of one step of the study's tail after `set`, with everything readable before and after it.
 fn refusal(overrides: &[&str], set: &[(&str, &[f64])]) -> (Error, f64) {
-    let mut stepper = stepper(STUDY, overrides);
+    let mut stepper = stepper_of(STUDY, overrides);
     stepper.do_step(0.015).unwrap();
     for (name, values) in set {
         stepper.set(name, values).unwrap();

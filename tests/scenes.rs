@@ -1,17 +1,15 @@
 //! Every mistake in a scene is one error with file, line and key, what was found and what is allowed; every key of the
 //! contract is read; and no text at all, however broken, makes the program panic.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-
-mod support;
+mod common;
 
 use std::fmt::Write;
 
 use caudal::error::Error;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
+use common::SOFT;
 use proptest::prelude::*;
-use support::SOFT;
 
 /// A scene with every key.
 const FULL: &str = r#"name = "full"
@@ -453,7 +451,7 @@ fn steps_cover_the_duration_with_a_shorter_last_one_if_need_be() {
         (1.0 / 3.0, 1.0, 3, None),
     ] {
         let set = [format!("solver.time_step_s={step}"), format!("solver.duration_s={duration:?}")];
-        let scene = support::scene(SOFT, &[&set[0], &set[1]]);
+        let scene = common::scene_of(SOFT, &[&set[0], &set[1]]);
         let (found, rest) = scene.steps();
         assert_eq!(found, whole, "{step} {duration}");
         match (rest, last) {

@@ -1,16 +1,14 @@
 //! The stepper: steps split without a trace, time never drifts, a snapshot brings back every bit, and a wrong call is
 //! an error that changes nothing.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-
-mod support;
+mod common;
 
 use std::collections::HashSet;
 
 use caudal::error::Error;
 use caudal::stepper::Stepper;
 use caudal::variable::{Causality, VARIABLES};
-use support::{Dice, SOFT, STUDY, stepper};
+use common::{Dice, SOFT, STUDY, stepper_of};
 
 /// One scene of each kind: which parts are present decides which variables there are.
 fn kinds() -> Vec<(&'static str, Stepper)> {
@@ -20,13 +18,13 @@ fn kinds() -> Vec<(&'static str, Stepper)> {
     let loads = ["loads.gravity_m_s2=[0.0,-9.8]", "loads.point=[{node=-1,force_n=[0.0,1.0]}]"];
     let head = ["head.kind=driven", "head.position_m={amplitude=[0.0,0.02],frequency_hz=1.0}", "head.angle_rad=0.1"];
     vec![
-        ("study", stepper(STUDY, &[])),
-        ("soft", stepper(SOFT, &["medium.flow_m_s=[0.05,0.02]"])),
-        ("passive", stepper(&passive, &loads)),
-        ("dry", stepper(&dry, &[])),
-        ("ramp", stepper(SOFT, &["start.kind=ramp", "start.ramp_s=0.1"])),
-        ("clamped", stepper(SOFT, &["head.kind=clamped", loads[0], loads[1]])),
-        ("driven", stepper(SOFT, &[head[0], head[1], head[2], "solver.integrator=newmark"])),
+        ("study", stepper_of(STUDY, &[])),
+        ("soft", stepper_of(SOFT, &["medium.flow_m_s=[0.05,0.02]"])),
+        ("passive", stepper_of(&passive, &loads)),
+        ("dry", stepper_of(&dry, &[])),
+        ("ramp", stepper_of(SOFT, &["start.kind=ramp", "start.ramp_s=0.1"])),
+        ("clamped", stepper_of(SOFT, &["head.kind=clamped", loads[0], loads[1]])),
+        ("driven", stepper_of(SOFT, &[head[0], head[1], head[2], "solver.integrator=newmark"])),
     ]
 }
 
@@ -92,7 +90,7 @@ fn one_step_of_two_parts_is_two_steps_of_one_to_the_bit() {
 
 #[test]
 fn a_step_of_many_parts_is_as_many_steps_to_the_bit_from_any_multiple_of_the_internal_step() {
-    let (mut whole, mut split) = (stepper(STUDY, &[]), stepper(STUDY, &[]));
+    let (mut whole, mut split) = (stepper_of(STUDY, &[]), stepper_of(STUDY, &[]));
     for parts in [3, 1, 7, 20] {
         whole.do_step(f64::from(parts) * 5e-3).unwrap();
         for _ in 0..parts {
@@ -106,7 +104,7 @@ fn a_step_of_many_parts_is_as_many_steps_to_the_bit_from_any_multiple_of_the_int
 fn a_step_of_any_length_ends_exactly_at_its_end_in_the_fewest_equal_parts() {
     let mut dice = Dice(3);
     for _ in 0..100 {
-        let mut stepper = stepper(SOFT, &["rod.nodes=3"]);
+        let mut stepper = stepper_of(SOFT, &["rod.nodes=3"]);
         stepper.do_step(dice.between(1e-4, 5e-3)).unwrap();
         let (t, before) = (stepper.time(), stepper.meter().steps);
         let h = 2e-3 * dice.between(0.01, 6.0);
@@ -119,8 +117,8 @@ fn a_step_of_any_length_ends_exactly_at_its_end_in_the_fewest_equal_parts() {
 #[test]
 fn the_parts_of_a_step_are_equal() {
     // A head that a host moves at constant speed is, at the end of each part, where the part's length says.
-    let mut whole = stepper(SOFT, &["head.kind=driven", "rod.nodes=3"]);
-    let mut parts = stepper(SOFT, &["head.kind=driven", "rod.nodes=3"]);
+    let mut whole = stepper_of(SOFT, &["head.kind=driven", "rod.nodes=3"]);
+    let mut parts = stepper_of(SOFT, &["head.kind=driven", "rod.nodes=3"]);
     let h = 5e-3; // 2.5 steps: three parts
     whole.set("head_x_m", &[3e-3]).unwrap();
     whole.do_step(h).unwrap();
@@ -128,7 +126,7 @@ fn the_parts_of_a_step_are_equal() {
         parts.set("head_x_m", &[1e-3 * f64::from(k)]).unwrap();
         parts.do_step(h / 3.0).unwrap();
     }
-    let worst = support::largest(whole.state().q.iter().zip(&parts.state().q).map(|(a, b)| a - b));
+    let worst = common::largest(whole.state().q.iter().zip(&parts.state().q).map(|(a, b)| a - b));
     // Measured: 8.7e-19 m, rounding alone.
     assert!(worst < 1e-16, "{worst:e}");
 }
@@ -136,7 +134,7 @@ fn the_parts_of_a_step_are_equal() {
 #[test]
 fn time_never_drifts() {
     // 0.1 s and its multiples are not binary fractions; summed 20 000 times they would be 1e-9 s off.
-    let mut stepper = stepper(SOFT, &["rod.nodes=3", "solver.time_step_s=0.1", "actuation.kappa_amp=0.0"]);
+    let mut stepper = stepper_of(SOFT, &["rod.nodes=3", "solver.time_step_s=0.1", "actuation.kappa_amp=0.0"]);
     let mut sum = 0.0;
     for n in 1..=20_000 {
         stepper.do_step(0.1).unwrap();
@@ -204,7 +202,7 @@ fn a_snapshot_goes_on_in_another_stepper_of_the_same_scene() {
 #[test]
 fn a_snapshot_brings_back_every_bit_after_a_failed_step() {
     for overrides in [&[][..], &["head.kind=driven"]] {
-        let mut stepper = stepper(STUDY, overrides);
+        let mut stepper = stepper_of(STUDY, overrides);
         stepper.set("force_y_n", &[0.1; 9]).unwrap();
         stepper.do_step(0.01).unwrap();
         let snapshot = stepper.save();
@@ -228,7 +226,7 @@ fn a_snapshot_brings_back_every_bit_after_a_failed_step() {
 
 #[test]
 fn a_snapshot_of_another_number_of_nodes_is_refused_and_changes_nothing() {
-    let (mut nine, five) = (stepper(SOFT, &[]), stepper(SOFT, &["rod.nodes=5"]));
+    let (mut nine, five) = (stepper_of(SOFT, &[]), stepper_of(SOFT, &["rod.nodes=5"]));
     let before = bits(&nine);
     assert_eq!(nine.restore(&five.save()), Err(Error::WrongLength { name: "snapshot", expected: 18, found: 10 }));
     assert_eq!(bits(&nine), before);
@@ -236,7 +234,7 @@ fn a_snapshot_of_another_number_of_nodes_is_refused_and_changes_nothing() {
 
 #[test]
 fn wrong_calls_are_errors_and_change_nothing() {
-    let mut stepper = stepper(STUDY, &["head.kind=driven"]);
+    let mut stepper = stepper_of(STUDY, &["head.kind=driven"]);
     stepper.do_step(0.012).unwrap();
     let (state, before, untouched) = (stepper.state().clone(), bits(&stepper), stepper.save());
     let mut refused = |call: &dyn Fn(&mut Stepper) -> caudal::Result<()>, words: &str| {
@@ -367,7 +365,7 @@ fn every_input_can_be_set_and_is_read_back_and_no_other_input_changes() {
 fn a_change_of_frequency_keeps_the_phase() {
     // With the rod held still, the bending energy is a function of the natural curvature alone.
     for changes in [&[5.0][..], &[0.0, 1.5], &[3.0, 0.25, 40.0]] {
-        let mut stepper = stepper(SOFT, &[]);
+        let mut stepper = stepper_of(SOFT, &[]);
         stepper.do_step(0.237).unwrap();
         let before = (stepper.get_scalar("bending_energy_j").unwrap(), stepper.meter().work);
         for frequency in changes {
@@ -390,7 +388,7 @@ fn a_change_of_frequency_keeps_the_phase() {
 
 #[test]
 fn inputs_hold_over_a_step_of_many_parts() {
-    let (mut once, mut often) = (stepper(SOFT, &[]), stepper(SOFT, &[]));
+    let (mut once, mut often) = (stepper_of(SOFT, &[]), stepper_of(SOFT, &[]));
     let inputs: [(&str, Vec<f64>); 4] = [
         ("force_y_n", vec![0.3; 9]),
         ("natural_curvature_1_m", vec![0.7; 7]),
@@ -412,7 +410,7 @@ fn inputs_hold_over_a_step_of_many_parts() {
 
 #[test]
 fn a_heads_targets_are_reached_at_the_end_of_the_step_along_a_line_or_with_rates_a_cubic() {
-    let mut stepper = stepper(SOFT, &["head.kind=driven"]);
+    let mut stepper = stepper_of(SOFT, &["head.kind=driven"]);
     stepper.set("head_x_m", &[4e-3]).unwrap();
     stepper.set("head_angle_rad", &[0.02]).unwrap();
     assert_eq!(stepper.get_scalar("head_dx_m").unwrap(), 0.0);

@@ -19,8 +19,8 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
     let (document, scene) = arguments.read()?;
     let mut stepper = Stepper::of(&scene)?;
     let assessment = Assessment::of(&scene, &stepper)?;
-    if let Some(refusal) = &assessment.refusal {
-        return Ok(refuse(refusal));
+    if let Some(fault) = &assessment.refusal {
+        return Ok(refuse(&document.refuse(fault)));
     }
     let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
     let mut output = match Output::create(&folder, &scene, &stepper) {

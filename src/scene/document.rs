@@ -90,6 +90,17 @@ impl Document {
     /// # Errors
     /// [`Error::Scene`] with file, line and key.
     pub fn scene(&self) -> Result<Scene> {
+        self.with_root(|root| self.scene_of(root))
+    }
+
+    /// The error of a fault that was found after reading, at its key.
+    pub fn refuse(&self, fault: &Fault) -> Error {
+        let at = |root: &Spanned<DeTable<'_>>| Ok(self.error(root, span_of(root.get_ref(), &fault.key), fault));
+        self.with_root(at).unwrap_or_else(|error| error)
+    }
+
+    /// Parses text and overrides.
+    fn with_root<T>(&self, read: impl FnOnce(&Spanned<DeTable<'_>>) -> Result<T>) -> Result<T> {
         let mut root = DeTable::parse(&self.text).map_err(|e| Error::Scene {
             place: self.place(e.span()),
             key: String::new(),
@@ -105,24 +116,27 @@ impl Document {
                 .map_err(|e| self.error(&root, e.span(), &Fault { key: String::new(), problem: e.message().into() }))?;
             merge(root.get_mut(), table.into_inner());
         }
-        check_tables(root.get_ref()).map_err(|fault| self.error(&root, span_of(root.get_ref(), &fault.key), &fault))?;
+        read(&root)
+    }
+
+    fn scene_of(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
+        check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         let mut scene = Scene::deserialize(toml::Deserializer::from(root.clone())).map_err(|e| {
             let span = e.span().filter(|span| *span != root.span());
             let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
             let found = span.as_ref().and_then(|span| self.source(span));
             let (key, problem) = reworded(key, e.message(), found);
-            self.error(&root, span, &Fault { key, problem })
+            self.error(root, span, &Fault { key, problem })
         })?;
         if scene.name.is_empty() {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
         scene.folder = self.path.parent().map(Path::to_path_buf).unwrap_or_default();
-        scene.check().map_err(|fault| self.error(&root, span_of(root.get_ref(), &fault.key), &fault))?;
+        scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         Ok(scene)
     }
 
-    /// The error of a fault found after reading, at its key.
-    pub(super) fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &Fault) -> Error {
+    fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &Fault) -> Error {
         let span = span.filter(|span| *span != root.span());
         Error::Scene { place: self.place(span), key: fault.key.clone(), problem: fault.problem.clone() }
     }

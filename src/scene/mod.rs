@@ -443,12 +443,11 @@ impl Scene {
     /// # Errors
     /// [`Error::Scene`]; none for a scene that was read by [`Document::scene`].
     pub fn integrator(&self) -> Result<Box<dyn Integrator>> {
-        let (method, values) = self.method().map_err(|Fault { key, problem }| self.refusal(&key, problem))?;
+        let (method, values) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;
         Ok((method.build)(&values))
     }
 
-    /// The error of a key of this scene that is found wrong after reading.
-    pub fn refusal(&self, key: &str, problem: String) -> Error {
+    fn error(&self, key: &str, problem: String) -> Error {
         Error::Scene { place: self.name.clone(), key: key.to_string(), problem }
     }
 
