@@ -89,7 +89,7 @@ fn watch_for_interrupts() -> Arc<AtomicBool> {
 /// A bar with the time left on a terminal, nothing elsewhere.
 fn progress_bar(steps: u64) -> ProgressBar {
     let bar = ProgressBar::new(steps);
-    if let Ok(style) = ProgressStyle::with_template("{bar:40} {percent:>3} %  step {pos} of {len}  {eta} left") {
+    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  step {pos}/{len}  {eta} left") {
         bar.set_style(style);
     }
     bar

@@ -40,14 +40,12 @@ impl Output {
         } else {
             None
         };
-        let (whole, last) = scene.steps();
-        let steps = whole + u64::from(last.is_some());
         let period = scene.actuation.as_ref().map(|a| a.frequency_hz.get()).filter(|f| *f > 0.0).map(|f| 1.0 / f);
         let mut output = Self {
             folder: folder.to_path_buf(),
             trajectory,
             nodes,
-            record: Record::start(stepper, steps, scene.solver.duration_s.get()),
+            record: Record::start(stepper),
             every: scene.record.every.get() as u64,
             step: 0,
             period,

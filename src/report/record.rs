@@ -3,11 +3,10 @@
 use crate::stepper::Stepper;
 use crate::variable::Variable;
 
-/// About this many times are kept for a curve.
-const SAMPLES: u64 = 2000;
-/// Fewest and most frames of the animation, and how many a second of the run between them.
-const FRAMES: [f64; 2] = [200.0, 900.0];
-const FRAMES_PER_SECOND: f64 = 30.0;
+/// Between half of this and this many times are kept for a curve.
+const SAMPLES: usize = 2500;
+/// The same for frames of the animation.
+const FRAMES: usize = 1200;
 /// At most about this many nodes of a frame are kept.
 const POINTS: usize = 120;
 
@@ -22,62 +21,76 @@ pub struct Frame {
     pub com: [f64; 2],
 }
 
+/// Every n-th of what comes; n doubles when `limit` is reached, so the run's length need not be known.
+#[derive(Debug)]
+struct Thinned<T> {
+    kept: Vec<T>,
+    every: u64,
+    limit: usize,
+}
+
+impl<T> Thinned<T> {
+    fn new(limit: usize) -> Self {
+        Self { kept: Vec::with_capacity(limit), every: 1, limit }
+    }
+
+    fn offer(&mut self, step: u64, item: impl FnOnce() -> T) {
+        if !step.is_multiple_of(self.every) {
+            return;
+        }
+        if self.kept.len() == self.limit {
+            let mut index = 0;
+            self.kept.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+            self.every *= 2;
+            if !step.is_multiple_of(self.every) {
+                return;
+            }
+        }
+        self.kept.push(item());
+    }
+}
+
 /// Curves and frames of a run.
 #[derive(Debug)]
 pub struct Record {
     columns: Vec<&'static Variable>,
-    samples: Vec<Vec<f64>>,
-    frames: Vec<Frame>,
-    every: [u64; 2],
+    samples: Thinned<Vec<f64>>,
+    frames: Thinned<Frame>,
     step: u64,
 }
 
 impl Record {
-    /// A record for a run of `steps` steps over `duration` (s), with the state at its start.
-    pub fn start(stepper: &Stepper, steps: u64, duration: f64) -> Self {
-        let frames = (FRAMES_PER_SECOND * duration).clamp(FRAMES[0], FRAMES[1]) as u64;
+    /// A record that begins with the state at the start of a run.
+    pub fn start(stepper: &Stepper) -> Self {
         let mut record = Self {
             columns: stepper.variables().iter().copied().filter(|variable| variable.recorded).collect(),
-            samples: Vec::new(),
-            frames: Vec::new(),
-            every: [SAMPLES, frames].map(|wanted| (steps / wanted).max(1)),
+            samples: Thinned::new(SAMPLES),
+            frames: Thinned::new(FRAMES),
             step: 0,
         };
-        record.keep(stepper, [true, true]);
+        record.samples.offer(0, || sample(&record.columns, stepper));
+        record.frames.offer(0, || frame(stepper));
         record
     }
 
     /// Sees the state after a step.
     pub fn step(&mut self, stepper: &Stepper) {
         self.step += 1;
-        self.keep(stepper, self.every.map(|every| self.step.is_multiple_of(every)));
+        self.samples.offer(self.step, || sample(&self.columns, stepper));
+        self.frames.offer(self.step, || frame(stepper));
     }
 
     /// Sees the state at the end, unless it is there already.
     pub fn finish(&mut self, stepper: &Stepper) {
         let now = Some(stepper.time());
-        let samples_end = self.samples.last().map(|sample| sample[0]);
-        let frames_end = self.frames.last().map(|frame| frame.time);
-        self.keep(stepper, [samples_end != now, frames_end != now]);
-    }
-
-    fn keep(&mut self, stepper: &Stepper, [sample, frame]: [bool; 2]) {
-        if sample {
-            let view = stepper.view();
-            self.samples.push(self.columns.iter().map(|variable| variable.first(&view)).collect());
+        if self.samples.kept.last().map(|sample| sample[0]) != now {
+            self.samples.kept.push(sample(&self.columns, stepper));
         }
-        if frame {
-            let nodes = stepper.model().rod.nodes;
-            let points = POINTS.min(nodes);
-            let point = |i: usize| {
-                let k = i * (nodes - 1) / (points - 1);
-                [stepper.state().q[2 * k], stepper.state().q[2 * k + 1]]
-            };
-            self.frames.push(Frame {
-                time: stepper.time(),
-                points: (0..points).map(point).collect(),
-                com: stepper.meter().now.com.into(),
-            });
+        if self.frames.kept.last().map(|frame| frame.time) != now {
+            self.frames.kept.push(frame(stepper));
         }
     }
 
@@ -85,13 +98,28 @@ impl Record {
     pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         let column = |name: &str| self.columns.iter().position(|variable| variable.name == name);
         match (column(x), column(y)) {
-            (Some(x), Some(y)) => self.samples.iter().map(|sample| (sample[x], sample[y])).collect(),
+            (Some(x), Some(y)) => self.samples.kept.iter().map(|sample| (sample[x], sample[y])).collect(),
             _ => Vec::new(),
         }
     }
 
     /// The frames in order of time; never empty.
     pub fn frames(&self) -> &[Frame] {
-        &self.frames
+        &self.frames.kept
     }
+}
+
+fn sample(columns: &[&Variable], stepper: &Stepper) -> Vec<f64> {
+    let view = stepper.view();
+    columns.iter().map(|variable| variable.first(&view)).collect()
+}
+
+fn frame(stepper: &Stepper) -> Frame {
+    let nodes = stepper.model().rod.nodes;
+    let points = POINTS.min(nodes);
+    let point = |i: usize| {
+        let k = i * (nodes - 1) / (points - 1);
+        [stepper.state().q[2 * k], stepper.state().q[2 * k + 1]]
+    };
+    Frame { time: stepper.time(), points: (0..points).map(point).collect(), com: stepper.meter().now.com.into() }
 }

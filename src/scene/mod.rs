@@ -71,7 +71,8 @@ pub struct RodTable {
     pub length_m: Positive,
     /// Outer radius, m.
     pub outer_radius_m: Positive,
-    /// Inner radius, m; 0 is a solid rod.
+    /// Inner radius, m; 0, a solid rod, where it is not given.
+    #[serde(default = "solid")]
     pub inner_radius_m: NotNegative,
     /// Young's modulus, Pa.
     pub youngs_modulus_pa: Positive,
@@ -283,28 +284,24 @@ fn default_integrator() -> String {
     "implicit-euler".to_string()
 }
 
-/// Reads a constant of this module; the texts are literals of the right kind.
-fn literal<T: for<'de> Deserialize<'de>>(value: f64) -> T {
-    use serde::de::{IntoDeserializer, value::Error};
-    let deserializer: serde::de::value::F64Deserializer<Error> = value.into_deserializer();
-    #[expect(clippy::expect_used, reason = "called with constants of this file only, each in its range")]
-    T::deserialize(deserializer).expect("a constant in its range")
+fn default_tolerance() -> Tolerance {
+    Tolerance::constant(1e-10)
 }
 
-fn default_tolerance() -> Tolerance {
-    literal(1e-10)
+fn solid() -> NotNegative {
+    NotNegative::constant(0.0)
 }
 
 fn one_metre() -> Positive {
-    literal(1.0)
+    Positive::constant(1.0)
 }
 
 fn even_envelope() -> [Finite; 2] {
-    [literal(1.0), literal(0.0)]
+    [Finite::constant(1.0), Finite::constant(0.0)]
 }
 
 fn still() -> [Finite; 2] {
-    [literal(0.0), literal(0.0)]
+    [Finite::constant(0.0); 2]
 }
 
 fn every_step() -> Whole<1, 1_000_000_000> {
@@ -455,7 +452,7 @@ impl Scene {
     fn stiffness(&self) -> Stiffness {
         match (&self.rod.stiffness_profile, self.rod.stiffness_gradient) {
             (Some(points), _) => Stiffness::Profile(points.iter().map(|point| point.map(NotNegative::get)).collect()),
-            (None, gradient) => Stiffness::Gradient(gradient.map_or(0.0, Gradient::get)),
+            (None, gradient) => Stiffness::Gradient(gradient.unwrap_or(Gradient::constant(0.0)).get()),
         }
     }
 

@@ -14,6 +14,11 @@ macro_rules! number {
         pub struct $name(f64);
 
         impl $name {
+            /// A default; not checked.
+            pub(super) const fn constant(number: f64) -> Self {
+                Self(number)
+            }
+
             /// The number.
             pub const fn get(self) -> f64 {
                 self.0
