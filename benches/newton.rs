@@ -74,7 +74,7 @@ fn newton(criterion: &mut Criterion) {
         let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
         let mut state = stepper.state().clone();
         dynamics.move_to(state.t, &mut state);
-        let mut matrix = BandMatrix::new(nodes).unwrap();
+        let mut matrix = BandMatrix::new(nodes);
         let mut residual = vec![0.0; 2 * nodes];
 
         group.bench_function(id("assemble"), |b| {

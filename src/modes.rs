@@ -42,7 +42,7 @@ impl Modes {
             head: held.then(|| [0.0; 3].map(Signal::Constant)),
         }));
         let straight = dynamics.first_state();
-        let mut matrix = BandMatrix::new(rod.nodes)?;
+        let mut matrix = BandMatrix::new(rod.nodes);
         let direction = Direction { q: 1.0, v: 0.0, a: 0.0 };
         let stiffness = Linearisation { matrix: &mut matrix, direction };
         dynamics.assemble(&straight, &mut vec![0.0; 2 * rod.nodes], Some(stiffness))?;

@@ -43,7 +43,7 @@ impl Newton {
     /// # Errors
     /// Those of [`LinearSolver::analyse`].
     pub fn new(nodes: usize, tolerance: f64) -> Result<Self> {
-        let jacobian = BandMatrix::new(nodes)?;
+        let jacobian = BandMatrix::new(nodes);
         let solver = FaerLu::analyse(&jacobian)?;
         Ok(Self { tolerance, increment: vec![0.0; jacobian.unknowns()], jacobian, solver, work: Work::default() })
     }

@@ -112,7 +112,7 @@ struct Assembly {
 fn assemble(dynamics: &mut Dynamics, state: &State) -> Assembly {
     let n = state.q.len();
     let mut residual = vec![0.0; n];
-    let mut matrix = BandMatrix::new(n / 2).unwrap();
+    let mut matrix = BandMatrix::new(n / 2);
     let linearisation = Linearisation { matrix: &mut matrix, direction: Direction { q: 1e-4, v: 1e-2, a: 1.0 } };
     dynamics.unconstrained(state, &mut residual, Some(linearisation)).unwrap();
     let mut reading = Reading::new(n / 2);

@@ -156,7 +156,7 @@ fn drag_force(drag: &HalfEdges<StokesLike>, q: &[f64], v: &[f64], fluid: Fluid) 
 }
 
 fn drag_matrix(drag: &HalfEdges<StokesLike>, q: &[f64], v: &[f64], fluid: Fluid, direction: Direction) -> DMatrix<f64> {
-    let mut matrix = BandMatrix::new(EDGES + 1).unwrap();
+    let mut matrix = BandMatrix::new(EDGES + 1);
     let mut force = vec![0.0; q.len()];
     let mut linearisation = Linearisation { matrix: &mut matrix, direction };
     drag.assemble(&edges(q), v, fluid, &mut force, Some(&mut linearisation));
@@ -252,7 +252,7 @@ fn the_assembled_jacobian_is_that_of_the_residual_along_every_direction_for_ever
                     Direction { q: around(1e-5), v: around(1e-2), a: around(1.0) }
                 }
             };
-            let mut matrix = BandMatrix::new(model.rod.nodes).unwrap();
+            let mut matrix = BandMatrix::new(model.rod.nodes);
             let mut scratch = vec![0.0; unknowns];
             let linearisation = Linearisation { matrix: &mut matrix, direction };
             dynamics.assemble(&state, &mut scratch, Some(linearisation)).unwrap();

@@ -2,118 +2,93 @@
 
 mod faer_lu;
 
-use faer::sparse::{SparseColMatRef, SymbolicSparseColMat};
 use nalgebra::Matrix2;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 pub use faer_lu::FaerLu;
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
 const REACH: usize = 2;
 
+/// The five blocks of a row of blocks, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
+pub type BlockRow = [[f64; 4]; 2 * REACH + 1];
+
 /// Square matrix of 2×2 blocks, one row of blocks a node, in which node k meets nodes k−2 … k+2 (half-bandwidth 5).
 ///
-/// Stored compressed by columns with a pattern that never changes; blocks are added in place.
-#[derive(Debug, Clone)]
+/// Its pattern never changes; blocks are added in place. Blocks that would lie outside the matrix stay zero.
+#[derive(Debug, Clone, PartialEq)]
 pub struct BandMatrix {
-    nodes: usize,
-    pattern: SymbolicSparseColMat<u32>,
-    values: Vec<f64>,
+    rows: Vec<BlockRow>,
 }
 
 impl BandMatrix {
     /// The zero matrix for a rod of `nodes` nodes.
-    ///
-    /// # Errors
-    /// [`Error::Linear`] where the pattern does not fit 32-bit indices (over 2·10⁸ nodes).
-    pub fn new(nodes: usize) -> Result<Self> {
-        let too_large = |reason: &str| Error::Linear { unknowns: 2 * nodes, reason: reason.to_string() };
-        let entries = 4 * (0..nodes).map(|j| Self::block_rows(nodes, j).len()).sum::<usize>();
-        if u32::try_from(entries).is_err() {
-            return Err(too_large("more entries than 32-bit indices can count"));
-        }
-        let mut column_starts = Vec::with_capacity(2 * nodes + 1);
-        let mut rows = Vec::with_capacity(entries);
-        column_starts.push(0);
-        for j in 0..nodes {
-            let blocks = Self::block_rows(nodes, j);
-            for _ in 0..2 {
-                rows.extend(2 * blocks.start as u32..2 * blocks.end as u32);
-                column_starts.push(rows.len() as u32);
-            }
-        }
-        let pattern = SymbolicSparseColMat::new_checked(2 * nodes, 2 * nodes, column_starts, None, rows);
-        Ok(Self { nodes, pattern, values: vec![0.0; entries] })
+    pub fn new(nodes: usize) -> Self {
+        Self { rows: vec![BlockRow::default(); nodes] }
     }
 
-    /// Block rows that block column `j` has entries in.
-    fn block_rows(nodes: usize, j: usize) -> std::ops::Range<usize> {
-        j.saturating_sub(REACH)..(j + REACH + 1).min(nodes)
+    /// Nodes that node `k` is coupled to.
+    pub fn coupled(&self, k: usize) -> std::ops::Range<usize> {
+        k.saturating_sub(REACH)..(k + REACH + 1).min(self.rows.len())
+    }
+
+    /// The rows of blocks, one a node.
+    pub fn rows(&self) -> &[BlockRow] {
+        &self.rows
     }
 
     /// Sets every entry to zero.
     pub fn clear(&mut self) {
-        self.values.fill(0.0);
+        self.rows.fill(BlockRow::default());
     }
 
     /// Adds `block` at block row `i`, block column `j`; |i − j| ≤ 2.
     #[inline]
     pub fn add_block(&mut self, i: usize, j: usize, block: &Matrix2<f64>) {
-        let blocks = Self::block_rows(self.nodes, j);
-        debug_assert!(blocks.contains(&i));
-        let starts = self.pattern.col_ptr();
-        let row = 2 * (i - blocks.start);
-        for b in 0..2 {
-            let at = starts[2 * j + b] as usize + row;
-            let column = &mut self.values[at..at + 2];
-            column[0] += block[(0, b)];
-            column[1] += block[(1, b)];
-        }
+        debug_assert!(self.coupled(i).contains(&j));
+        let [a, b, c, d] = &mut self.rows[i][j + REACH - i];
+        *a += block[(0, 0)];
+        *b += block[(0, 1)];
+        *c += block[(1, 0)];
+        *d += block[(1, 1)];
     }
 
     /// Makes the rows and columns of node `k` those of the identity: its unknowns are prescribed.
     pub fn prescribe(&mut self, k: usize) {
-        let starts = self.pattern.col_ptr();
-        for j in Self::block_rows(self.nodes, k) {
-            let first = Self::block_rows(self.nodes, j).start;
-            for b in 0..2 {
-                let (start, end) = (starts[2 * j + b] as usize, starts[2 * j + b + 1] as usize);
-                if j == k {
-                    self.values[start..end].fill(0.0);
-                    self.values[start + 2 * (k - first) + b] = 1.0;
-                } else {
-                    self.values[start + 2 * (k - first)..start + 2 * (k - first) + 2].fill(0.0);
-                }
-            }
+        for i in self.coupled(k) {
+            self.rows[i][k + REACH - i] = [0.0; 4];
         }
+        self.rows[k] = BlockRow::default();
+        self.rows[k][REACH] = [1.0, 0.0, 0.0, 1.0];
+    }
+
+    /// Number of nodes, and of rows of blocks.
+    pub fn nodes(&self) -> usize {
+        self.rows.len()
     }
 
     /// Number of unknowns, two a node.
     pub fn unknowns(&self) -> usize {
-        2 * self.nodes
-    }
-
-    /// The matrix as faer sees it.
-    pub fn as_faer(&self) -> SparseColMatRef<'_, u32, f64> {
-        SparseColMatRef::new(self.pattern.as_ref(), &self.values)
+        2 * self.rows.len()
     }
 
     /// The entry at row `i`, column `j`; zero outside the band.
     pub fn entry(&self, i: usize, j: usize) -> f64 {
-        self.as_faer().get(i, j).copied().unwrap_or(0.0)
+        if self.coupled(i / 2).contains(&(j / 2)) {
+            self.rows[i / 2][j / 2 + REACH - i / 2][2 * (i % 2) + j % 2]
+        } else {
+            0.0
+        }
     }
 
     /// y = A x, or y = Aᵀ x.
     pub fn multiply(&self, x: &[f64], y: &mut [f64], transposed: bool) {
-        let matrix = self.as_faer();
         y.fill(0.0);
-        for j in 0..self.unknowns() {
-            for (i, a) in matrix.row_idx_of_col(j).zip(matrix.val_of_col(j)) {
-                if transposed {
-                    y[j] += a * x[i];
-                } else {
-                    y[i] += a * x[j];
-                }
+        for i in 0..self.unknowns() {
+            let columns = self.coupled(i / 2);
+            for j in 2 * columns.start..2 * columns.end {
+                let (from, to) = if transposed { (i, j) } else { (j, i) };
+                y[to] += self.entry(i, j) * x[from];
             }
         }
     }
