@@ -93,21 +93,20 @@ impl Reading {
     /// Measures `state`, whose time `dynamics` was last moved to. `scratch` holds two entries a node.
     ///
     /// # Errors
-    /// Those of [`Dynamics::edges`] and [`Dynamics::for_joints`]; [`Error::NotFinite`] for energies and powers.
+    /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
     pub fn take(&mut self, dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<()> {
         self.time = state.t;
         let mut energy = Energy::default();
         let mut power = Power::default();
-        dynamics.edges(&state.q, state.t)?;
+        dynamics.shape(&state.q, state.t)?;
         let rod = &dynamics.model.rod;
-        let (kappas, moments) = (&mut self.kappa, &mut self.moment);
-        dynamics.for_joints(state.t, |k, _, _, kappa| {
-            let deviation = kappa - dynamics.natural[k];
-            kappas[k] = kappa;
-            moments[k] = rod.joint[k] * deviation;
-            energy.bending += 0.5 * moments[k] * deviation;
-            power.actuation -= moments[k] * dynamics.natural_rate[k];
-        })?;
+        self.kappa.copy_from_slice(dynamics.kappa());
+        for k in rod.joints() {
+            let deviation = self.kappa[k] - dynamics.natural[k];
+            self.moment[k] = rod.joint[k] * deviation;
+            energy.bending += 0.5 * self.moment[k] * deviation;
+            power.actuation -= self.moment[k] * dynamics.natural_rate[k];
+        }
         self.natural.copy_from_slice(&dynamics.natural);
         for (k, mass) in rod.mass.iter().enumerate() {
             energy.kinetic += 0.5 * mass * node(&state.v, k).norm_squared();
@@ -116,13 +115,12 @@ impl Reading {
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
         self.com = rod.mean(&state.q);
-        let edges = dynamics.last_edges();
+        let edges = dynamics.edges();
         energy.stretching = edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum();
         if let Some((drag, fluid)) = dynamics.drag() {
             [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
         }
         if let Some([_, _, angle]) = dynamics.held {
-            scratch.fill(0.0);
             let (mass, moment) = (rod.mass[0], self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
             dynamics.unconstrained(state, scratch, None)?;
             let held = node(scratch, 0);

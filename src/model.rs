@@ -5,13 +5,14 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
 
 use crate::actuation::{Actuation, Wave};
 use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
-use crate::rod::{Edge, Rod, add, bend, node, stretch};
+use crate::rod::bend::{self, Joint};
+use crate::rod::{Edge, Rod, elastic, node};
 use crate::start::Start;
 use crate::system::{Linearisation, State, System};
 
@@ -154,6 +155,8 @@ pub struct Dynamics {
     /// Pose of a held head at the time last moved to.
     pub held: Option<Pose>,
     edges: Vec<Edge>,
+    joints: Vec<Joint>,
+    kappa: Vec<f64>,
 }
 
 impl Dynamics {
@@ -165,7 +168,9 @@ impl Dynamics {
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             held: None,
-            edges: vec![Edge { t: Vector2::x(), length: model.rod.spacing }; nodes - 1],
+            edges: vec![Edge::new(Vector2::x()); nodes - 1],
+            joints: vec![Joint::default(); nodes],
+            kappa: vec![0.0; nodes],
             model,
         };
         dynamics.evaluate(0.0);
@@ -225,46 +230,64 @@ impl Dynamics {
         };
     }
 
-    /// Edges at positions `q`.
+    /// Evaluates edges and joints at positions `q` and time `t`, for [`edges`](Self::edges) and [`kappa`](Self::kappa).
     ///
     /// # Errors
-    /// [`Error::NotFinite`], [`Error::EdgeCollapse`].
-    pub fn edges(&mut self, q: &[f64], t: f64) -> Result<&[Edge]> {
-        for (k, edge) in self.edges.iter_mut().enumerate() {
-            *edge = Edge::new(node(q, k + 1) - node(q, k));
-        }
-        let least = COLLAPSED * self.model.rod.spacing;
-        if let Some(k) = self.edges.iter().position(|e| !(least..f64::INFINITY).contains(&e.length)) {
-            return Err(match self.edges[k].length {
-                length if length < least => Error::EdgeCollapse { time_s: t, node: k, length_m: length },
-                _ => Error::NotFinite { time_s: t, node: k, what: "position" },
-            });
-        }
-        Ok(&self.edges)
+    /// [`Error::NotFinite`], [`Error::EdgeCollapse`], [`Error::FoldOver`].
+    pub fn shape(&mut self, q: &[f64], t: f64) -> Result<()> {
+        self.shape_edges(q, t)?;
+        self.shape_joints(t)
     }
 
-    /// The edges of the last call of [`edges`](Self::edges).
-    pub fn last_edges(&self) -> &[Edge] {
+    /// The edges of the last [`shape`](Self::shape).
+    pub fn edges(&self) -> &[Edge] {
         &self.edges
+    }
+
+    /// Curvature κ_k, dimensionless, of the last [`shape`](Self::shape); one entry a node, zero where there is no joint.
+    pub fn kappa(&self) -> &[f64] {
+        &self.kappa
+    }
+
+    fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
+        for (edge, pair) in self.edges.iter_mut().zip(q.windows(4).step_by(2)) {
+            *edge = Edge::new(Vector2::new(pair[2] - pair[0], pair[3] - pair[1]));
+        }
+        let least = COLLAPSED * self.model.rod.spacing;
+        match self.edges.iter().position(|e| !(least..f64::INFINITY).contains(&e.length)) {
+            None => Ok(()),
+            Some(node) => Err(match self.edges[node].length {
+                length_m if length_m < least => Error::EdgeCollapse { time_s: t, node, length_m },
+                _ => Error::NotFinite { time_s: t, node, what: "position" },
+            }),
+        }
     }
 
     /// The direction that a held head prescribes, as the edge before the first.
     fn wall(&self) -> Option<Edge> {
         let [_, _, angle] = self.held.as_ref()?;
-        Some(Edge { t: Vector2::new(angle.value.cos(), angle.value.sin()), length: self.model.rod.spacing })
+        Some(Edge::new(Vector2::new(angle.value.cos(), angle.value.sin()) * self.model.rod.spacing))
     }
 
-    /// Visits every joint: its node, the edges before and after, and κ. The edges are those of the last call of
-    /// [`edges`](Self::edges); before the half-cell joint of a held head stands the head's own direction.
-    #[inline]
-    pub fn for_joints(&self, t: f64, mut visit: impl FnMut(usize, &Edge, &Edge, f64)) -> Result<()> {
-        if let Some(wall) = &self.wall() {
-            visit(0, wall, &self.edges[0], joint_curvature(0, wall, &self.edges[0], t)?);
+    fn shape_joints(&mut self, t: f64) -> Result<()> {
+        let wall = self.wall();
+        let rod = &self.model.rod;
+        let mut folded = None;
+        let mut joint = |k: usize, e: &Edge, f: &Edge| {
+            if 1.0 + e.t.dot(&f.t) <= bend::FOLD {
+                folded = Some(k);
+            }
+            let kappa = bend::curvature(e.t, f.t);
+            self.kappa[k] = kappa;
+            self.joints[k] = Joint::new(rod.joint[k], kappa, self.natural[k]);
+        };
+        if let Some(wall) = &wall {
+            joint(0, wall, &self.edges[0]);
         }
         for (k, pair) in (1..).zip(self.edges.windows(2)) {
-            visit(k, &pair[0], &pair[1], joint_curvature(k, &pair[0], &pair[1], t)?);
+            joint(k, &pair[0], &pair[1]);
         }
-        Ok(())
+        folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: t, node }))
     }
 
     /// Constant and host forces on node `k`, N.
@@ -301,49 +324,10 @@ impl Dynamics {
         residual: &mut [f64],
         mut jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
-        self.edges(&state.q, state.t)?;
+        self.shape(&state.q, state.t)?;
         let Model { rod, load, .. } = &*self.model;
-        for (k, edge) in self.edges.iter().enumerate() {
-            let (gradient, hessian) = stretch::derivatives(edge, rod.ea, rod.spacing);
-            add(residual, k, -gradient);
-            add(residual, k + 1, gradient);
-            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
-                let block = hessian * direction.q;
-                matrix.add_block(k, k, &block);
-                matrix.add_block(k + 1, k + 1, &block);
-                matrix.add_block(k, k + 1, &-block);
-                matrix.add_block(k + 1, k, &-block);
-            }
-        }
-        self.for_joints(state.t, |k, e, f, kappa| {
-            let d = bend::derivatives(e, f, rod.joint[k], kappa, self.natural[k]);
-            // e = x_k − x_{k−1} and f = x_{k+1} − x_k; at k = 0 the direction before is the head's and no node moves it.
-            let (first, d) = if k == 0 { (1, d.with_fixed_start()) } else { (0, d) };
-            let nodes = [k.wrapping_sub(1), k, k + 1];
-            let gradients = [-d.e, d.e - d.f, d.f];
-            for i in first..3 {
-                add(residual, nodes[i], gradients[i]);
-            }
-            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
-                let fe = d.ef.transpose();
-                let hessian = [
-                    [d.ee, d.ef - d.ee, -d.ef],
-                    [fe - d.ee, d.ee - d.ef - fe + d.ff, d.ef - d.ff],
-                    [-fe, fe - d.ff, d.ff],
-                ];
-                for i in first..3 {
-                    for j in first..3 {
-                        matrix.add_block(nodes[i], nodes[j], &(hessian[i][j] * direction.q));
-                    }
-                }
-            }
-        })?;
-        for (k, mass) in rod.mass.iter().enumerate() {
-            add(residual, k, node(&state.a, k) * *mass);
-            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
-                matrix.add_block(k, k, &Matrix2::from_diagonal_element(mass * direction.a));
-            }
-        }
+        let matrix = jacobian.as_mut().map(|j| (j.matrix.rows_mut(), j.direction));
+        elastic::assemble(rod, &self.edges, &self.joints, &state.a, residual, matrix);
         for force in [load, &self.inputs.force].into_iter().flatten() {
             residual.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
         }
@@ -351,16 +335,6 @@ impl Dynamics {
             drag.assemble(&self.edges, &state.v, fluid, residual, jacobian.as_mut());
         }
         Ok(())
-    }
-}
-
-/// κ of the joint at node `k`, refused at fold-over.
-#[inline]
-fn joint_curvature(k: usize, e: &Edge, f: &Edge, t: f64) -> Result<f64> {
-    if 1.0 + e.t.dot(&f.t) > bend::FOLD {
-        Ok(bend::curvature(e.t, f.t))
-    } else {
-        Err(Error::FoldOver { time_s: t, node: k })
     }
 }
 

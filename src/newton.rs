@@ -85,8 +85,6 @@ impl Newton {
     /// # Errors
     /// Whatever the system finds wrong with the state, or [`Error::NotFinite`] for a singular matrix.
     pub fn iterate(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Iteration> {
-        self.jacobian.clear();
-        self.increment.fill(0.0);
         self.work.newton_iterations += 1;
         let linearisation = Linearisation { matrix: &mut self.jacobian, direction };
         system.assemble(state, &mut self.increment, Some(linearisation))?;

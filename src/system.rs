@@ -45,7 +45,7 @@ pub struct Direction {
     pub a: f64,
 }
 
-/// The matrix q ∂f/∂q + v ∂f/∂v + a ∂f/∂a to add to.
+/// The matrix q ∂f/∂q + v ∂f/∂v + a ∂f/∂a to be written.
 #[derive(Debug)]
 pub struct Linearisation<'a> {
     /// The matrix.
@@ -65,7 +65,7 @@ pub trait System {
     /// Moves to time `t`: evaluates all that depends on time alone and writes prescribed unknowns into `state`.
     fn move_to(&mut self, t: f64, state: &mut State);
 
-    /// Adds the residual f (N) at `state` to `residual` and its linearisation, if asked for, to that matrix; the time
+    /// Writes the residual f (N) at `state` to `residual` and its linearisation, if asked for, to that matrix; the time
     /// of `state` is the one last moved to.
     ///
     /// # Errors

@@ -8,7 +8,8 @@ use caudal::drag::{Drag, Fluid, HalfEdges, StokesLike};
 use caudal::linear::BandMatrix;
 use caudal::metrics::Reading;
 use caudal::model::{Dynamics, Model};
-use caudal::rod::{Edge, bend, node, stretch};
+use caudal::rod::bend::{self, Joint};
+use caudal::rod::{Edge, elastic, node, stretch};
 use caudal::scene::Scene;
 use caudal::system::{Direction, Linearisation, State, System};
 use common::{Dice, SOFT, largest, scene_of};
@@ -51,14 +52,21 @@ fn vector(dice: &mut Dice, low: f64, high: f64) -> Vector2<f64> {
     Vector2::new(length * angle.cos(), length * angle.sin())
 }
 
+const NO_JOINT: Joint = Joint { couple: 0.0, stiffness: 0.0 };
+const EA: f64 = 3.0;
+const SPACING: f64 = 0.7;
+
+fn stretching(x: Vector2<f64>) -> Vector2<f64> {
+    let edge = Edge::new(x);
+    elastic::force(&edge, stretch::tension(&edge, EA, SPACING), &NO_JOINT, &NO_JOINT)
+}
+
 #[test]
 fn stretching_gradient_and_hessian_are_those_of_its_energy() {
-    const EA: f64 = 3.0;
-    const SPACING: f64 = 0.7;
     assert_derivatives("stretching gradient", 200, |dice| {
         let x = vector(dice, 0.2, 2.0);
         let energy = |x: &[f64]| vec![stretch::energy(&Edge::new(node(x, 0)), EA, SPACING)];
-        let (gradient, _) = stretch::derivatives(&Edge::new(x), EA, SPACING);
+        let gradient = stretching(x);
         // Over EA: the gradient itself may be near zero.
         largest(
             (DMatrix::from_row_slice(1, 2, gradient.as_slice()) - differences(energy, x.as_slice(), 1e-3))
@@ -68,8 +76,10 @@ fn stretching_gradient_and_hessian_are_those_of_its_energy() {
     });
     assert_derivatives("stretching Hessian", 200, |dice| {
         let x = vector(dice, 0.2, 2.0);
-        let gradient = |x: &[f64]| stretch::derivatives(&Edge::new(node(x, 0)), EA, SPACING).0.as_slice().to_vec();
-        let (_, hessian) = stretch::derivatives(&Edge::new(x), EA, SPACING);
+        let gradient = |x: &[f64]| stretching(node(x, 0)).as_slice().to_vec();
+        let edge = Edge::new(x);
+        let tension = stretch::tension(&edge, EA, SPACING);
+        let hessian = elastic::stiffness(&edge, EA / SPACING, tension, &NO_JOINT, &NO_JOINT);
         deviation(&DMatrix::from_column_slice(2, 2, hessian.as_slice()), &differences(gradient, x.as_slice(), 1e-3))
     });
 }
@@ -89,13 +99,15 @@ fn kappa(x: &[f64]) -> f64 {
     bend::curvature(Edge::new(node(x, 0)).t, Edge::new(node(x, 1)).t)
 }
 
-fn bending(x: &[f64]) -> bend::Derivatives {
-    bend::derivatives(&Edge::new(node(x, 0)), &Edge::new(node(x, 1)), BENDING, kappa(x), NATURAL)
+/// The edges of a joint, and the joint.
+fn bending(x: &[f64]) -> (Edge, Edge, Joint) {
+    (Edge::new(node(x, 0)), Edge::new(node(x, 1)), Joint::new(BENDING, kappa(x), NATURAL))
 }
 
 fn bending_gradient(x: &[f64]) -> Vec<f64> {
-    let d = bending(x);
-    vec![d.e.x, d.e.y, d.f.x, d.f.y]
+    let (e, f, joint) = bending(x);
+    let (e, f) = (elastic::force(&e, 0.0, &NO_JOINT, &joint), elastic::force(&f, 0.0, &joint, &NO_JOINT));
+    vec![e.x, e.y, f.x, f.y]
 }
 
 #[test]
@@ -110,8 +122,12 @@ fn bending_gradient_and_every_block_of_its_hessian_are_those_of_its_energy() {
     for (name, row, column) in [("ee", 0, 0), ("ef", 0, 2), ("ff", 2, 2)] {
         assert_derivatives(&format!("bending Hessian {name}"), 500, |dice| {
             let x = joint(dice);
-            let d = bending(&x);
-            let block = [d.ee, d.ef, d.ff][(row + column) / 2];
+            let (e, f, joint) = bending(&x);
+            let block = match name {
+                "ee" => elastic::stiffness(&e, 0.0, 0.0, &NO_JOINT, &joint),
+                "ef" => elastic::coupling(&e, &f, &joint),
+                _ => elastic::stiffness(&f, 0.0, 0.0, &joint, &NO_JOINT),
+            };
             let exact = DMatrix::from_column_slice(2, 2, block.as_slice());
             let found = differences(bending_gradient, &x, 1e-4);
             deviation(&exact, &found.view((row, column), (2, 2)).into_owned())

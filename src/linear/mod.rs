@@ -37,6 +37,11 @@ impl BandMatrix {
         &self.rows
     }
 
+    /// The rows of blocks, to be written.
+    pub fn rows_mut(&mut self) -> &mut [BlockRow] {
+        &mut self.rows
+    }
+
     /// Sets every entry to zero.
     pub fn clear(&mut self) {
         self.rows.fill(BlockRow::default());

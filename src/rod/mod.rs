@@ -3,6 +3,7 @@
 //! Both energies depend on the nodes through edge vectors only, so the elements give derivatives with respect to edges.
 
 pub mod bend;
+pub mod elastic;
 pub mod mass;
 pub mod section;
 pub mod stretch;
@@ -17,8 +18,10 @@ pub use section::Section;
 pub struct Edge {
     /// Unit tangent.
     pub t: Vector2<f64>,
-    /// Length, m.
+    /// Length ℓ, m.
     pub length: f64,
+    /// 1/ℓ, 1/m.
+    pub per_length: f64,
 }
 
 impl Edge {
@@ -26,7 +29,8 @@ impl Edge {
     #[inline]
     pub fn new(vector: Vector2<f64>) -> Self {
         let length = vector.norm();
-        Self { t: vector / length, length }
+        let per_length = 1.0 / length;
+        Self { t: vector * per_length, length, per_length }
     }
 
     /// Unit normal, the tangent turned by +90°.
