@@ -94,16 +94,19 @@ impl<L: InFluid> Drag for HalfEdges<L> {
     ) {
         let law = self.law.in_fluid(fluid);
         for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
-            for (k, weight) in (e..).zip(weights) {
-                let w = node(v, k) - fluid.flow;
-                add(residual, k, law.traction(edge.t, w) * *weight);
-                if let Some(Linearisation { matrix, direction }) = &mut jacobian {
-                    matrix.add_block(k, k, &(law.by_velocity(edge.t, w) * (direction.v * weight)));
-                    // The tangent turns by n·δ(edge vector)/ℓ.
-                    let turn = edge.n() * (direction.q * weight / edge.length);
-                    let by_end = law.by_direction(edge.t, w) * turn.transpose();
-                    matrix.add_block(k, e, &-by_end);
-                    matrix.add_block(k, e + 1, &by_end);
+            let velocities = [node(v, e) - fluid.flow, node(v, e + 1) - fluid.flow];
+            for i in 0..2 {
+                add(residual, e + i, law.traction(edge.t, velocities[i]) * weights[i]);
+            }
+            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
+                // The tangent turns by n·δ(edge vector)/ℓ.
+                let turn = edge.n() * (direction.q * edge.per_length);
+                for i in 0..2 {
+                    let own = law.by_velocity(edge.t, velocities[i]) * (direction.v * weights[i]);
+                    let by_end = law.by_direction(edge.t, velocities[i]) * (turn * weights[i]).transpose();
+                    // Node e + i against nodes e and e + 1.
+                    matrix.add_block(e + i, e + i, &if i == 0 { own - by_end } else { own + by_end });
+                    matrix.add_block(e + i, e + 1 - i, &if i == 0 { by_end } else { -by_end });
                 }
             }
         }
