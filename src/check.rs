@@ -9,7 +9,7 @@ use crate::metrics::Energy;
 use crate::model::Model;
 use crate::modes::Modes;
 use crate::rod::bend;
-use crate::scene::{Fault, Scene, StartKind};
+use crate::scene::{Fault, NodesTable, Scene, StartKind};
 use crate::start::Start;
 use crate::stepper::Stepper;
 use crate::system::State;
@@ -125,8 +125,12 @@ impl Assessment {
             ),
         );
         let recorded = whole / scene.record.every.get() as u64 + 1;
-        let tables = if scene.writes_nodes_csv() { "trajectory.csv and nodes.csv" } else { "trajectory.csv" };
-        fact("output", format!("about {recorded} rows in {tables}"));
+        let nodes = match scene.nodes_table() {
+            NodesTable::Csv => "; positions in nodes.csv",
+            NodesTable::Parquet => "; positions in nodes.parquet",
+            NodesTable::None => "; no table of positions",
+        };
+        fact("output", format!("about {recorded} times in trajectory.csv{nodes}"));
         let Energy { stretching, bending, kinetic } = stepper.meter().now.energy;
         fact(
             "energy at the start",

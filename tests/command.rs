@@ -130,7 +130,7 @@ fn a_run_replaces_its_own_files_only() {
     let short = ["--set", "solver.duration_s=0.1"];
     assert_eq!(run("models/baseline.toml", folder.path(), &short).status.code(), Some(0));
     let first = std::fs::read(folder.path().join("trajectory.csv")).unwrap();
-    let without = [&short[..], &["--set", "record.nodes_csv=false", "--set", "medium.viscosity_pa_s=1.0"]].concat();
+    let without = [&short[..], &["--set", "record.nodes_table=none", "--set", "medium.viscosity_pa_s=1.0"]].concat();
     assert_eq!(run("models/baseline.toml", folder.path(), &without).status.code(), Some(0));
     assert_ne!(std::fs::read(folder.path().join("trajectory.csv")).unwrap(), first);
     assert_eq!(std::fs::read_to_string(folder.path().join("notes.txt")).unwrap(), "mine");
@@ -219,4 +219,32 @@ fn the_variables_of_a_scene_are_listed_with_their_sizes() {
         curvature.split_whitespace().take(4).collect::<Vec<_>>(),
         ["natural_curvature_1_m", "7", "1/m", "input"]
     );
+}
+
+#[test]
+fn chosen_nodes_and_times_come_out_the_same_as_csv_and_as_parquet() {
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+    let folder = tempfile::tempdir().unwrap();
+    let chosen =
+        ["--set", "solver.duration_s=0.2", "--set", "record.nodes=[0,4,-1]", "--set", "record.nodes_from_s=0.1"];
+    let scene = "models/baseline-smooth.toml";
+    assert_eq!(run(scene, folder.path(), &chosen).status.code(), Some(0));
+    let table = rows(folder.path().join("nodes.csv"));
+    assert_eq!((table.len(), table[0].len(), table[0][0]), (21, 7, 0.1));
+    let as_parquet = [&chosen[..], &["--set", "record.nodes_table=parquet"]].concat();
+    assert_eq!(run(scene, folder.path(), &as_parquet).status.code(), Some(0));
+    assert!(!folder.path().join("nodes.csv").exists());
+    let file = std::fs::File::open(folder.path().join("nodes.parquet")).unwrap();
+    let mut read = Vec::new();
+    for row in SerializedFileReader::new(file).unwrap().get_row_iter(None).unwrap() {
+        let row = row.unwrap();
+        let number = |i| row.get_double(i).unwrap();
+        read.push((number(0), row.get_int(1).unwrap(), number(2), number(3)));
+    }
+    let expected: Vec<_> = table
+        .iter()
+        .flat_map(|row| [0, 4, 8].into_iter().enumerate().map(|(i, k)| (row[0], k, row[1 + 2 * i], row[2 + 2 * i])))
+        .collect();
+    assert_eq!(read, expected);
 }

@@ -62,7 +62,7 @@ duration_s = 20.0
 newton_tolerance = 1e-10
 [record]
 every = 1
-nodes_csv = true
+nodes_table = "csv"
 "#;
 
 fn refusal(text: &str) -> String {
@@ -101,7 +101,7 @@ const MISTAKES: &[Mistake] = &[
     ("beta = 0.25", "betta = 0.25", 0, "solver.betta", "unknown key; allowed: `integrator`, `time_step_s`, `duration_s`, `newton_tolerance`, `beta`, `gamma`; did you mean `beta`?"),
     ("force_n = [0.5, 0]", "force = [0.5, 0]", 0, "loads.point.1.force", "unknown key; allowed: `node` or `force_n`; did you mean `force_n`?"),
     ("frequency_hz = 1.0,", "frequency = 1.0,", 0, "head.position_m.1.frequency", "unknown key; allowed: `amplitude`, `frequency_hz`, `phase_rad`, `offset`, `table`; did you mean `frequency_hz`?"),
-    ("every = 1", "each = 1", 0, "record.each", "unknown key; allowed: `every` or `nodes_csv`"),
+    ("every = 1", "each = 1", 0, "record.each", "unknown key; allowed: `every`, `nodes_from_s`, `nodes`, `nodes_table`"),
     ("[solver]\n", "", 1, "head.beta", "unknown key; allowed: `kind`, `position_m`, `angle_rad`"),
     // numbers out of range
     ("nodes = 9", "nodes = 2", 0, "rod.nodes", "found 2; allowed: a whole number from 3 to 10000000"),
@@ -163,7 +163,9 @@ const MISTAKES: &[Mistake] = &[
     ("force_n = [0.5, 0]", "force_n = [0.5, 0, 0]", 0, "loads.point.1.force_n", "found a list of 3; allowed: two values in brackets"),
     ("node = 8", "node = 1.5", 0, "loads.point.0.node", "found 1.5; allowed: a whole number"),
     ("node = 8", "node = \"tip\"", 0, "loads.point.0.node", "found \"tip\"; allowed: a whole number"),
-    ("nodes_csv = true", "nodes_csv = 1", 0, "record.nodes_csv", "found 1; allowed: true or false"),
+    ("nodes_table = \"csv\"", "nodes_table = \"excel\"", 0, "record.nodes_table", "found \"excel\"; allowed: `csv`, `parquet`, `none`"),
+    ("nodes_table = \"csv\"", "nodes = [0, 9]", 0, "record.nodes", "found 9; allowed: a node from 0 to 8, or from -1 (the tip) to -9"),
+    ("nodes_table = \"csv\"", "nodes = []", 0, "record.nodes", "found no node; allowed: a node from 0 to 8, or from -1 (the tip) to -9"),
     ("integrator = \"newmark\"", "integrator = 3", 0, "solver.integrator", "found 3; allowed: a text in quotes"),
     ("beta = 0.25", "beta = \"x\"", 0, "solver.beta", "found \"x\"; allowed: a number from 1e-6 to 1"),
     ("beta = 0.25", "beta = 1979-05-27", 0, "solver.beta", "found 1979-05-27; allowed: a number from 1e-6 to 1"),
@@ -414,8 +416,10 @@ fn every_key_of_the_contract_is_read_in_each_of_its_forms() {
         ("beta = 0.25", "beta = 1"),
         ("newton_tolerance = 1e-10\n", ""),
         ("every = 1\n", "every = 10\n"),
-        ("nodes_csv = true", "nodes_csv = false"),
-        ("[record]\nevery = 1\nnodes_csv = true\n", ""),
+        ("nodes_table = \"csv\"", "nodes_table = \"none\""),
+        ("nodes_table = \"csv\"", "nodes_table = \"parquet\""),
+        ("nodes_table = \"csv\"", "nodes = [0, 4, -1]\nnodes_from_s = 0.5"),
+        ("[record]\nevery = 1\nnodes_table = \"csv\"\n", ""),
     ] {
         assert!(FULL.contains(from), "{from}");
         let text = FULL.replacen(from, to, 1);
@@ -434,7 +438,7 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
     assert_eq!(scene.solver.integrator, "implicit-euler");
     assert_eq!(scene.solver.newton_tolerance.get(), 1e-10);
     assert_eq!(scene.record.every.get(), 1);
-    assert!(scene.writes_nodes_csv());
+    assert_eq!(scene.nodes_table(), caudal::scene::NodesTable::Csv);
     let model = scene.model().unwrap();
     assert!(model.actuation.is_none() && model.drag.is_none() && model.load.is_none() && model.head.is_none());
     assert_eq!(model.rod.mass[0], 0.5 * model.rod.mass[1], "tributary");

@@ -5,5 +5,6 @@ mod figures;
 mod output;
 mod page;
 mod record;
+mod tables;
 
 pub use output::Output;

@@ -1,24 +1,23 @@
 //! The files of a run: each is written beside its place and put there whole.
 
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
-
-use tempfile::{Builder, NamedTempFile};
 
 use super::figures;
 use super::page::Page;
 use super::record::Record;
+use super::tables::{Csv, Parquet, beside, put_in_place, write_error};
 use crate::error::{Error, Result};
 use crate::run::Summary;
-use crate::scene::{Document, Scene};
+use crate::scene::{Document, NodesTable, Scene};
 use crate::stepper::Stepper;
 
 /// The output folder of a run in progress.
 #[derive(Debug)]
 pub struct Output {
     folder: PathBuf,
-    trajectory: Table,
-    nodes: Option<Table>,
+    trajectory: Csv,
+    nodes: Nodes,
     record: Record,
     every: u64,
     step: u64,
@@ -33,13 +32,8 @@ impl Output {
     pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<Self> {
         std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
         let columns = stepper.variables().iter().filter(|v| v.recorded).map(|v| v.name.to_string());
-        let trajectory = Table::create(folder.join("trajectory.csv"), columns)?;
-        let nodes = if scene.writes_nodes_csv() {
-            let columns = (0..stepper.model().rod.nodes).flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]);
-            Some(Table::create(folder.join("nodes.csv"), ["time_s".to_string()].into_iter().chain(columns))?)
-        } else {
-            None
-        };
+        let trajectory = Csv::create(folder.join("trajectory.csv"), columns)?;
+        let nodes = Nodes::create(folder, scene)?;
         let period = scene.actuation.as_ref().map(|a| a.frequency_hz.get()).filter(|f| *f > 0.0).map(|f| 1.0 / f);
         let mut output = Self {
             folder: folder.to_path_buf(),
@@ -68,12 +62,7 @@ impl Output {
         let view = stepper.view();
         let values = stepper.variables().iter().filter(|v| v.recorded).map(|v| v.first(&view));
         self.trajectory.row(stepper.time(), values)?;
-        match &mut self.nodes {
-            Some(nodes) => {
-                nodes.row(stepper.time(), [stepper.time()].into_iter().chain(stepper.state().q.iter().copied()))
-            }
-            None => Ok(()),
-        }
+        self.nodes.row(stepper)
     }
 
     /// Completes every file with the state at the end and puts them in place; returns their paths.
@@ -106,80 +95,76 @@ impl Output {
         let html = page.html()?;
         let texts = [("summary.json", json + "\n"), ("report.html", html)].into_iter().chain(figures);
         let mut files = vec![self.trajectory.complete()?];
-        let without_nodes = self.nodes.is_none();
-        files.extend(self.nodes.map(Table::complete).transpose()?);
+        files.extend(self.nodes.complete()?);
         for (name, text) in texts {
             let path = self.folder.join(name);
             let mut file = beside(&path)?;
             file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
             files.push((file, path));
         }
-        if without_nodes {
+        for stale in NODES_FILES.map(|name| self.folder.join(name)) {
             // One left by an earlier run would not belong to this one.
-            let _ = std::fs::remove_file(self.folder.join("nodes.csv"));
+            if !files.iter().any(|(_, path)| *path == stale) {
+                let _ = std::fs::remove_file(stale);
+            }
         }
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
 }
 
-fn write_error(path: &Path, error: &std::io::Error) -> Error {
-    Error::Write { path: path.to_path_buf(), reason: error.to_string() }
-}
+/// The names that the table of node positions may have.
+const NODES_FILES: [&str; 2] = ["nodes.csv", "nodes.parquet"];
 
-/// A file beside `path`, which disappears unless it is put in place.
-fn beside(path: &Path) -> Result<NamedTempFile> {
-    let folder = path.parent().unwrap_or(Path::new("."));
-    let name = path.file_name().unwrap_or_default().to_string_lossy();
-    let prefix = format!(".{name}.");
-    let mut builder = Builder::new();
-    builder.prefix(&prefix).suffix(".partial");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's mask, as any file
-    builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))
-}
-
-fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
-    file.persist(&path).map_err(|e| write_error(&path, &e.error))?;
-    Ok(path)
-}
-
-/// A CSV file in the making.
+/// The table of node positions.
 #[derive(Debug)]
-struct Table {
-    path: PathBuf,
-    writer: csv::Writer<BufWriter<NamedTempFile>>,
-    /// Time of the last row, s.
-    last: Option<f64>,
-    values: Vec<f64>,
+struct Nodes {
+    table: Form,
+    chosen: Vec<usize>,
+    from: f64,
 }
 
-impl Table {
-    fn create(path: PathBuf, columns: impl Iterator<Item = String>) -> Result<Self> {
-        let writer = csv::Writer::from_writer(BufWriter::new(beside(&path)?));
-        let mut table = Self { path, writer, last: None, values: Vec::new() };
-        let header: Vec<String> = columns.collect();
-        table.writer.write_record(&header).map_err(|e| table.failed(e))?;
-        Ok(table)
+#[derive(Debug)]
+enum Form {
+    Csv(Csv),
+    Parquet(Parquet),
+    None,
+}
+
+impl Nodes {
+    fn create(folder: &Path, scene: &Scene) -> Result<Self> {
+        let (chosen, from) = (scene.recorded_nodes(), scene.record.nodes_from_s.get());
+        let table = match scene.nodes_table() {
+            NodesTable::Csv => {
+                let columns = chosen.iter().flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]);
+                let header = ["time_s".to_string()].into_iter().chain(columns);
+                Form::Csv(Csv::create(folder.join(NODES_FILES[0]), header)?)
+            }
+            NodesTable::Parquet => Form::Parquet(Parquet::create(folder.join(NODES_FILES[1]))?),
+            NodesTable::None => Form::None,
+        };
+        Ok(Self { table, chosen, from })
     }
 
-    fn row(&mut self, time: f64, values: impl Iterator<Item = f64>) -> Result<()> {
-        self.last = Some(time);
-        self.values.clear();
-        self.values.extend(values);
-        self.writer.serialize(&self.values).map_err(|e| self.failed(e))
-    }
-
-    fn failed(&self, error: csv::Error) -> Error {
-        match error.into_kind() {
-            csv::ErrorKind::Io(error) => write_error(&self.path, &error),
-            other => Error::Write { path: self.path.clone(), reason: format!("{other:?}") },
+    fn row(&mut self, stepper: &Stepper) -> Result<()> {
+        let (time, q) = (stepper.time(), &stepper.state().q);
+        if time < self.from {
+            return Ok(());
+        }
+        match &mut self.table {
+            Form::Csv(table) => {
+                let positions = self.chosen.iter().flat_map(|k| [q[2 * k], q[2 * k + 1]]);
+                table.row(time, [time].into_iter().chain(positions))
+            }
+            Form::Parquet(table) => table.rows(time, &self.chosen, q),
+            Form::None => Ok(()),
         }
     }
 
-    fn complete(self) -> Result<(NamedTempFile, PathBuf)> {
-        let path = self.path;
-        let buffer = self.writer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-        let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-        Ok((file, path))
+    fn complete(self) -> Result<Option<(tempfile::NamedTempFile, PathBuf)>> {
+        match self.table {
+            Form::Csv(table) => table.complete().map(Some),
+            Form::Parquet(table) => table.complete().map(Some),
+            Form::None => Ok(None),
+        }
     }
 }

@@ -251,13 +251,30 @@ pub struct RecordTable {
     /// Steps between recorded times; the first and the last time are always recorded.
     #[serde(default = "every_step")]
     pub every: Whole<1, 1_000_000_000>,
-    /// True for nodes.csv, false for none; by default up to 200 nodes have it.
-    pub nodes_csv: Option<bool>,
+    /// First time of the table of nodes, s.
+    #[serde(default = "from_start")]
+    pub nodes_from_s: NotNegative,
+    /// The nodes of that table; a negative one counts from the tip, −1. All where it is not given.
+    pub nodes: Option<Vec<i64>>,
+    /// Form of that table; by default up to 200 nodes have a CSV file and more have none.
+    pub nodes_table: Option<NodesTable>,
+}
+
+/// Forms of the table of node positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NodesTable {
+    /// nodes.csv: one row a time, two columns a node.
+    Csv,
+    /// nodes.parquet: one row a time and node.
+    Parquet,
+    /// No table.
+    None,
 }
 
 impl Default for RecordTable {
     fn default() -> Self {
-        Self { every: every_step(), nodes_csv: None }
+        Self { every: every_step(), nodes_from_s: from_start(), nodes: None, nodes_table: None }
     }
 }
 
@@ -302,6 +319,10 @@ fn even_envelope() -> [Finite; 2] {
 
 fn still() -> [Finite; 2] {
     [Finite::constant(0.0); 2]
+}
+
+fn from_start() -> NotNegative {
+    NotNegative::constant(0.0)
 }
 
 fn every_step() -> Whole<1, 1_000_000_000> {
@@ -374,11 +395,17 @@ impl Scene {
             }
         }
         let nodes = rod.nodes.get() as i64;
+        let allowed_nodes = format_args!("a node from 0 to {}, or from -1 (the tip) to {}", nodes - 1, -nodes);
         for (i, load) in self.loads.iter().flat_map(|loads| &loads.point).enumerate() {
             if !(-nodes..nodes).contains(&load.node) {
-                let allowed = format!("a node from 0 to {}, or from -1 (the tip) to {}", nodes - 1, -nodes);
-                return fault(&format!("loads.point.{i}.node"), value::refused(load.node, allowed));
+                return fault(&format!("loads.point.{i}.node"), value::refused(load.node, allowed_nodes));
             }
+        }
+        if let Some(bad) = self.record.nodes.iter().flatten().find(|node| !(-nodes..nodes).contains(node)) {
+            return fault("record.nodes", value::refused(bad, allowed_nodes));
+        }
+        if self.record.nodes.as_ref().is_some_and(Vec::is_empty) {
+            return fault("record.nodes", value::refused("no node", allowed_nodes));
         }
         match (self.head.kind, &self.head) {
             (HeadKind::Free | HeadKind::Clamped, HeadTable { position_m: Some(_), .. }) => {
@@ -535,9 +562,20 @@ impl Scene {
         scene
     }
 
-    /// Whether nodes.csv is written.
-    pub fn writes_nodes_csv(&self) -> bool {
-        self.record.nodes_csv.unwrap_or(self.rod.nodes.get() <= NODES_CSV_UP_TO)
+    /// The nodes whose positions are tabled, in the order asked for.
+    pub fn recorded_nodes(&self) -> Vec<usize> {
+        let nodes = self.rod.nodes.get();
+        match &self.record.nodes {
+            Some(chosen) => chosen.iter().map(|node| node.rem_euclid(nodes as i64) as usize).collect(),
+            None => (0..nodes).collect(),
+        }
+    }
+
+    /// The form of the table of nodes.
+    pub fn nodes_table(&self) -> NodesTable {
+        let recorded = self.record.nodes.as_ref().map_or(self.rod.nodes.get(), Vec::len);
+        let default = if recorded <= NODES_CSV_UP_TO { NodesTable::Csv } else { NodesTable::None };
+        self.record.nodes_table.unwrap_or(default)
     }
 
     /// The whole steps of Δt, and the shorter last one (s) if there is one: together the duration.
