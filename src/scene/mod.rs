@@ -523,12 +523,8 @@ impl Scene {
                 let signal = |wanted: &Wanted, column, columns| self.signal(wanted, column, columns);
                 let (x, y) = match &self.head.position_m {
                     Some(VectorSignal([x, y])) => {
-                        let columns = if matches!((x, y), (Wanted::Table { file: a }, Wanted::Table { file: b }) if a == b)
-                        {
-                            2
-                        } else {
-                            1
-                        };
+                        let columns =
+                            if matches!((x, y), (Wanted::Table(a), Wanted::Table(b)) if a == b) { 2 } else { 1 };
                         (signal(x, 0, columns)?, signal(y, columns - 1, columns)?)
                     }
                     None => (still.clone(), still.clone()),
@@ -545,13 +541,8 @@ impl Scene {
     /// A signal; from a table it takes value `column` of `columns`.
     fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
-            Wanted::Constant(value) => Signal::Constant(*value),
-            &Wanted::Sinusoid { amplitude, frequency, phase, offset } => {
-                Signal::Sinusoid { amplitude, frequency, phase, offset }
-            }
-            Wanted::Table { file } => {
-                table::read(&self.folder.join(file), column, columns, self.solver.duration_s.get())?
-            }
+            Wanted::Formula(signal) => signal.clone(),
+            Wanted::Table(file) => table::read(&self.folder.join(file), column, columns, self.solver.duration_s.get())?,
         })
     }
 

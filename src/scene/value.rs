@@ -6,6 +6,8 @@ use std::marker::PhantomData;
 use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
+use crate::head::Signal;
+
 /// A number type with a range: `$ok` decides, `$allowed` says it in words.
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident, $allowed:literal, $ok:expr) => {
@@ -154,27 +156,13 @@ impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for Whole<MIN, MAX> {
     }
 }
 
-/// A function of time in a scene: a number, a sinusoid, or a table in a file.
+/// A function of time in a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Wanted {
-    /// Always the same.
-    Constant(f64),
-    /// offset + amplitude·sin(2πft + phase).
-    Sinusoid {
-        /// Amplitude.
-        amplitude: f64,
-        /// Frequency, Hz.
-        frequency: f64,
-        /// Phase, rad.
-        phase: f64,
-        /// Offset.
-        offset: f64,
-    },
-    /// Column `column` after the time, and its rate that many columns after the last value, of a CSV file.
-    Table {
-        /// Path, relative to the scene.
-        file: String,
-    },
+    /// A number or a sinusoid.
+    Formula(Signal),
+    /// A table in a file, its path relative to the scene.
+    Table(String),
 }
 
 /// The keys of a function of time with values of type T and phases of type P.
@@ -200,18 +188,20 @@ impl<T, P> Keys<T, P> {
     ) -> Result<[Wanted; M], E> {
         match self {
             Self { table: Some(file), amplitude: None, frequency_hz: None, phase_rad: None, offset: None } => {
-                Ok(std::array::from_fn(|_| Wanted::Table { file: file.clone() }))
+                Ok(std::array::from_fn(|_| Wanted::Table(file.clone())))
             }
             Self { table: Some(_), .. } => Err(E::custom(refused(
                 "a table beside other keys",
                 "either { table } or { amplitude, frequency_hz, phase_rad, offset }",
             ))),
             Self { amplitude: Some(amplitude), frequency_hz: Some(frequency), phase_rad, offset, .. } => {
-                Ok(std::array::from_fn(|i| Wanted::Sinusoid {
-                    amplitude: component(&amplitude, i),
-                    frequency: frequency.get(),
-                    phase: phase_rad.as_ref().map_or(0.0, |value| phase(value, i)),
-                    offset: offset.as_ref().map_or(0.0, |offset| component(offset, i)),
+                Ok(std::array::from_fn(|i| {
+                    Wanted::Formula(Signal::Sinusoid {
+                        amplitude: component(&amplitude, i),
+                        frequency: frequency.get(),
+                        phase: phase_rad.as_ref().map_or(0.0, |value| phase(value, i)),
+                        offset: offset.as_ref().map_or(0.0, |offset| component(offset, i)),
+                    })
                 }))
             }
             _ => Err(E::custom(refused("an incomplete sinusoid", "amplitude and frequency_hz together, or a table"))),
@@ -314,7 +304,9 @@ impl<'de> Deserialize<'de> for ScalarSignal {
             }
 
             fn visit_f64<E: Error>(self, x: f64) -> Result<Wanted, E> {
-                Number { allowed: "a finite number", ok: |_| true }.visit_f64(x).map(Wanted::Constant)
+                Number { allowed: "a finite number", ok: |_| true }
+                    .visit_f64(x)
+                    .map(|x| Wanted::Formula(Signal::Constant(x)))
             }
 
             fn visit_i64<E: Error>(self, x: i64) -> Result<Wanted, E> {
