@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, FaerLu, LinearSolver};
+use crate::linear::{BandMatrix, Choice, Chosen};
 use crate::system::{Direction, Linearisation, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
@@ -21,6 +21,8 @@ pub struct Work {
     pub newton_iterations: u64,
     /// Numeric factorisations.
     pub factorisations: u64,
+    /// Systems that the fast linear solver failed on, so that faer's LU solved them.
+    pub linear_fallbacks: u64,
     /// Solves that ended at the rounding floor of the residual instead of at the tolerance.
     pub floor_stops: u64,
 }
@@ -31,7 +33,7 @@ pub struct Newton {
     tolerance: f64,
     jacobian: BandMatrix,
     increment: Vec<f64>,
-    solver: FaerLu,
+    solver: Chosen,
     /// Work done since the start.
     pub work: Work,
 }
@@ -41,10 +43,18 @@ impl Newton {
     /// iteration over the system's length.
     ///
     /// # Errors
-    /// Those of [`LinearSolver::analyse`].
+    /// Those of [`Chosen::new`].
     pub fn new(nodes: usize, tolerance: f64) -> Result<Self> {
+        Self::with(Choice::default(), nodes, tolerance)
+    }
+
+    /// The same with a choice of the linear solver.
+    ///
+    /// # Errors
+    /// Those of [`Chosen::new`].
+    pub fn with(linear: Choice, nodes: usize, tolerance: f64) -> Result<Self> {
         let jacobian = BandMatrix::new(nodes);
-        let solver = FaerLu::analyse(&jacobian)?;
+        let solver = Chosen::new(linear, &jacobian)?;
         Ok(Self { tolerance, increment: vec![0.0; jacobian.unknowns()], jacobian, solver, work: Work::default() })
     }
 
@@ -90,9 +100,9 @@ impl Newton {
         system.assemble(state, &mut self.increment, Some(linearisation))?;
         finite(&self.increment, state.t, "force")?; // here its node is still known
         let (worst, residual) = largest(&self.increment);
-        self.work.factorisations += 1;
-        self.solver.factor(&self.jacobian)?;
-        self.solver.solve(&mut self.increment);
+        let fallback = self.solver.solve(&self.jacobian, &mut self.increment)?;
+        self.work.factorisations += 1 + u64::from(fallback);
+        self.work.linear_fallbacks += u64::from(fallback);
         finite(&self.increment, state.t, "Newton's increment")?;
         for (i, d) in self.increment.iter().enumerate() {
             state.q[i] -= direction.q * d;

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use crate::error::{Error, Result};
+use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -80,6 +81,8 @@ pub struct Summary {
     pub steps: u64,
     pub newton_iterations: u64,
     pub factorisations: u64,
+    pub linear_solver: Choice,
+    pub linear_fallbacks: u64,
     pub step_halvings: u64,
     pub newton_floor_stops: u64,
     pub x_com_m: f64,
@@ -159,6 +162,8 @@ impl Summary {
             steps: meter.steps,
             newton_iterations: work.newton_iterations,
             factorisations: work.factorisations,
+            linear_solver: scene.solver.linear,
+            linear_fallbacks: work.linear_fallbacks,
             step_halvings: meter.halvings,
             newton_floor_stops: work.floor_stops,
             x_com_m: now.com.x,

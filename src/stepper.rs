@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result, nearest};
 use crate::integrator::Integrator;
+use crate::linear::Choice;
 use crate::metrics::{Meter, Reading};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::{Newton, Work};
@@ -54,7 +55,7 @@ pub struct Snapshot {
 
 impl Stepper {
     /// Prepares a run of `model` at time zero with internal steps of at most `time_step` (s), Newton to
-    /// `tolerance` (largest displacement increment over the length).
+    /// `tolerance` (largest displacement increment over the length), its linear systems solved by `linear`.
     ///
     /// # Errors
     /// [`Error::Linear`] where memory does not suffice; whatever is wrong with the first state.
@@ -63,9 +64,10 @@ impl Stepper {
         integrator: Box<dyn Integrator>,
         time_step: f64,
         tolerance: f64,
+        linear: Choice,
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
-        let mut newton = Newton::new(dynamics.nodes(), tolerance)?;
+        let mut newton = Newton::with(linear, dynamics.nodes(), tolerance)?;
         let mut state = dynamics.first_state();
         let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
@@ -94,7 +96,8 @@ impl Stepper {
     /// Those of [`Scene::model`] and [`init`](Self::init).
     pub fn of(scene: &Scene) -> Result<Self> {
         let solver = &scene.solver;
-        Self::init(scene.model()?, scene.integrator()?, solver.time_step_s.get(), solver.newton_tolerance.get())
+        let (time_step, tolerance) = (solver.time_step_s.get(), solver.newton_tolerance.get());
+        Self::init(scene.model()?, scene.integrator()?, time_step, tolerance, solver.linear)
     }
 
     /// Time now, s.

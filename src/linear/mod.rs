@@ -1,10 +1,15 @@
 //! The linear seam: one matrix with a fixed band pattern, and the solvers that take it.
 
+mod block_band;
+mod choice;
 mod faer_lu;
 
 use nalgebra::Matrix2;
+use wide::f64x2;
 
 use crate::error::Result;
+pub use block_band::BlockBand;
+pub use choice::{Choice, Chosen};
 pub use faer_lu::FaerLu;
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
@@ -89,12 +94,80 @@ impl BandMatrix {
     /// y = A x, or y = Aᵀ x.
     pub fn multiply(&self, x: &[f64], y: &mut [f64], transposed: bool) {
         y.fill(0.0);
-        for i in 0..self.unknowns() {
-            let columns = self.coupled(i / 2);
-            for j in 2 * columns.start..2 * columns.end {
-                let (from, to) = if transposed { (i, j) } else { (j, i) };
-                y[to] += self.entry(i, j) * x[from];
+        for (i, row) in self.rows.iter().enumerate() {
+            for j in self.coupled(i) {
+                let [a, b, c, d] = row[j + REACH - i];
+                let (from, to, [a, b, c, d]) = if transposed { (i, j, [a, c, b, d]) } else { (j, i, [a, b, c, d]) };
+                let (x0, x1) = (x[2 * from], x[2 * from + 1]);
+                y[2 * to] = y[2 * to] + a * x0 + b * x1;
+                y[2 * to + 1] = y[2 * to + 1] + c * x0 + d * x1;
             }
+        }
+    }
+
+    /// ‖A x − b‖∞ / (max |aₖₖ| ‖x‖∞ + ‖b‖∞), NaN where anything is not finite: at least the normwise backward error of
+    /// x as a solution of A x = b (Rigal and Gaches, J. ACM 14, 1967), as the largest |aₖₖ| is at most ‖A‖∞.
+    pub fn backward_error(&self, x: &[f64], b: &[f64]) -> f64 {
+        let (x, b) = (x.as_chunks().0, b.as_chunks().0);
+        let mut sizes = Sizes::default();
+        let inner = self.rows.len().saturating_sub(2 * REACH);
+        let outer = 2.min(self.rows.len())..;
+        // The first and the last rows meet nodes that there are not.
+        for k in (0..self.rows.len()).filter(|k| !(REACH..REACH + inner).contains(k)) {
+            let near =
+                std::array::from_fn(|j| (k + j).checked_sub(REACH).and_then(|j| x.get(j)).copied().unwrap_or_default());
+            sizes.add(&self.rows[k], &near, b[k]);
+        }
+        for ((row, near), b) in
+            self.rows[outer.clone()].iter().zip(x.windows(5).filter_map(<[_]>::first_chunk)).zip(&b[outer])
+        {
+            sizes.add(row, near, *b);
+        }
+        sizes.error()
+    }
+}
+
+/// Largest moduli of parts of A x − b, and a sum that is not finite where anything in A x − b is not.
+#[derive(Default)]
+struct Sizes {
+    residual: f64x2,
+    diagonal: f64x2,
+    x: f64x2,
+    b: f64x2,
+    sum: f64x2,
+}
+
+impl Sizes {
+    /// Takes in the row of blocks `row` with the solution `near` it and the right-hand side.
+    #[inline(always)]
+    fn add(&mut self, row: &BlockRow, near: &[[f64; 2]; 5], b: [f64; 2]) {
+        let (mut upper, mut lower) = (f64x2::ZERO, f64x2::ZERO);
+        for ([a00, a01, a10, a11], x) in row.iter().zip(near) {
+            upper += f64x2::new([*a00, *a01]) * f64x2::new(*x);
+            lower += f64x2::new([*a10, *a11]) * f64x2::new(*x);
+        }
+        let ([a, b_], [c, d]) = (upper.to_array(), lower.to_array());
+        let b = f64x2::new(b);
+        let residual = f64x2::new([a, c]) + f64x2::new([b_, d]) - b;
+        let [a00, _, _, a11] = row[REACH];
+        self.sum += residual;
+        self.residual = self.residual.fast_max(residual.abs());
+        self.diagonal = self.diagonal.fast_max(f64x2::new([a00, a11]).abs());
+        self.x = self.x.fast_max(f64x2::new(near[REACH]).abs());
+        self.b = self.b.fast_max(b.abs());
+    }
+
+    fn error(&self) -> f64 {
+        let [residual, diagonal, x, b] = [self.residual, self.diagonal, self.x, self.b].map(|sizes| {
+            let [a, b] = sizes.to_array();
+            a.max(b)
+        });
+        if !self.sum.reduce_add().is_finite() {
+            f64::NAN
+        } else if residual == 0.0 {
+            0.0
+        } else {
+            residual / (diagonal * x + b)
         }
     }
 }
@@ -117,6 +190,16 @@ pub trait LinearSolver: std::fmt::Debug + Send {
 
     /// Replaces `rhs` by A⁻¹ rhs; [`factor`](Self::factor) comes first.
     fn solve(&mut self, rhs: &mut [f64]);
+
+    /// Factors the values and replaces `rhs` by A⁻¹ rhs; the factors need not be there afterwards.
+    ///
+    /// # Errors
+    /// Those of [`factor`](Self::factor).
+    fn factor_and_solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<()> {
+        self.factor(matrix)?;
+        self.solve(rhs);
+        Ok(())
+    }
 
     /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
     fn solve_transposed(&mut self, rhs: &mut [f64]);

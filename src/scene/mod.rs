@@ -18,6 +18,7 @@ use crate::drag::{Drag, Fluid, HalfEdges, StokesLike};
 use crate::error::{Error, Result, nearest};
 use crate::head::{Motion, Signal};
 use crate::integrator::{Integrator, METHODS, Method};
+use crate::linear::Choice;
 use crate::model::{Drive, Model};
 use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
 use crate::start::Start;
@@ -239,6 +240,9 @@ pub struct SolverTable {
     /// Largest displacement increment of Newton's last iteration over the length.
     #[serde(default = "default_tolerance")]
     pub newton_tolerance: Tolerance,
+    /// The linear solver.
+    #[serde(default)]
+    pub linear: Choice,
     /// The method's own parameters.
     #[serde(flatten)]
     pub parameters: BTreeMap<String, toml::Value>,
@@ -279,7 +283,7 @@ impl Default for RecordTable {
 }
 
 /// The keys of `[solver]` beside the methods' parameters.
-const SOLVER_KEYS: [&str; 4] = ["integrator", "time_step_s", "duration_s", "newton_tolerance"];
+const SOLVER_KEYS: [&str; 5] = ["integrator", "time_step_s", "duration_s", "newton_tolerance", "linear"];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
 fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {

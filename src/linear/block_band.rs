@@ -1,0 +1,384 @@
+//! Elimination of 2×2 blocks from both ends of the band at once, in two SIMD lanes, without pivoting between blocks.
+
+use std::ops::{Add, Div, Mul, Sub};
+
+use wide::f64x2;
+
+use super::{BandMatrix, BlockRow, LinearSolver};
+use crate::error::Result;
+
+/// LU by 2×2 blocks, without pivoting between them: the fastest for the Jacobian of a rod, wrong for some other
+/// matrices, so that its solutions have to be checked ([`BandMatrix::backward_error`]).
+///
+/// Row k reads E xₖ₋₂ + C xₖ₋₁ + D xₖ + F xₖ₊₁ + G xₖ₊₂ = b. With the two rows before it in the form
+/// xⱼ = b̂ⱼ − F̂ⱼ xⱼ₊₁ − Ĝⱼ xⱼ₊₂ it becomes, in this order,
+///
+/// - C' = C − E F̂ₖ₋₂, D' = D − E Ĝₖ₋₂ − C' F̂ₖ₋₁, F' = F − C' Ĝₖ₋₁, b' = b − E b̂ₖ₋₂ − C' b̂ₖ₋₁,
+/// - F̂ = D'⁻¹ F', Ĝ = D'⁻¹ G, b̂ = D'⁻¹ b',
+///
+/// where D'⁻¹ is applied by the LU factors of D'; its inverse is never formed, which would not be backward stable. The
+/// last rows do the same from the other end, up to two or three rows in the middle. The two eliminations do not meet
+/// before that, so they are one in two lanes (twisted factorisation: van der Vorst, Parallel Computing 5, 1987).
+///
+/// [`factor_and_solve`](LinearSolver::factor_and_solve) keeps only what the solve needs and goes through memory once;
+/// after it there are no factors to solve with again.
+#[derive(Debug)]
+pub struct BlockBand {
+    /// E, C' and D' of the rows, first and last, second and last but one, …; empty until factors are asked for.
+    lower: Vec<Lower<f64x2>>,
+    /// F̂ and Ĝ of the same rows.
+    upper: Vec<Upper<f64x2>>,
+    middle: Middle,
+    factored: bool,
+}
+
+/// A number, or two of them in lanes.
+trait Number:
+    Copy + Default + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
+{
+}
+
+impl Number for f64 {}
+
+/// The first lane goes from the first row on, the second from the last one back.
+impl Number for f64x2 {}
+
+/// [a₀₀, a₀₁, a₁₀, a₁₁].
+type Block<T> = [T; 4];
+
+/// c − A x. The product that is known last is subtracted last: that of x₀.
+#[inline(always)]
+fn less<T: Number>(c: [T; 2], a: Block<T>, x: [T; 2]) -> [T; 2] {
+    [(c[0] - a[1] * x[1]) - a[0] * x[0], (c[1] - a[3] * x[1]) - a[2] * x[0]]
+}
+
+/// C − A B.
+#[inline(always)]
+fn less_product<T: Number>(c: Block<T>, a: Block<T>, b: Block<T>) -> Block<T> {
+    by_columns(c, |column, j| less(column, a, [b[j], b[2 + j]]))
+}
+
+/// The block whose columns are `f` of those of `c`.
+#[inline(always)]
+fn by_columns<T: Number>(c: Block<T>, f: impl Fn([T; 2], usize) -> [T; 2]) -> Block<T> {
+    let ([c00, c10], [c01, c11]) = (f([c[0], c[2]], 0), f([c[1], c[3]], 1));
+    [c00, c01, c10, c11]
+}
+
+/// The transpose of a block.
+#[inline(always)]
+fn transpose<T: Number>([a, b, c, d]: Block<T>) -> Block<T> {
+    [a, c, b, d]
+}
+
+/// Factors of a diagonal block: D' = [d₀₀ 0; d₁₀ u₁₁] [1 w; 0 1] with w = d₀₁/d₀₀ and u₁₁ = det D'/d₀₀.
+#[derive(Debug, Clone, Copy, Default)]
+struct Pivot<T> {
+    /// 1/d₀₀.
+    first: T,
+    /// d₁₀.
+    below: T,
+    /// w.
+    beside: T,
+    /// 1/u₁₁.
+    second: T,
+}
+
+impl<T: Number> Pivot<T> {
+    /// The two divisions do not wait for each other: u₁₁ is not d₁₁ − d₁₀ w, which has the same rounding error.
+    #[inline(always)]
+    fn new([d00, d01, d10, d11]: Block<T>) -> Self {
+        let first = T::from(1.0) / d00;
+        Self { first, below: d10, beside: d01 * first, second: d00 / (d00 * d11 - d01 * d10) }
+    }
+
+    /// D'⁻¹ b.
+    #[inline(always)]
+    fn solve(&self, b: [T; 2]) -> [T; 2] {
+        let y = b[0] * self.first;
+        let x = (b[1] - self.below * y) * self.second;
+        [y - self.beside * x, x]
+    }
+
+    /// D'⁻ᵀ b.
+    #[inline(always)]
+    fn solve_transposed(&self, b: [T; 2]) -> [T; 2] {
+        let x = (b[1] - self.beside * b[0]) * self.second;
+        [(b[0] - self.below * x) * self.first, x]
+    }
+}
+
+/// The lower triangular factor's row of blocks.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lower<T> {
+    e: Block<T>,
+    c: Block<T>,
+    pivot: Pivot<T>,
+}
+
+impl<T: Number> Lower<T> {
+    /// b̂ = D'⁻¹ (b − E b̂ₖ₋₂ − C' b̂ₖ₋₁).
+    #[inline(always)]
+    fn forward(&self, b: [T; 2], near: [T; 2], far: [T; 2]) -> [T; 2] {
+        self.pivot.solve(less(less(b, self.e, far), self.c, near))
+    }
+}
+
+/// The unit upper triangular factor's row of blocks, F̂ and Ĝ.
+#[derive(Debug, Clone, Copy, Default)]
+struct Upper<T> {
+    f: Block<T>,
+    g: Block<T>,
+}
+
+impl<T: Number> Upper<T> {
+    /// x = b̂ − F̂ xₖ₊₁ − Ĝ xₖ₊₂.
+    #[inline(always)]
+    fn backward(&self, b: [T; 2], near: [T; 2], far: [T; 2]) -> [T; 2] {
+        less(less(b, self.g, far), self.f, near)
+    }
+}
+
+impl Upper<f64x2> {
+    fn lane(&self, lane: usize) -> Upper<f64> {
+        Upper { f: self.f.map(|x| x.to_array()[lane]), g: self.g.map(|x| x.to_array()[lane]) }
+    }
+}
+
+/// One row of the elimination, from the rows before it.
+#[inline(always)]
+fn eliminate<T: Number>([e, c, d, f, g]: [Block<T>; 5], near: &Upper<T>, far: &Upper<T>) -> (Lower<T>, Upper<T>) {
+    let c = less_product(c, e, far.f);
+    let d = less_product(less_product(d, e, far.g), c, near.f);
+    let f = less_product(f, c, near.g);
+    let pivot = Pivot::new(d);
+    let apply = |block| by_columns(block, |column, _| pivot.solve(column));
+    (Lower { e, c, pivot }, Upper { f: apply(f), g: apply(g) })
+}
+
+/// The two or three rows that both ends leave over (one for a single node).
+#[derive(Debug, Default)]
+struct Middle {
+    lower: [Lower<f64>; 3],
+    upper: [Upper<f64>; 3],
+    /// What ties the last of them to the last rows eliminated from below, the nearest and the one after, and then the
+    /// last but one of them to the nearest.
+    below: [Block<f64>; 3],
+}
+
+impl Middle {
+    fn factor(&mut self, rows: &[BlockRow], near: &Upper<f64x2>, far: &Upper<f64x2>) {
+        let mut left = [BlockRow::default(); 3];
+        left[..rows.len()].copy_from_slice(rows);
+        let (last, other) = (rows.len() - 1, rows.len().saturating_sub(2));
+        let (mut near, mut far, below, below_far) = (near.lane(0), far.lane(0), near.lane(1), far.lane(1));
+        let [e, c, d, f, g] = left[last];
+        let f = less_product(f, g, below_far.f);
+        let d = less_product(less_product(d, g, below_far.g), f, below.f);
+        left[last] = [e, less_product(c, f, below.g), d, Block::default(), Block::default()];
+        self.below = [f, g, left[other][4]];
+        let [e, c, d, f, g] = left[other];
+        left[other] = [e, c, less_product(d, g, below.g), less_product(f, g, below.f), Block::default()];
+        for (row, (lower, upper)) in left[..rows.len()].iter().zip(self.lower.iter_mut().zip(&mut self.upper)) {
+            (*lower, *upper) = eliminate(*row, &near, &far);
+            (far, near) = (near, *upper);
+        }
+    }
+
+    /// Solves for the middle; returns its unknowns nearest to and second from the outer rows.
+    fn solve(&self, b: &mut [[f64; 2]], near: [f64x2; 2], far: [f64x2; 2]) -> [[f64x2; 2]; 2] {
+        let (last, other) = (b.len() - 1, b.len().saturating_sub(2));
+        let ([mut near, below], [mut far, below_far]) = (part(near), part(far));
+        b[last] = less(less(b[last], self.below[1], below_far), self.below[0], below);
+        b[other] = less(b[other], self.below[2], below);
+        for (b, lower) in b.iter_mut().zip(&self.lower) {
+            *b = lower.forward(*b, near, far);
+            (far, near) = (near, *b);
+        }
+        (near, far) = Default::default();
+        for (b, upper) in b.iter_mut().zip(&self.upper).rev() {
+            *b = upper.backward(*b, near, far);
+            (far, near) = (near, *b);
+        }
+        [pair(b[0], b[last]), pair(b[1.min(last)], b[other])]
+    }
+
+    /// The same with the transpose; `near` and `far` are what the outer rows leave to subtract: from the middle's rows
+    /// nearest to them, and from those second from them.
+    fn solve_transposed(&self, b: &mut [[f64; 2]], near: [f64x2; 2], far: [f64x2; 2]) -> [[f64x2; 2]; 2] {
+        let (first, last, other) = (0, b.len() - 1, b.len().saturating_sub(2));
+        let subtract = |b: &mut [f64; 2], x: [f64; 2]| *b = [b[0] - x[0], b[1] - x[1]];
+        let ([top, bottom], [top_far, bottom_far]) = (part(near), part(far));
+        subtract(&mut b[first], top);
+        subtract(&mut b[1.min(last)], top_far);
+        subtract(&mut b[last], bottom);
+        subtract(&mut b[other], bottom_far);
+        for k in 0..b.len() {
+            let upper = self.upper[k];
+            let (f, g) = (transpose(upper.f), transpose(upper.g));
+            if k + 1 < b.len() {
+                b[k + 1] = less(b[k + 1], f, b[k]);
+            }
+            if k + 2 < b.len() {
+                b[k + 2] = less(b[k + 2], g, b[k]);
+            }
+        }
+        for k in (0..b.len()).rev() {
+            let lower = self.lower[k];
+            b[k] = lower.pivot.solve_transposed(b[k]);
+            if k >= 1 {
+                b[k - 1] = less(b[k - 1], transpose(lower.c), b[k]);
+            }
+            if k >= 2 {
+                b[k - 2] = less(b[k - 2], transpose(lower.e), b[k]);
+            }
+        }
+        [pair(b[0], b[last]), pair(b[1.min(last)], b[other])]
+    }
+}
+
+/// Two numbers of a top row and two of a bottom one, in lanes.
+#[inline(always)]
+fn pair(top: [f64; 2], bottom: [f64; 2]) -> [f64x2; 2] {
+    [f64x2::new([top[0], bottom[0]]), f64x2::new([top[1], bottom[1]])]
+}
+
+/// The inverse of [`pair`].
+#[inline(always)]
+fn part(lanes: [f64x2; 2]) -> [[f64; 2]; 2] {
+    let [[t0, b0], [t1, b1]] = lanes.map(f64x2::to_array);
+    [[t0, t1], [b0, b1]]
+}
+
+/// A top row and a bottom one, the latter back to front, in lanes.
+#[inline(always)]
+fn pair_rows(top: &BlockRow, bottom: &BlockRow) -> [Block<f64x2>; 5] {
+    std::array::from_fn(|j| std::array::from_fn(|i| f64x2::new([top[j][i], bottom[4 - j][i]])))
+}
+
+/// Pairs of rows that are eliminated from both ends of `nodes` rows.
+fn pairs(nodes: usize) -> usize {
+    nodes.saturating_sub(2) / 2
+}
+
+/// The first `pairs` of `all`, the middle, the last `pairs`.
+fn ends<T>(all: &[T], pairs: usize) -> [&[T]; 3] {
+    let (top, rest) = all.split_at(pairs);
+    let (middle, bottom) = rest.split_at(rest.len() - pairs);
+    [top, middle, bottom]
+}
+
+/// Two numbers a node, divided as by [`ends`].
+fn ends_mut(values: &mut [f64], pairs: usize) -> [&mut [[f64; 2]]; 3] {
+    let (top, rest) = values.as_chunks_mut().0.split_at_mut(pairs);
+    let (middle, bottom) = rest.split_at_mut(rest.len() - pairs);
+    [top, middle, bottom]
+}
+
+/// The last two rows or vectors that a sweep has passed, the last one first.
+type Passed<T> = [T; 2];
+
+impl BlockBand {
+    /// Back substitution from the middle outwards; `near` and `far` are the middle's two rows next to the ends.
+    fn outwards(&self, top: &mut [[f64; 2]], bottom: &mut [[f64; 2]], [mut near, mut far]: Passed<[f64x2; 2]>) {
+        for ((upper, t), b) in self.upper.iter().zip(top).zip(bottom.iter_mut().rev()).rev() {
+            let x = upper.backward(pair(*t, *b), near, far);
+            (far, near) = (near, x);
+            [*t, *b] = part(x);
+        }
+    }
+}
+
+impl LinearSolver for BlockBand {
+    fn analyse(matrix: &BandMatrix) -> Result<Self> {
+        let upper = vec![Upper::default(); pairs(matrix.nodes())];
+        Ok(Self { lower: Vec::new(), upper, middle: Middle::default(), factored: false })
+    }
+
+    fn factor(&mut self, matrix: &BandMatrix) -> Result<()> {
+        self.lower.resize(self.upper.len(), Lower::default());
+        let [top, middle, bottom] = ends(matrix.rows(), self.upper.len());
+        let (mut near, mut far) = Default::default();
+        let factors = self.lower.iter_mut().zip(&mut self.upper);
+        for ((t, b), (lower, upper)) in top.iter().zip(bottom.iter().rev()).zip(factors) {
+            (*lower, *upper) = eliminate(pair_rows(t, b), &near, &far);
+            (far, near) = (near, *upper);
+        }
+        self.middle.factor(middle, &near, &far);
+        self.factored = true;
+        Ok(())
+    }
+
+    fn factor_and_solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<()> {
+        self.factored = false;
+        let [top, middle, bottom] = ends(matrix.rows(), self.upper.len());
+        let [x_top, x_middle, x_bottom] = ends_mut(rhs, self.upper.len());
+        let (mut near, mut far) = Default::default();
+        let (mut x_near, mut x_far) = Default::default();
+        let rows = top.iter().zip(bottom.iter().rev());
+        let unknowns = x_top.iter_mut().zip(x_bottom.iter_mut().rev());
+        for (((t, b), (x_t, x_b)), upper) in rows.zip(unknowns).zip(&mut self.upper) {
+            let lower;
+            (lower, *upper) = eliminate(pair_rows(t, b), &near, &far);
+            (far, near) = (near, *upper);
+            let x = lower.forward(pair(*x_t, *x_b), x_near, x_far);
+            (x_far, x_near) = (x_near, x);
+            [*x_t, *x_b] = part(x);
+        }
+        self.middle.factor(middle, &near, &far);
+        let inner = self.middle.solve(x_middle, x_near, x_far);
+        self.outwards(x_top, x_bottom, inner);
+        Ok(())
+    }
+
+    fn solve(&mut self, rhs: &mut [f64]) {
+        if !self.factored {
+            rhs.fill(f64::NAN);
+            return;
+        }
+        let [top, middle, bottom] = ends_mut(rhs, self.upper.len());
+        let (mut near, mut far) = Default::default();
+        for ((t, b), lower) in top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.lower) {
+            let x = lower.forward(pair(*t, *b), near, far);
+            (far, near) = (near, x);
+            [*t, *b] = part(x);
+        }
+        let inner = self.middle.solve(middle, near, far);
+        self.outwards(top, bottom, inner);
+    }
+
+    fn solve_transposed(&mut self, rhs: &mut [f64]) {
+        if !self.factored {
+            rhs.fill(f64::NAN);
+            return;
+        }
+        let zero = [f64x2::default(); 2];
+        let [top, middle, bottom] = ends_mut(rhs, self.upper.len());
+        // What the rows passed take from the next row and from the one after it.
+        let (mut next, mut after) = (zero, zero);
+        for ((t, b), upper) in top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.upper) {
+            let x = pair(*t, *b);
+            let x = [x[0] - next[0], x[1] - next[1]];
+            let taken = less(zero, transpose(upper.f), x);
+            next = [after[0] - taken[0], after[1] - taken[1]];
+            after = less(zero, transpose(upper.g), x).map(|x| -x);
+            [*t, *b] = part(x);
+        }
+        let (count, below) = (middle.len(), self.middle.below);
+        let [mut near, mut far] = self.middle.solve_transposed(middle, next, after);
+        // The blocks C' and E that tie the rows passed to the next row: those of the middle, to begin with.
+        let lanes = |top: Block<f64>, bottom: Block<f64>| std::array::from_fn(|i| f64x2::new([top[i], bottom[i]]));
+        let rows = &self.middle.lower;
+        let mut c: Block<f64x2> = lanes(rows[0].c, below[0]);
+        let mut e_near: Block<f64x2> = lanes(rows[0].e, below[1]);
+        let mut e_far: Block<f64x2> = lanes(rows[1.min(count - 1)].e, below[2]);
+        let outwards = top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.lower).rev();
+        for ((t, b), lower) in outwards {
+            let x = less(less(pair(*t, *b), transpose(e_far), far), transpose(c), near);
+            let x = lower.pivot.solve_transposed(x);
+            (far, near) = (near, x);
+            (e_far, e_near, c) = (e_near, lower.e, lower.c);
+            [*t, *b] = part(x);
+        }
+    }
+}

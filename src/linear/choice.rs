@@ -1,0 +1,69 @@
+//! Which solver a run takes, and what happens where the fast one fails.
+
+use serde::{Deserialize, Serialize};
+
+use super::{BandMatrix, BlockBand, FaerLu, LinearSolver};
+use crate::error::Result;
+
+/// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have.
+const BACKWARD_ERROR: f64 = 1e-13;
+
+/// Choice of the linear solver; adding one is its file and its line here.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Choice {
+    /// [`BlockBand`], its solution checked; [`FaerLu`] for every system that it does not solve to rounding.
+    #[default]
+    Auto,
+    /// See [`FaerLu`].
+    FaerLu,
+    /// [`BlockBand`] alone: a solution that fails the check is one of NaN.
+    BlockBand,
+}
+
+/// The solver or solvers of a choice, for one system at a time.
+#[derive(Debug)]
+pub struct Chosen {
+    choice: Choice,
+    band: BlockBand,
+    /// Analysed when it is first needed.
+    lu: Option<FaerLu>,
+    rhs: Vec<f64>,
+}
+
+impl Chosen {
+    /// Prepares for every matrix with the pattern of `matrix`.
+    ///
+    /// # Errors
+    /// Those of [`LinearSolver::analyse`].
+    pub fn new(choice: Choice, matrix: &BandMatrix) -> Result<Self> {
+        let lu = if choice == Choice::FaerLu { Some(FaerLu::analyse(matrix)?) } else { None };
+        Ok(Self { choice, band: BlockBand::analyse(matrix)?, lu, rhs: vec![0.0; matrix.unknowns()] })
+    }
+
+    /// Replaces `rhs` by A⁻¹ rhs, values that are not finite where A is singular. True if the fast solver failed the
+    /// check, so that there was a second factorisation.
+    ///
+    /// # Errors
+    /// Those of [`LinearSolver::analyse`] and [`LinearSolver::factor`].
+    pub fn solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<bool> {
+        if self.choice != Choice::FaerLu {
+            self.rhs.copy_from_slice(rhs);
+            self.band.factor_and_solve(matrix, rhs)?;
+            if matrix.backward_error(rhs, &self.rhs) <= BACKWARD_ERROR {
+                return Ok(false);
+            }
+            if self.choice == Choice::BlockBand {
+                rhs.fill(f64::NAN);
+                return Ok(false);
+            }
+            rhs.copy_from_slice(&self.rhs);
+        }
+        let lu = match &mut self.lu {
+            Some(lu) => lu,
+            none => none.insert(FaerLu::analyse(matrix)?),
+        };
+        lu.factor_and_solve(matrix, rhs)?;
+        Ok(self.choice == Choice::Auto)
+    }
+}
