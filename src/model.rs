@@ -2,6 +2,8 @@
 //!
 //! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
 
+pub mod chain;
+
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -13,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::{Edge, Rod, add, bend, node, stretch};
 use crate::start::Start;
-use crate::system::{Linearisation, State, System};
+use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
@@ -174,12 +176,15 @@ impl Dynamics {
 
     /// The first state of a run: positions and velocities at time zero, accelerations zero.
     pub fn first_state(&mut self) -> State {
-        let mut state = State::zeros(2 * self.model.rod.nodes);
+        self.first_state_in(Form::Positions)
+    }
+
+    /// Places `state` at the start.
+    fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
         let Model { rod, start, .. } = &*self.model;
-        start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), &mut state);
-        self.move_to(0.0, &mut state);
-        state
+        start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), state);
+        self.move_to(0.0, state);
     }
 
     /// Takes over `inputs` as a whole.
@@ -240,6 +245,18 @@ impl Dynamics {
                 _ => Error::NotFinite { time_s: t, node: k, what: "position" },
             });
         }
+        Ok(&self.edges)
+    }
+
+    /// Edges of `state`: those of its links where it has any, else those of its positions.
+    ///
+    /// # Errors
+    /// Those of [`edges`](Self::edges).
+    pub fn edges_of(&mut self, state: &State) -> Result<&[Edge]> {
+        if state.links.is_empty() {
+            return self.edges(&state.q, state.t);
+        }
+        self.edges_of_links(&state.links, state.t)?;
         Ok(&self.edges)
     }
 
@@ -393,6 +410,20 @@ impl System for Dynamics {
             }
         }
         Ok(())
+    }
+
+    fn assemble_chain(
+        &mut self,
+        state: &State,
+        direction: Direction,
+        residual: &mut [f64],
+        matrix: &mut ChainMatrix,
+    ) -> Result<()> {
+        self.assemble_links(state, direction, residual, matrix)
+    }
+
+    fn move_links(&self, increment: &[f64], state: &mut State) {
+        self.move_links_back(increment, &mut state.links);
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {

@@ -5,10 +5,10 @@ use std::sync::Arc;
 use crate::error::{Error, Result, nearest};
 use crate::integrator::Integrator;
 use crate::metrics::{Meter, Reading};
-use crate::model::{Dynamics, Inputs, Model};
+use crate::model::{Dynamics, Inputs, Model, chain};
 use crate::newton::{Newton, Work};
 use crate::scene::Scene;
-use crate::system::{Direction, State, System};
+use crate::system::{Direction, Form, State, System};
 use crate::variable::{Causality, VARIABLES, Variable, View};
 
 /// How often a failing step is halved before the failure is reported: down to 1/1024 of it.
@@ -54,7 +54,7 @@ pub struct Snapshot {
 
 impl Stepper {
     /// Prepares a run of `model` at time zero with internal steps of at most `time_step` (s), Newton to
-    /// `tolerance` (largest displacement increment over the length).
+    /// `tolerance` (largest displacement increment over the length), in the [form](chain::form) that is accurate for them.
     ///
     /// # Errors
     /// [`Error::Linear`] where memory does not suffice; whatever is wrong with the first state.
@@ -64,9 +64,25 @@ impl Stepper {
         time_step: f64,
         tolerance: f64,
     ) -> Result<Self> {
+        let model = model.into();
+        let form = chain::form(&model.rod, time_step);
+        Self::init_in(form, model, integrator, time_step, tolerance)
+    }
+
+    /// Prepares as [`init`](Self::init) does, but in `form`.
+    ///
+    /// # Errors
+    /// Those of [`init`](Self::init).
+    pub fn init_in(
+        form: Form,
+        model: impl Into<Arc<Model>>,
+        integrator: Box<dyn Integrator>,
+        time_step: f64,
+        tolerance: f64,
+    ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
-        let mut newton = Newton::new(dynamics.nodes(), tolerance)?;
-        let mut state = dynamics.first_state();
+        let mut newton = Newton::of(form, dynamics.nodes(), tolerance)?;
+        let mut state = dynamics.first_state_in(form);
         let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
         newton.iterate(&mut dynamics, &mut state, Direction { q: 0.0, v: 0.0, a: 1.0 })?;
@@ -94,7 +110,9 @@ impl Stepper {
     /// Those of [`Scene::model`] and [`init`](Self::init).
     pub fn of(scene: &Scene) -> Result<Self> {
         let solver = &scene.solver;
-        Self::init(scene.model()?, scene.integrator()?, solver.time_step_s.get(), solver.newton_tolerance.get())
+        let model = scene.model()?;
+        let form = solver.form.of(&model.rod, solver.time_step_s.get());
+        Self::init_in(form, model, scene.integrator()?, solver.time_step_s.get(), solver.newton_tolerance.get())
     }
 
     /// Time now, s.
@@ -115,6 +133,11 @@ impl Stepper {
     /// What Newton's method has done.
     pub fn work(&self) -> Work {
         self.newton.work
+    }
+
+    /// The form that Newton's method solves.
+    pub fn form(&self) -> Form {
+        self.newton.form()
     }
 
     /// The model.
@@ -278,7 +301,7 @@ impl Stepper {
     /// [`Error::WrongLength`] for a snapshot of another number of nodes.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
         let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
-        if expected != found {
+        if expected != found || self.state.links.len() != snapshot.state.links.len() {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
         self.clock = snapshot.clock;

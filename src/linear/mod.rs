@@ -1,11 +1,13 @@
 //! The linear seam: one matrix with a fixed band pattern, and the solvers that take it.
 
 mod faer_lu;
+mod pivoted_band;
 
 use nalgebra::Matrix2;
 
 use crate::error::Result;
 pub use faer_lu::FaerLu;
+pub use pivoted_band::PivotedBand;
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
 const REACH: usize = 2;

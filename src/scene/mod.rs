@@ -18,9 +18,10 @@ use crate::drag::{Drag, Fluid, HalfEdges, StokesLike};
 use crate::error::{Error, Result, nearest};
 use crate::head::{Motion, Signal};
 use crate::integrator::{Integrator, METHODS, Method};
-use crate::model::{Drive, Model};
+use crate::model::{Drive, Model, chain};
 use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
 use crate::start::Start;
+use crate::system::Form;
 
 /// Fewest and most nodes a scene may have.
 pub const NODES: [u64; 2] = [3, 10_000_000];
@@ -239,9 +240,36 @@ pub struct SolverTable {
     /// Largest displacement increment of Newton's last iteration over the length.
     #[serde(default = "default_tolerance")]
     pub newton_tolerance: Tolerance,
+    /// What Newton's method takes as unknowns.
+    #[serde(default)]
+    pub form: FormKey,
     /// The method's own parameters.
     #[serde(flatten)]
     pub parameters: BTreeMap<String, toml::Value>,
+}
+
+/// Choices of the [`Form`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FormKey {
+    /// Positions where their rounding error stays below [`chain::ACCURACY`], else the chain form.
+    #[default]
+    Auto,
+    /// See [`Form::Positions`].
+    Positions,
+    /// See [`Form::Chain`].
+    Chain,
+}
+
+impl FormKey {
+    /// The form for `rod` and steps of `time_step` (s).
+    pub fn of(self, rod: &Rod, time_step: f64) -> Form {
+        match self {
+            Self::Auto => chain::form(rod, time_step),
+            Self::Positions => Form::Positions,
+            Self::Chain => Form::Chain,
+        }
+    }
 }
 
 /// `[record]`.
@@ -262,7 +290,7 @@ impl Default for RecordTable {
 }
 
 /// The keys of `[solver]` beside the methods' parameters.
-const SOLVER_KEYS: [&str; 4] = ["integrator", "time_step_s", "duration_s", "newton_tolerance"];
+const SOLVER_KEYS: [&str; 5] = ["integrator", "time_step_s", "duration_s", "newton_tolerance", "form"];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
 fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {
