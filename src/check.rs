@@ -92,7 +92,7 @@ impl Assessment {
             refusal: None,
         };
         assessment.describe(scene, stepper, coarse.is_some());
-        assessment.warn(scene, stepper, omega, line_density);
+        assessment.warn(scene, stepper, omega);
         Ok(assessment)
     }
 
@@ -122,6 +122,16 @@ impl Assessment {
                 scene.solver.duration_s.get()
             ),
         );
+        let rounding = chain::rounding(rod, step);
+        fact(
+            "form",
+            match stepper.form() {
+                Form::Positions => format!("positions: their rounding error is about {rounding:.1e} relative at most"),
+                Form::Chain => format!(
+                    "chain, whose rounding error does not grow with the mesh; that of positions may reach {rounding:.1e} relative"
+                ),
+            },
+        );
         let recorded = whole / scene.record.every.get() as u64 + 1;
         let tables = if scene.writes_nodes_csv() { "trajectory.csv and nodes.csv" } else { "trajectory.csv" };
         fact("output", format!("about {recorded} rows in {tables}"));
@@ -149,7 +159,7 @@ impl Assessment {
         }
     }
 
-    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>, line_density: f64) {
+    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
         let rod = &stepper.model().rod;
         let step = scene.solver.time_step_s.get();
         let warnings = &mut self.warnings;

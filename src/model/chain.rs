@@ -58,8 +58,7 @@ fn curvature(turning: f64) -> f64 {
     }
 }
 
-/// The part of κ that solves B(κ−κ̄)(1+κ²/4) = M near `kappa`: one iteration, which is exact where `kappa` is off by
-/// rounding.
+/// The κ near `kappa` that solves B(κ−κ̄)(1+κ²/4) = M, by one Newton iteration: exact where `kappa` is off by rounding.
 #[inline]
 fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
     let s = bend::curvature_per_turning(kappa);
