@@ -11,12 +11,16 @@
 /// growth of partial pivoting, which for bands is bounded and in practice near 1.
 #[derive(Debug, Clone)]
 pub struct PivotedBand<const LOWER: usize, const WIDTH: usize> {
+    unknowns: usize,
     /// Row i from column i − `LOWER` on; once factored, row i of U from the diagonal on, the diagonal as its inverse.
+    /// `LOWER` rows of zeros follow, so that every column has as many rows below it.
     rows: Vec<[f64; WIDTH]>,
     /// Column k of L below the diagonal.
     multipliers: Vec<[f64; LOWER]>,
     /// Column k took its pivot from this many rows below.
     pivots: Vec<u8>,
+    /// The right-hand side of a solve and `WIDTH` zeros.
+    rhs: Vec<f64>,
 }
 
 impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
@@ -24,15 +28,17 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     pub fn new(unknowns: usize) -> Self {
         const { assert!(LOWER < WIDTH && LOWER < 256) };
         Self {
-            rows: vec![[0.0; WIDTH]; unknowns],
+            unknowns,
+            rows: vec![[0.0; WIDTH]; unknowns + LOWER],
             multipliers: vec![[0.0; LOWER]; unknowns],
             pivots: vec![0; unknowns],
+            rhs: vec![0.0; unknowns + WIDTH],
         }
     }
 
     /// Number of rows.
     pub fn unknowns(&self) -> usize {
-        self.rows.len()
+        self.unknowns
     }
 
     /// Sets every entry to zero.
@@ -43,7 +49,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     /// The rows of the matrix, to fill: row i holds columns i − `LOWER` … i + `WIDTH` − 1 − `LOWER`. What lies outside the
     /// matrix must stay zero.
     pub fn rows_mut(&mut self) -> &mut [[f64; WIDTH]] {
-        &mut self.rows
+        &mut self.rows[..self.unknowns]
     }
 
     /// The entry at row `i`, column `j` of a matrix that is not factored yet; zero outside the band.
@@ -53,29 +59,28 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
 
     /// Replaces the matrix by its factors. A singular matrix shows as solutions that are not finite.
     pub fn factor(&mut self) {
-        let unknowns = self.unknowns();
         for (i, row) in self.rows.iter_mut().enumerate().take(LOWER) {
             // The first rows start at column zero already.
             row.copy_within(LOWER - i.., 0);
             row[WIDTH - (LOWER - i)..].fill(0.0);
         }
-        for k in 0..unknowns {
-            let window = &mut self.rows[k..unknowns.min(k + LOWER + 1)];
-            let mut pivot = 0;
-            for (i, row) in window.iter().enumerate().skip(1) {
-                if row[0].abs() > window[pivot][0].abs() {
-                    pivot = i;
+        self.rows[self.unknowns..].fill([0.0; WIDTH]); // a singular matrix leaves NaN here
+        for (k, (multipliers, pivot)) in self.multipliers.iter_mut().zip(&mut self.pivots).enumerate() {
+            let Some((top, below)) = self.rows[k..].split_first_mut() else { return };
+            let Some(below) = below.first_chunk_mut::<LOWER>() else { return };
+            let (mut chosen, mut size) = (0, top[0].abs());
+            for (i, row) in (1..).zip(below.iter()) {
+                if row[0].abs() > size {
+                    (chosen, size) = (i, row[0].abs());
                 }
             }
-            if pivot > 0 {
-                window.swap(0, pivot);
+            if chosen > 0 {
+                std::mem::swap(top, &mut below[chosen - 1]);
             }
-            self.pivots[k] = pivot as u8;
-            let Some((top, below)) = window.split_first_mut() else { return };
+            *pivot = chosen as u8;
             let inverse = 1.0 / top[0];
             top[0] = inverse;
-            let top = *top;
-            for (row, multiplier) in below.iter_mut().zip(&mut self.multipliers[k]) {
+            for (row, multiplier) in below.iter_mut().zip(multipliers) {
                 let factor = row[0] * inverse;
                 *multiplier = factor;
                 for j in 1..WIDTH {
@@ -87,40 +92,50 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     }
 
     /// Replaces `rhs` by A⁻¹ rhs; [`factor`](Self::factor) comes first.
-    pub fn solve(&self, rhs: &mut [f64]) {
-        let unknowns = self.unknowns();
+    pub fn solve(&mut self, rhs: &mut [f64]) {
+        self.rhs[..self.unknowns].copy_from_slice(rhs);
         for (k, (multipliers, pivot)) in self.multipliers.iter().zip(&self.pivots).enumerate() {
-            let window = &mut rhs[k..unknowns.min(k + LOWER + 1)];
-            window.swap(0, usize::from(*pivot));
-            let Some((top, below)) = window.split_first_mut() else { return };
-            for (x, multiplier) in below.iter_mut().zip(multipliers) {
-                *x -= multiplier * *top;
+            if *pivot > 0 {
+                self.rhs.swap(k, k + usize::from(*pivot));
+            }
+            let top = self.rhs[k];
+            for (x, multiplier) in self.rhs[k + 1..].iter_mut().zip(multipliers) {
+                *x -= multiplier * top;
             }
         }
-        for (i, row) in self.rows.iter().enumerate().rev() {
-            let window = &mut rhs[i..unknowns.min(i + WIDTH)];
+        for (i, row) in self.rows[..self.unknowns].iter().enumerate().rev() {
+            let Some(window) = self.rhs[i..].first_chunk_mut::<WIDTH>() else { return };
             // From the far end, so that only the last product waits for the unknown before.
-            let sum: f64 = window.iter().zip(row).skip(1).rev().map(|(x, u)| x * u).sum();
+            let mut sum = 0.0;
+            for j in (1..WIDTH).rev() {
+                sum += window[j] * row[j];
+            }
             window[0] = (window[0] - sum) * row[0];
         }
+        self.finish(rhs);
     }
 
     /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
-    pub fn solve_transposed(&self, rhs: &mut [f64]) {
-        let unknowns = self.unknowns();
-        for (i, row) in self.rows.iter().enumerate() {
-            let window = &mut rhs[i..unknowns.min(i + WIDTH)];
+    pub fn solve_transposed(&mut self, rhs: &mut [f64]) {
+        self.rhs[..self.unknowns].copy_from_slice(rhs);
+        for (i, row) in self.rows[..self.unknowns].iter().enumerate() {
+            let Some(window) = self.rhs[i..].first_chunk_mut::<WIDTH>() else { return };
             window[0] *= row[0];
-            let top = window[0];
-            for (x, u) in window.iter_mut().zip(row).skip(1) {
-                *x -= top * u;
+            for j in 1..WIDTH {
+                window[j] -= window[0] * row[j];
             }
         }
         for (k, (multipliers, pivot)) in self.multipliers.iter().zip(&self.pivots).enumerate().rev() {
-            let window = &mut rhs[k..unknowns.min(k + LOWER + 1)];
-            let sum: f64 = window.iter().skip(1).zip(multipliers).map(|(x, l)| x * l).sum();
-            window[0] -= sum;
-            window.swap(0, usize::from(*pivot));
+            let sum: f64 = self.rhs[k + 1..].iter().zip(multipliers).map(|(x, l)| x * l).sum();
+            self.rhs[k] -= sum;
+            self.rhs.swap(k, k + usize::from(*pivot));
         }
+        self.finish(rhs);
+    }
+
+    /// Hands the solution over; of a singular matrix nothing that is not finite stays behind.
+    fn finish(&mut self, rhs: &mut [f64]) {
+        rhs.copy_from_slice(&self.rhs[..self.unknowns]);
+        self.rhs[self.unknowns..].fill(0.0);
     }
 }
