@@ -41,7 +41,7 @@ pub struct Newton {
 /// The matrix and its solver.
 #[derive(Debug)]
 enum Equations {
-    Positions { jacobian: BandMatrix, solver: FaerLu },
+    Positions { jacobian: BandMatrix, solver: Box<FaerLu> },
     Chain { matrix: ChainMatrix },
 }
 
@@ -64,7 +64,7 @@ impl Newton {
         let (equations, unknowns) = match form {
             Form::Positions => {
                 let jacobian = BandMatrix::new(nodes);
-                let solver = FaerLu::analyse(&jacobian)?;
+                let solver = Box::new(FaerLu::analyse(&jacobian)?);
                 (Equations::Positions { jacobian, solver }, 2 * nodes)
             }
             Form::Chain => {

@@ -305,6 +305,48 @@ fn dynamic_runs_converge_as_the_square_of_the_spacing_up_to_100_000_nodes() {
 }
 
 #[test]
+fn a_scene_takes_the_form_it_names_and_otherwise_the_one_that_is_accurate() {
+    let form = |nodes: u32, key: &str| Stepper::of(&scene(&[&format!("rod.nodes={nodes}"), key])).unwrap().form();
+    // The bound passes 1e-6 at 624 nodes, at steps of 1 ms.
+    for (nodes, auto) in [(9, Form::Positions), (550, Form::Positions), (700, Form::Chain), (20_000, Form::Chain)] {
+        assert_eq!(form(nodes, "solver.form=auto"), auto, "{nodes}");
+        assert_eq!(form(nodes, "name=unnamed"), auto, "{nodes}");
+    }
+    assert_eq!(form(700, "solver.form=positions"), Form::Positions);
+    assert_eq!(form(9, "solver.form=chain"), Form::Chain);
+    let error = common::document("test.toml", &["solver.form=chains"]).scene().unwrap_err().to_string();
+    assert!(error.contains("solver.form") && error.contains("`auto`, `positions`, `chain`"), "{error}");
+}
+
+#[test]
+fn a_host_sees_the_same_in_both_forms_and_a_snapshot_goes_back_to_the_bit() {
+    let [positions, chain] = ["positions", "chain"].map(|form| {
+        let mut tail = Stepper::of(&scene_of(SOFT, &["head.kind=driven", &format!("solver.form={form}")])).unwrap();
+        tail.do_step(0.1).unwrap();
+        tail.set("natural_curvature_1_m", &[0.5; 8]).unwrap();
+        tail.set("head_angle_rad", &[0.1]).unwrap();
+        tail.set("flow_x_m_s", &[0.2]).unwrap();
+        let snapshot = tail.save();
+        tail.do_step(0.1).unwrap();
+        let end = tail.state().clone();
+        tail.restore(&snapshot).unwrap();
+        tail.do_step(0.1).unwrap();
+        assert_eq!(*tail.state(), end);
+        tail
+    });
+    for variable in chain.variables() {
+        if ["newton_iterations", "numerical_dissipation_j"].contains(&variable.name) {
+            continue;
+        }
+        let [a, b] = [&positions, &chain].map(|tail| tail.get(variable.name).unwrap());
+        let scale = largest(a.iter().copied()).max(1e-6);
+        let worst = largest(a.iter().zip(&b).map(|(a, b)| a - b)) / scale;
+        println!("{}: {worst:e}", variable.name);
+        assert!(worst < 1e-8, "{}: {worst:e}", variable.name);
+    }
+}
+
+#[test]
 #[ignore = "a measurement"]
 fn a_million_nodes() {
     for text in [&SWIMMER[..], &HANGING] {
