@@ -6,13 +6,13 @@ use crate::actuation::Wave;
 use crate::error::Result;
 use crate::head::Signal;
 use crate::metrics::Energy;
-use crate::model::Model;
+use crate::model::{Model, chain};
 use crate::modes::Modes;
 use crate::rod::bend;
 use crate::scene::{Fault, NodesTable, Scene, StartKind};
 use crate::start::Start;
 use crate::stepper::Stepper;
-use crate::system::State;
+use crate::system::{Form, State};
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
 const MODES_UP_TO: u64 = 201;
@@ -25,8 +25,6 @@ const RESOLVED: f64 = 0.2;
 /// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
 /// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
 const WALL: [f64; 2] = [2e-4, 5e-5];
-/// Relative rounding error from which a warning is due.
-const ROUNDING: f64 = 1e-6;
 
 /// A line of the assessment.
 #[derive(Debug, Clone, PartialEq)]
@@ -94,7 +92,7 @@ impl Assessment {
             refusal: None,
         };
         assessment.describe(scene, stepper, coarse.is_some());
-        assessment.warn(scene, stepper, omega, line_density);
+        assessment.warn(scene, stepper, omega);
         Ok(assessment)
     }
 
@@ -123,6 +121,16 @@ impl Assessment {
                 scene.solver.integrator,
                 scene.solver.duration_s.get()
             ),
+        );
+        let rounding = chain::rounding(rod, step);
+        fact(
+            "form",
+            match stepper.form() {
+                Form::Positions => format!("positions: their rounding error is about {rounding:.1e} relative at most"),
+                Form::Chain => format!(
+                    "chain, whose rounding error does not grow with the mesh; that of positions may reach {rounding:.1e} relative"
+                ),
+            },
         );
         let recorded = whole / scene.record.every.get() as u64 + 1;
         let nodes = match scene.nodes_table() {
@@ -155,7 +163,7 @@ impl Assessment {
         }
     }
 
-    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>, line_density: f64) {
+    fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
         let rod = &stepper.model().rod;
         let step = scene.solver.time_step_s.get();
         let warnings = &mut self.warnings;
@@ -185,12 +193,13 @@ impl Assessment {
                 sharpest.to_degrees()
             ));
         }
-        let bent = (rod.ei * step * step / line_density).powf(0.25).min(0.5 * rod.length);
-        let rounding = 16.0 * f64::EPSILON * (bent / rod.spacing).powi(4);
+        let (bent, rounding) = (chain::bent_length(rod, step), chain::rounding(rod, step));
         let part = rod.spacing / bent;
-        if part < WALL[0] {
+        if stepper.form() == Form::Chain {
+            // Its rounding error does not grow with the mesh.
+        } else if part < WALL[0] {
             let problem = format!(
-                "found {}; so fine a mesh cannot be solved in double precision: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at this time step",
+                "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at this time step, or solver.form = \"auto\"",
                 rod.nodes,
                 WALL[0],
                 (rod.length / (WALL[0] * bent)).floor()
@@ -199,7 +208,7 @@ impl Assessment {
                 self.refusal = Some(Fault { key: "rod.nodes".to_string(), problem: problem.clone() });
             }
             warnings.push(format!("rod.nodes: {problem}"));
-        } else if rounding > ROUNDING {
+        } else if rounding > chain::ACCURACY {
             warnings.push(format!("the mesh is so fine that rounding errors reach about {rounding:.1e} relative"));
         }
         if rod.spacing < rod.section.outer {

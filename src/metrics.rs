@@ -5,8 +5,8 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
-use crate::rod::{bend, node, stretch};
-use crate::system::{State, System};
+use crate::rod::{Edge, bend, node, stretch};
+use crate::system::{Link, State, System};
 
 /// Energies, J.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
@@ -98,7 +98,7 @@ impl Reading {
         self.time = state.t;
         let mut energy = Energy::default();
         let mut power = Power::default();
-        dynamics.shape(&state.q, state.t)?;
+        dynamics.shape(state)?;
         let rod = &dynamics.model.rod;
         self.kappa.copy_from_slice(dynamics.kappa());
         for k in rod.joints() {
@@ -116,14 +116,23 @@ impl Reading {
         }
         self.com = rod.mean(&state.q);
         let edges = dynamics.edges();
-        energy.stretching = edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum();
+        energy.stretching = if state.links.is_empty() {
+            edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum()
+        } else {
+            let tension = |(edge, link): (&Edge, &Link)| edge.t.dot(&Vector2::from(link.force));
+            0.5 * rod.spacing / rod.ea * edges.iter().zip(&state.links).map(tension).map(|f| f * f).sum::<f64>()
+        };
         if let Some((drag, fluid)) = dynamics.drag() {
             [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
         }
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (rod.mass[0], self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            dynamics.unconstrained(state, scratch, None)?;
-            let held = node(scratch, 0);
+            let held = if state.links.is_empty() {
+                dynamics.unconstrained(state, scratch, None)?;
+                node(scratch, 0)
+            } else {
+                dynamics.reaction(state)?
+            };
             self.head_force = -held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;

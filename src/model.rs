@@ -2,6 +2,8 @@
 //!
 //! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
 
+pub mod chain;
+
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
@@ -14,7 +16,7 @@ use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::bend::{self, Joint};
 use crate::rod::{Edge, Rod, elastic, node};
 use crate::start::Start;
-use crate::system::{Linearisation, State, System};
+use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
@@ -179,12 +181,15 @@ impl Dynamics {
 
     /// The first state of a run: positions and velocities at time zero, accelerations zero.
     pub fn first_state(&mut self) -> State {
-        let mut state = State::zeros(2 * self.model.rod.nodes);
+        self.first_state_in(Form::Positions)
+    }
+
+    /// Places `state` at the start.
+    fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
         let Model { rod, start, .. } = &*self.model;
-        start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), &mut state);
-        self.move_to(0.0, &mut state);
-        state
+        start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), state);
+        self.move_to(0.0, state);
     }
 
     /// Takes over `inputs` as a whole.
@@ -230,13 +235,19 @@ impl Dynamics {
         };
     }
 
-    /// Evaluates edges and joints at positions `q` and time `t`, for [`edges`](Self::edges) and [`kappa`](Self::kappa).
+    /// Evaluates edges and joints of `state`, for [`edges`](Self::edges) and [`kappa`](Self::kappa): those of its links
+    /// where it has any, else those of its positions.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::EdgeCollapse`], [`Error::FoldOver`].
-    pub fn shape(&mut self, q: &[f64], t: f64) -> Result<()> {
-        self.shape_edges(q, t)?;
-        self.shape_joints(t)
+    pub fn shape(&mut self, state: &State) -> Result<()> {
+        if state.links.is_empty() {
+            self.shape_edges(&state.q, state.t)?;
+            return self.shape_joints(state.t);
+        }
+        self.shape_edges_of(&state.links, state.t)?;
+        self.kappa.iter_mut().zip(&state.links).for_each(|(kappa, link)| *kappa = link.curvature);
+        Ok(())
     }
 
     /// The edges of the last [`shape`](Self::shape).
@@ -324,7 +335,7 @@ impl Dynamics {
         residual: &mut [f64],
         mut jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
-        self.shape(&state.q, state.t)?;
+        self.shape(state)?;
         let Model { rod, load, .. } = &*self.model;
         let matrix = jacobian.as_mut().map(|j| (j.matrix.rows_mut(), j.direction));
         elastic::assemble(rod, &self.edges, &self.joints, &state.a, residual, matrix);
@@ -367,6 +378,20 @@ impl System for Dynamics {
             }
         }
         Ok(())
+    }
+
+    fn assemble_chain(
+        &mut self,
+        state: &State,
+        direction: Direction,
+        residual: &mut [f64],
+        matrix: &mut ChainMatrix,
+    ) -> Result<()> {
+        self.assemble_links(state, direction, residual, matrix)
+    }
+
+    fn move_links(&self, increment: &[f64], state: &mut State) {
+        self.move_links_back(increment, &mut state.links);
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {

@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, Choice, Chosen};
-use crate::system::{Direction, Linearisation, State, System};
+use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System, chain_unknowns};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
 /// `models/` is 9.
@@ -13,6 +13,9 @@ const MAX_ITERATIONS: u32 = 30;
 /// An iteration that has stalled at the residual's rounding floor is accepted if its increment, over the length, is
 /// not above this; beyond it the answer itself would be noise.
 const FLOOR_INCREMENT: f64 = 1e-6;
+
+/// In the chain form the floor is the rounding of the positions themselves: this part of how far they reach.
+const CHAIN_FLOOR: f64 = 64.0 * f64::EPSILON;
 
 /// What Newton's method has done so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -31,11 +34,17 @@ pub struct Work {
 #[derive(Debug)]
 pub struct Newton {
     tolerance: f64,
-    jacobian: BandMatrix,
+    equations: Equations,
     increment: Vec<f64>,
-    solver: Chosen,
     /// Work done since the start.
     pub work: Work,
+}
+
+/// The matrix and its solver.
+#[derive(Debug)]
+enum Equations {
+    Positions { jacobian: BandMatrix, solver: Box<Chosen> },
+    Chain { matrix: ChainMatrix },
 }
 
 impl Newton {
@@ -45,17 +54,36 @@ impl Newton {
     /// # Errors
     /// Those of [`Chosen::new`].
     pub fn new(nodes: usize, tolerance: f64) -> Result<Self> {
-        Self::with(Choice::default(), nodes, tolerance)
+        Self::with(Form::Positions, Choice::default(), nodes, tolerance)
     }
 
-    /// The same with a choice of the linear solver.
+    /// Prepares as [`new`](Self::new) does, for systems in `form`; their states must be in the same form. `linear` chooses
+    /// the linear solver of the positions; the chain form has its own. In the chain form the increment of the edges'
+    /// directions (rad) counts as well, times the length.
     ///
     /// # Errors
     /// Those of [`Chosen::new`].
-    pub fn with(linear: Choice, nodes: usize, tolerance: f64) -> Result<Self> {
-        let jacobian = BandMatrix::new(nodes);
-        let solver = Chosen::new(linear, &jacobian)?;
-        Ok(Self { tolerance, increment: vec![0.0; jacobian.unknowns()], jacobian, solver, work: Work::default() })
+    pub fn with(form: Form, linear: Choice, nodes: usize, tolerance: f64) -> Result<Self> {
+        let (equations, unknowns) = match form {
+            Form::Positions => {
+                let jacobian = BandMatrix::new(nodes);
+                let solver = Box::new(Chosen::new(linear, &jacobian)?);
+                (Equations::Positions { jacobian, solver }, 2 * nodes)
+            }
+            Form::Chain => {
+                let unknowns = chain_unknowns(nodes);
+                (Equations::Chain { matrix: ChainMatrix::new(unknowns) }, unknowns)
+            }
+        };
+        Ok(Self { tolerance, equations, increment: vec![0.0; unknowns], work: Work::default() })
+    }
+
+    /// The form that it solves.
+    pub fn form(&self) -> Form {
+        match self.equations {
+            Equations::Positions { .. } => Form::Positions,
+            Equations::Chain { .. } => Form::Chain,
+        }
     }
 
     /// Moves `state` along `direction` until f = 0; returns the displacement increments (m) of the iterations made.
@@ -75,7 +103,11 @@ impl Newton {
                 return Ok(increments);
             }
             let stalled = step.increment >= 0.5 * previous && step.increment <= FLOOR_INCREMENT * length;
-            if stalled && residual <= system.residual_floor(state) {
+            let at_floor = || match self.equations {
+                Equations::Positions { .. } => residual <= system.residual_floor(state),
+                Equations::Chain { .. } => step.increment <= CHAIN_FLOOR * reach(state, length),
+            };
+            if stalled && at_floor() {
                 self.work.floor_stops += 1;
                 return Ok(increments);
             }
@@ -96,21 +128,44 @@ impl Newton {
     /// Whatever the system finds wrong with the state, or [`Error::NotFinite`] for a singular matrix.
     pub fn iterate(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Iteration> {
         self.work.newton_iterations += 1;
-        let linearisation = Linearisation { matrix: &mut self.jacobian, direction };
-        system.assemble(state, &mut self.increment, Some(linearisation))?;
-        finite(&self.increment, state.t, "force")?; // here its node is still known
-        let (worst, residual) = largest(&self.increment);
-        let fallback = self.solver.solve(&self.jacobian, &mut self.increment)?;
-        self.work.factorisations += 1 + u64::from(fallback);
-        self.work.linear_fallbacks += u64::from(fallback);
-        finite(&self.increment, state.t, "Newton's increment")?;
-        for (i, d) in self.increment.iter().enumerate() {
-            state.q[i] -= direction.q * d;
-            state.v[i] -= direction.v * d;
-            state.a[i] -= direction.a * d;
+        let length = system.length();
+        let (increment, t) = (&mut self.increment, state.t);
+        match &mut self.equations {
+            Equations::Positions { jacobian, solver } => {
+                let linearisation = Linearisation { matrix: &mut *jacobian, direction };
+                system.assemble(state, increment, Some(linearisation))?;
+                finite(increment, 2, t, "force")?; // here its node is still known
+                let (worst, residual) = largest(increment);
+                let fallback = solver.solve(jacobian, increment)?;
+                self.work.factorisations += 1 + u64::from(fallback);
+                self.work.linear_fallbacks += u64::from(fallback);
+                finite(increment, 2, t, "Newton's increment")?;
+                for (i, d) in increment.iter().enumerate() {
+                    state.move_back(i, direction, *d);
+                }
+                let (_, increment) = largest(increment);
+                Ok(Iteration { increment: direction.q * increment, residual, node: worst / 2 })
+            }
+            Equations::Chain { matrix } => {
+                system.assemble_chain(state, direction, increment, matrix)?;
+                finite(increment, 6, t, "force")?;
+                let (worst, residual) = largest(increment);
+                self.work.factorisations += 1;
+                matrix.factor();
+                matrix.solve(increment);
+                finite(increment, 6, t, "Newton's increment")?;
+                let mut largest: f64 = 0.0;
+                for (k, of_node) in increment.chunks(6).enumerate() {
+                    for (i, d) in of_node.iter().take(2).enumerate() {
+                        state.move_back(2 * k + i, direction, *d);
+                        largest = largest.max((direction.q * d).abs());
+                    }
+                    largest = of_node.get(5).map_or(largest, |turn| largest.max((length * turn).abs()));
+                }
+                system.move_links(increment, state);
+                Ok(Iteration { increment: largest, residual, node: worst / 6 })
+            }
         }
-        let (_, increment) = largest(&self.increment);
-        Ok(Iteration { increment: direction.q * increment, residual, node: worst / 2 })
     }
 }
 
@@ -148,12 +203,17 @@ impl Increments {
     }
 }
 
-/// Refuses values, two a node, that are not all finite.
-fn finite(values: &[f64], time_s: f64, what: &'static str) -> Result<()> {
+/// Refuses values, `a_node` of them for each node, that are not all finite.
+fn finite(values: &[f64], a_node: usize, time_s: f64, what: &'static str) -> Result<()> {
     match values.iter().position(|x| !x.is_finite()) {
-        Some(i) => Err(Error::NotFinite { time_s, node: i / 2, what }),
+        Some(i) => Err(Error::NotFinite { time_s, node: i / a_node, what }),
         None => Ok(()),
     }
+}
+
+/// Largest coordinate of `state`, or the length where that is larger, m.
+fn reach(state: &State, length: f64) -> f64 {
+    largest(&state.q).1.max(length)
 }
 
 /// Index and size of the entry of largest modulus.

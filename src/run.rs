@@ -10,6 +10,7 @@ use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
+use crate::system::Form;
 
 /// Standard gravity, m/s², for the cost of transport.
 const GRAVITY: f64 = 9.80665;
@@ -77,6 +78,7 @@ pub struct Summary {
     pub end_time_s: f64,
     pub nodes: usize,
     pub integrator: String,
+    pub form: Form,
     pub time_step_s: f64,
     pub steps: u64,
     pub newton_iterations: u64,
@@ -158,6 +160,7 @@ impl Summary {
             end_time_s: stepper.time(),
             nodes: model.rod.nodes,
             integrator: scene.solver.integrator.clone(),
+            form: stepper.form(),
             time_step_s: scene.solver.time_step_s.get(),
             steps: meter.steps,
             newton_iterations: work.newton_iterations,

@@ -49,6 +49,7 @@ impl Start {
                 add(&mut state.q, k, origin + direction * rod.arc_length(k));
             }
             add(&mut state.v, 0, speed);
+            state.links.iter_mut().take(rod.nodes - 1).for_each(|link| link.angle = angle);
             return;
         }
         chain(rod, natural, rate, [origin, speed], [angle, spin], state);
@@ -76,6 +77,12 @@ fn chain(
         if rod.joints().contains(&e) {
             angle += bend::turning(natural[e]);
             spin += rate[e] / bend::curvature_per_turning(natural[e]);
+            if let Some(link) = state.links.get_mut(e) {
+                link.curvature = natural[e];
+            }
+        }
+        if let Some(link) = state.links.get_mut(e) {
+            link.angle = angle;
         }
         let edge = Vector2::new(angle.cos(), angle.sin()) * rod.spacing;
         x += edge;
@@ -97,7 +104,9 @@ fn straighten(rod: &Rod, state: &mut State) {
         cross += m * p.perp(&r);
         dot += m * p.dot(&r);
     }
-    let turn = Rotation2::new(cross.atan2(dot));
+    let turn = cross.atan2(dot);
+    state.links.iter_mut().take(rod.nodes - 1).for_each(|link| link.angle += turn);
+    let turn = Rotation2::new(turn);
     for k in 0..rod.nodes {
         let (x, v) = (target + turn * (node(&state.q, k) - centre), turn * node(&state.v, k));
         state.q[2 * k..2 * k + 2].copy_from_slice(x.as_slice());

@@ -4,12 +4,11 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result, nearest};
 use crate::integrator::Integrator;
-use crate::linear::Choice;
 use crate::metrics::{Meter, Reading};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::{Newton, Work};
 use crate::scene::Scene;
-use crate::system::{Direction, State, System};
+use crate::system::{Direction, Form, State, System};
 use crate::variable::{Causality, VARIABLES, Variable, View};
 
 /// How often a failing step is halved before the failure is reported: down to 1/1024 of it.
@@ -54,21 +53,18 @@ pub struct Snapshot {
 }
 
 impl Stepper {
-    /// Prepares a run of `model` at time zero with internal steps of at most `time_step` (s), Newton to
-    /// `tolerance` (largest displacement increment over the length), its linear systems solved by `linear`.
+    /// Prepares a run of `model` at time zero with internal steps of at most `time_step` (s), solved by `newton`.
     ///
     /// # Errors
-    /// [`Error::Linear`] where memory does not suffice; whatever is wrong with the first state.
+    /// Whatever is wrong with the first state.
     pub fn init(
         model: impl Into<Arc<Model>>,
         integrator: Box<dyn Integrator>,
+        mut newton: Newton,
         time_step: f64,
-        tolerance: f64,
-        linear: Choice,
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
-        let mut newton = Newton::with(linear, dynamics.nodes(), tolerance)?;
-        let mut state = dynamics.first_state();
+        let mut state = dynamics.first_state_in(newton.form());
         let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
         newton.iterate(&mut dynamics, &mut state, Direction { q: 0.0, v: 0.0, a: 1.0 })?;
@@ -93,11 +89,13 @@ impl Stepper {
     /// The start of a scene's run.
     ///
     /// # Errors
-    /// Those of [`Scene::model`] and [`init`](Self::init).
+    /// Those of [`Scene::model`], [`Newton::with`] and [`init`](Self::init).
     pub fn of(scene: &Scene) -> Result<Self> {
         let solver = &scene.solver;
-        let (time_step, tolerance) = (solver.time_step_s.get(), solver.newton_tolerance.get());
-        Self::init(scene.model()?, scene.integrator()?, time_step, tolerance, solver.linear)
+        let (model, time_step) = (scene.model()?, solver.time_step_s.get());
+        let form = solver.form.of(&model.rod, time_step);
+        let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
+        Self::init(model, scene.integrator()?, newton, time_step)
     }
 
     /// Time now, s.
@@ -118,6 +116,11 @@ impl Stepper {
     /// What Newton's method has done.
     pub fn work(&self) -> Work {
         self.newton.work
+    }
+
+    /// The form that Newton's method solves.
+    pub fn form(&self) -> Form {
+        self.newton.form()
     }
 
     /// The model.
@@ -281,7 +284,7 @@ impl Stepper {
     /// [`Error::WrongLength`] for a snapshot of another number of nodes.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
         let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
-        if expected != found {
+        if expected != found || self.state.links.len() != snapshot.state.links.len() {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
         self.clock = snapshot.clock;

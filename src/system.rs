@@ -1,7 +1,41 @@
 //! What an integrator sees of a model: a second-order system f(t, q, v, a) = 0 and its linearisation.
 
-use crate::error::Result;
-use crate::linear::BandMatrix;
+use serde::Serialize;
+
+use crate::error::{Error, Result};
+use crate::linear::{BandMatrix, PivotedBand};
+
+/// What Newton's method takes as unknowns. Both forms are the same discrete rod.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Form {
+    /// The nodes' positions: fast, but its rounding error grows as (L/ΔL)⁴.
+    Positions,
+    /// Positions, moments, forces and directions, see [`chain`](crate::model::chain): as accurate on any mesh.
+    Chain,
+}
+
+/// The chain form's share of a node: its joint, and the edge that starts there.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Link {
+    /// Direction θ_k of the edge from +x, rad; it goes on beyond ±π. Zero where no edge starts.
+    pub angle: f64,
+    /// Force F_k (N) that the edge carries: it pulls node k by F_k and node k+1 by −F_k. Zero where no edge starts.
+    pub force: [f64; 2],
+    /// Moment M_k (N m) of the joint, conjugate to its turning θ_k − θ_{k−1}; zero where there is no joint.
+    pub moment: f64,
+    /// Curvature κ_k of the joint, read from its moment; dimensionless.
+    pub curvature: f64,
+}
+
+/// The matrix of the chain form: six unknowns a node, x, y, M, F_x, F_y, θ; three for the last, where no edge starts.
+/// Three diagonals below the main one; three above it, or five with drag.
+pub type ChainMatrix = PivotedBand<3, 9>;
+
+/// Unknowns of the chain form for `nodes` nodes.
+pub fn chain_unknowns(nodes: usize) -> usize {
+    6 * nodes - 3
+}
 
 /// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries a node: x₀, y₀, x₁, y₁, …
 #[derive(Debug, Clone, PartialEq)]
@@ -14,12 +48,15 @@ pub struct State {
     pub v: Vec<f64>,
     /// Accelerations, m/s².
     pub a: Vec<f64>,
+    /// One a node in the chain form, where they are unknowns of their own and more accurate than what the positions say
+    /// of them; none where positions are the only unknowns.
+    pub links: Vec<Link>,
 }
 
 impl State {
     /// A state of `unknowns` zeros at time zero.
     pub fn zeros(unknowns: usize) -> Self {
-        Self { t: 0.0, q: vec![0.0; unknowns], v: vec![0.0; unknowns], a: vec![0.0; unknowns] }
+        Self { t: 0.0, q: vec![0.0; unknowns], v: vec![0.0; unknowns], a: vec![0.0; unknowns], links: Vec::new() }
     }
 
     /// Copies `other` without allocating.
@@ -28,6 +65,30 @@ impl State {
         self.q.copy_from_slice(&other.q);
         self.v.copy_from_slice(&other.v);
         self.a.copy_from_slice(&other.a);
+        self.links.clone_from(&other.links);
+    }
+
+    /// Moves unknown `i` back by `d` along `direction`.
+    #[inline]
+    pub(crate) fn move_back(&mut self, i: usize, direction: Direction, d: f64) {
+        self.q[i] -= direction.q * d;
+        self.v[i] -= direction.v * d;
+        self.a[i] -= direction.a * d;
+    }
+
+    /// Guesses the links from those of `from`: forces and moments stay, every edge turns as its nodes do on their way
+    /// from there.
+    pub fn guess_links(&mut self, from: &Self) {
+        self.links.clone_from(&from.links);
+        let edges = self.links.len().saturating_sub(1);
+        for (k, link) in self.links.iter_mut().enumerate().take(edges) {
+            let difference = |q: &[f64], i: usize| q[2 * k + 2 + i] - q[2 * k + i];
+            let [(old_x, new_x), (old_y, new_y)] = [0, 1].map(|i| (difference(&from.q, i), difference(&self.q, i)));
+            let turn = (old_x * new_y - old_y * new_x).atan2(old_x * new_x + old_y * new_y);
+            if turn.is_finite() {
+                link.angle += turn;
+            }
+        }
     }
 }
 
@@ -71,6 +132,24 @@ pub trait System {
     /// # Errors
     /// Where the state has no meaning: an edge without length, a fold-over, a number that is not finite.
     fn assemble(&mut self, state: &State, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) -> Result<()>;
+
+    /// Writes the chain form at `state`: its residual, each row as a force (N), and its matrix along `direction`, whose
+    /// first two unknowns a node are the δ of the direction. The time of `state` is the one last moved to.
+    ///
+    /// # Errors
+    /// Those of [`assemble`](Self::assemble), and [`Error::Linear`] for a system without chain form.
+    fn assemble_chain(
+        &mut self,
+        _state: &State,
+        _direction: Direction,
+        residual: &mut [f64],
+        _matrix: &mut ChainMatrix,
+    ) -> Result<()> {
+        Err(Error::Linear { unknowns: residual.len(), reason: "the system has no chain form".to_string() })
+    }
+
+    /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments.
+    fn move_links(&self, _increment: &[f64], _state: &mut State) {}
 
     /// Refuses a step from `before` to `after` that went through a state without meaning.
     ///

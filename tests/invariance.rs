@@ -48,6 +48,7 @@ impl Placement {
             q: self.vectors(&state.q, self.shift),
             v: self.vectors(&state.v, still),
             a: self.vectors(&state.a, still),
+            links: Vec::new(),
         }
     }
 

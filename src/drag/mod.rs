@@ -32,6 +32,9 @@ pub trait Drag: std::fmt::Debug + Send + Sync {
         jacobian: Option<&mut Linearisation<'_>>,
     );
 
+    /// Visits every half-edge: its node, its edge, and what acts on that node.
+    fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge));
+
     /// Viscous power (v−u)ᵀC(v−u) ≥ 0 and the flow's power uᵀC(u−v), W.
     fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2];
 
@@ -40,6 +43,17 @@ pub trait Drag: std::fmt::Debug + Send + Sync {
 
     /// The weighted length ∫w ds, m.
     fn weighted_length(&self) -> f64;
+}
+
+/// The drag of half an edge on its node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfEdge {
+    /// The opposing force, N.
+    pub force: Vector2<f64>,
+    /// ∂(force)/∂v, N s/m.
+    pub by_velocity: Matrix2<f64>,
+    /// ∂(force)/∂φ with φ the direction of the edge, N.
+    pub by_direction: Vector2<f64>,
 }
 
 /// What the host may change of the fluid.
@@ -108,6 +122,21 @@ impl<L: InFluid> Drag for HalfEdges<L> {
                     matrix.add_block(e + i, e + i, &if i == 0 { own - by_end } else { own + by_end });
                     matrix.add_block(e + i, e + 1 - i, &if i == 0 { by_end } else { -by_end });
                 }
+            }
+        }
+    }
+
+    fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
+        let law = self.law.in_fluid(fluid);
+        for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
+            for (k, weight) in (e..).zip(weights) {
+                let w = node(v, k) - fluid.flow;
+                let half = HalfEdge {
+                    force: law.traction(edge.t, w) * *weight,
+                    by_velocity: law.by_velocity(edge.t, w) * *weight,
+                    by_direction: law.by_direction(edge.t, w) * *weight,
+                };
+                visit(k, e, half);
             }
         }
     }

@@ -3,6 +3,7 @@
 mod block_band;
 mod choice;
 mod faer_lu;
+mod pivoted_band;
 
 use nalgebra::Matrix2;
 use wide::f64x2;
@@ -11,6 +12,7 @@ use crate::error::Result;
 pub use block_band::BlockBand;
 pub use choice::{Choice, Chosen};
 pub use faer_lu::FaerLu;
+pub use pivoted_band::PivotedBand;
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
 const REACH: usize = 2;

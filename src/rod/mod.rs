@@ -33,6 +33,12 @@ impl Edge {
         Self { t: vector * per_length, length, per_length }
     }
 
+    /// The edge along the unit tangent `t`, of `length` (m).
+    #[inline]
+    pub fn along(t: Vector2<f64>, length: f64) -> Self {
+        Self { t, length, per_length: 1.0 / length }
+    }
+
     /// Unit normal, the tangent turned by +90°.
     #[inline]
     pub fn n(&self) -> Vector2<f64> {

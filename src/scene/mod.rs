@@ -19,9 +19,10 @@ use crate::error::{Error, Result, nearest};
 use crate::head::{Motion, Signal};
 use crate::integrator::{Integrator, METHODS, Method};
 use crate::linear::Choice;
-use crate::model::{Drive, Model};
+use crate::model::{Drive, Model, chain};
 use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
 use crate::start::Start;
+use crate::system::Form;
 
 /// Fewest and most nodes a scene may have.
 pub const NODES: [u64; 2] = [3, 10_000_000];
@@ -243,9 +244,36 @@ pub struct SolverTable {
     /// The linear solver.
     #[serde(default)]
     pub linear: Choice,
+    /// What Newton's method takes as unknowns.
+    #[serde(default)]
+    pub form: FormKey,
     /// The method's own parameters.
     #[serde(flatten)]
     pub parameters: BTreeMap<String, toml::Value>,
+}
+
+/// Choices of the [`Form`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FormKey {
+    /// Positions where their rounding error stays below [`chain::ACCURACY`], else the chain form.
+    #[default]
+    Auto,
+    /// See [`Form::Positions`].
+    Positions,
+    /// See [`Form::Chain`].
+    Chain,
+}
+
+impl FormKey {
+    /// The form for `rod` and steps of `time_step` (s).
+    pub fn of(self, rod: &Rod, time_step: f64) -> Form {
+        match self {
+            Self::Auto => chain::form(rod, time_step),
+            Self::Positions => Form::Positions,
+            Self::Chain => Form::Chain,
+        }
+    }
 }
 
 /// `[record]`.
@@ -283,7 +311,7 @@ impl Default for RecordTable {
 }
 
 /// The keys of `[solver]` beside the methods' parameters.
-const SOLVER_KEYS: [&str; 5] = ["integrator", "time_step_s", "duration_s", "newton_tolerance", "linear"];
+const SOLVER_KEYS: [&str; 6] = ["integrator", "time_step_s", "duration_s", "newton_tolerance", "linear", "form"];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
 fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {

@@ -1,0 +1,141 @@
+//! Band LU with partial pivoting: matrices that are indefinite or have zeros on the diagonal.
+//!
+//! Source: R. S. Martin & J. H. Wilkinson, Numer. Math. 9 (1967) 279–301, the procedure `bandet1`; LAPACK's dgbtrf does the
+//! same by blocks. Rows are kept flush with the column that is eliminated, so the fill-in of pivoting lands where the
+//! eliminated column was, and U needs no more room than the matrix.
+
+/// A square matrix with `LOWER` diagonals below the main one and `WIDTH` − 1 − `LOWER` above it, and its factors.
+///
+/// P A = L U takes the matrix's place: fill it, [`factor`](Self::factor) it, solve, and [`clear`](Self::clear) it for the
+/// next. Nothing is allocated after [`new`](Self::new). `LOWER`·(2 `WIDTH`) flops an unknown; backward stable up to the
+/// growth of partial pivoting, which for bands is bounded and in practice near 1.
+#[derive(Debug, Clone)]
+pub struct PivotedBand<const LOWER: usize, const WIDTH: usize> {
+    unknowns: usize,
+    /// Row i from column i − `LOWER` on; once factored, row i of U from the diagonal on, the diagonal as its inverse.
+    /// `LOWER` rows of zeros follow, so that every column has as many rows below it.
+    rows: Vec<[f64; WIDTH]>,
+    /// Column k of L below the diagonal.
+    multipliers: Vec<[f64; LOWER]>,
+    /// Column k took its pivot from this many rows below.
+    pivots: Vec<u8>,
+    /// The right-hand side of a solve and `WIDTH` zeros.
+    rhs: Vec<f64>,
+}
+
+impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
+    /// The zero matrix of `unknowns` rows.
+    pub fn new(unknowns: usize) -> Self {
+        const { assert!(LOWER < WIDTH && LOWER < 256) };
+        Self {
+            unknowns,
+            rows: vec![[0.0; WIDTH]; unknowns + LOWER],
+            multipliers: vec![[0.0; LOWER]; unknowns],
+            pivots: vec![0; unknowns],
+            rhs: vec![0.0; unknowns + WIDTH],
+        }
+    }
+
+    /// Number of rows.
+    pub fn unknowns(&self) -> usize {
+        self.unknowns
+    }
+
+    /// Sets every entry to zero.
+    pub fn clear(&mut self) {
+        self.rows.fill([0.0; WIDTH]);
+    }
+
+    /// The rows of the matrix, to fill: row i holds columns i − `LOWER` … i + `WIDTH` − 1 − `LOWER`. What lies outside the
+    /// matrix must stay zero.
+    pub fn rows_mut(&mut self) -> &mut [[f64; WIDTH]] {
+        &mut self.rows[..self.unknowns]
+    }
+
+    /// The entry at row `i`, column `j` of a matrix that is not factored yet; zero outside the band.
+    pub fn entry(&self, i: usize, j: usize) -> f64 {
+        (j + LOWER).checked_sub(i).and_then(|offset| self.rows[i].get(offset)).copied().unwrap_or(0.0)
+    }
+
+    /// Replaces the matrix by its factors. A singular matrix shows as solutions that are not finite.
+    pub fn factor(&mut self) {
+        for (i, row) in self.rows.iter_mut().enumerate().take(LOWER) {
+            // The first rows start at column zero already.
+            row.copy_within(LOWER - i.., 0);
+            row[WIDTH - (LOWER - i)..].fill(0.0);
+        }
+        self.rows[self.unknowns..].fill([0.0; WIDTH]); // a singular matrix leaves NaN here
+        for (k, (multipliers, pivot)) in self.multipliers.iter_mut().zip(&mut self.pivots).enumerate() {
+            let Some((top, below)) = self.rows[k..].split_first_mut() else { return };
+            let Some(below) = below.first_chunk_mut::<LOWER>() else { return };
+            let (mut chosen, mut size) = (0, top[0].abs());
+            for (i, row) in (1..).zip(below.iter()) {
+                if row[0].abs() > size {
+                    (chosen, size) = (i, row[0].abs());
+                }
+            }
+            if chosen > 0 {
+                std::mem::swap(top, &mut below[chosen - 1]);
+            }
+            *pivot = chosen as u8;
+            let inverse = 1.0 / top[0];
+            top[0] = inverse;
+            for (row, multiplier) in below.iter_mut().zip(multipliers) {
+                let factor = row[0] * inverse;
+                *multiplier = factor;
+                for j in 1..WIDTH {
+                    row[j - 1] = row[j] - factor * top[j];
+                }
+                row[WIDTH - 1] = 0.0;
+            }
+        }
+    }
+
+    /// Replaces `rhs` by A⁻¹ rhs; [`factor`](Self::factor) comes first.
+    pub fn solve(&mut self, rhs: &mut [f64]) {
+        self.rhs[..self.unknowns].copy_from_slice(rhs);
+        for (k, (multipliers, pivot)) in self.multipliers.iter().zip(&self.pivots).enumerate() {
+            if *pivot > 0 {
+                self.rhs.swap(k, k + usize::from(*pivot));
+            }
+            let top = self.rhs[k];
+            for (x, multiplier) in self.rhs[k + 1..].iter_mut().zip(multipliers) {
+                *x -= multiplier * top;
+            }
+        }
+        for (i, row) in self.rows[..self.unknowns].iter().enumerate().rev() {
+            let Some(window) = self.rhs[i..].first_chunk_mut::<WIDTH>() else { return };
+            // From the far end, so that only the last product waits for the unknown before.
+            let mut sum = 0.0;
+            for j in (1..WIDTH).rev() {
+                sum += window[j] * row[j];
+            }
+            window[0] = (window[0] - sum) * row[0];
+        }
+        self.finish(rhs);
+    }
+
+    /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
+    pub fn solve_transposed(&mut self, rhs: &mut [f64]) {
+        self.rhs[..self.unknowns].copy_from_slice(rhs);
+        for (i, row) in self.rows[..self.unknowns].iter().enumerate() {
+            let Some(window) = self.rhs[i..].first_chunk_mut::<WIDTH>() else { return };
+            window[0] *= row[0];
+            for j in 1..WIDTH {
+                window[j] -= window[0] * row[j];
+            }
+        }
+        for (k, (multipliers, pivot)) in self.multipliers.iter().zip(&self.pivots).enumerate().rev() {
+            let sum: f64 = self.rhs[k + 1..].iter().zip(multipliers).map(|(x, l)| x * l).sum();
+            self.rhs[k] -= sum;
+            self.rhs.swap(k, k + usize::from(*pivot));
+        }
+        self.finish(rhs);
+    }
+
+    /// Hands the solution over; of a singular matrix nothing that is not finite stays behind.
+    fn finish(&mut self, rhs: &mut [f64]) {
+        rhs.copy_from_slice(&self.rhs[..self.unknowns]);
+        self.rhs[self.unknowns..].fill(0.0);
+    }
+}

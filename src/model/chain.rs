@@ -1,0 +1,243 @@
+//! The chain form: the same discrete rod with moments, forces and edge directions as unknowns of their own.
+//!
+//! Newton's method in nodal positions adds EI/ΔL³ to m/Δt², and reads curvature off positions of size L: its relative
+//! rounding error is about 16ε(λ/ΔL)⁴ ([`rounding`]), and on the finest meshes it fails. Here EI/ΔL³ is never formed. The
+//! energy with multipliers F_k, E = Σ ½B(κ−κ̄)² + Σ F·(Δx − ℓt) + Σ ½ΔL (F·t)²/EA with ℓ = ΔL(1 + F·t/EA), is stationary
+//! where
+//!
+//! - at node k, m a + drag − W − F_k + F_{k−1} = 0;
+//! - at its joint, M = B(κ−κ̄)s with κ = 2 tan(φ/2), φ = θ_k − θ_{k−1}, s = dκ/dφ = 1 + κ²/4; M = 0 where there is none;
+//! - along edge k, ℓ t = x_{k+1} − x_k;
+//! - around it, M_{k+1} − M_k + ℓ F·n = 0.
+//!
+//! Eliminating M, F and θ gives back the equations in positions, so the results are the same but for rounding. Rounding of
+//! x and θ is absorbed within one unit in the last place of them, while M and F stay smooth: curvature is read from M,
+//! stretching from F·t, directions from θ, nothing from differences of positions.
+//!
+//! The rows are scaled to forces by EI and L, so that the choice of pivots is the same in any units. Along a direction that
+//! moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch, the joints curvature.
+
+use nalgebra::Vector2;
+
+use super::{COLLAPSED, Dynamics};
+use crate::error::{Error, Result};
+use crate::rod::{Edge, Rod, bend, node};
+use crate::system::{ChainMatrix, Direction, Form, Link, State};
+
+/// The relative accuracy that a run must have: the chain form takes over where positions would lose it.
+pub const ACCURACY: f64 = 1e-6;
+
+/// Below this half-turning its tangent is summed from its series, the next term of which is below ε/8.
+const SMALL: f64 = 0.01;
+
+/// The length λ = min((EI Δt²/ρA)^¼, L/2) (m) that a step of `time_step` (s) bends.
+pub fn bent_length(rod: &Rod, time_step: f64) -> f64 {
+    let line_density = rod.mass[1] / rod.spacing;
+    (rod.ei * time_step * time_step / line_density).powf(0.25).min(0.5 * rod.length)
+}
+
+/// Relative rounding error of Newton's method in positions, 16ε(λ/ΔL)⁴; measured within a factor of 3.
+pub fn rounding(rod: &Rod, time_step: f64) -> f64 {
+    16.0 * f64::EPSILON * (bent_length(rod, time_step) / rod.spacing).powi(4)
+}
+
+/// The form that is accurate for steps of `time_step` (s).
+pub fn form(rod: &Rod, time_step: f64) -> Form {
+    if rounding(rod, time_step) > ACCURACY { Form::Chain } else { Form::Positions }
+}
+
+/// κ = 2 tan(φ/2).
+#[inline]
+fn curvature(turning: f64) -> f64 {
+    let half = 0.5 * turning;
+    if half.abs() < SMALL {
+        let square = half * half;
+        turning * (1.0 + square * (1.0 / 3.0 + square * (2.0 / 15.0 + square * (17.0 / 315.0))))
+    } else {
+        2.0 * half.tan()
+    }
+}
+
+/// The κ near `kappa` that solves B(κ−κ̄)(1+κ²/4) = M, by one Newton iteration: exact where `kappa` is off by rounding.
+#[inline]
+fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
+    let s = bend::curvature_per_turning(kappa);
+    let deviation = kappa - natural;
+    kappa - (deviation * s - moment / stiffness) / (s + 0.5 * deviation * kappa)
+}
+
+impl Dynamics {
+    /// The first state of a run in `form`; its links are exact where positions are rounded.
+    pub fn first_state_in(&mut self, form: Form) -> State {
+        let mut state = State::zeros(2 * self.model.rod.nodes);
+        if form == Form::Chain {
+            state.links = vec![Link::default(); self.model.rod.nodes];
+        }
+        self.place(&mut state);
+        state
+    }
+
+    /// Edges of `links`: their directions, and lengths ℓ = ΔL(1 + F·t/EA).
+    pub(super) fn shape_edges_of(&mut self, links: &[Link], t: f64) -> Result<()> {
+        let rod = &self.model.rod;
+        for (k, (edge, link)) in self.edges.iter_mut().zip(links).enumerate() {
+            let (sin, cos) = link.angle.sin_cos();
+            let t_k = Vector2::new(cos, sin);
+            let stretch = 1.0 + t_k.dot(&Vector2::from(link.force)) / rod.ea;
+            *edge = Edge::along(t_k, rod.spacing * stretch);
+            if !(COLLAPSED..f64::INFINITY).contains(&stretch) {
+                return Err(if stretch < COLLAPSED {
+                    Error::EdgeCollapse { time_s: t, node: k, length_m: edge.length }
+                } else {
+                    Error::NotFinite { time_s: t, node: k, what: "force or direction" }
+                });
+            }
+        }
+        Ok(())
+    }
+
+    /// Turning of the joint at node `k` by the links' directions.
+    #[inline]
+    fn turning(&self, links: &[Link], k: usize) -> f64 {
+        let before = match (&self.held, k) {
+            (Some([_, _, angle]), 0) => angle.value,
+            _ => links[k - 1].angle,
+        };
+        links[k].angle - before
+    }
+
+    /// See [`System::assemble_chain`](crate::system::System::assemble_chain).
+    pub(super) fn assemble_links(
+        &mut self,
+        state: &State,
+        direction: Direction,
+        residual: &mut [f64],
+        matrix: &mut ChainMatrix,
+    ) -> Result<()> {
+        let links = &state.links;
+        self.shape_edges_of(links, state.t)?;
+        let rows = matrix.rows_mut();
+        let rod = &self.model.rod;
+        let (nodes, joints) = (rod.nodes, rod.joints());
+        let compliance = rod.spacing / rod.ea;
+        let (per_radian, per_metre) = (rod.ei / rod.length.powi(2), rod.ei / rod.length.powi(3));
+        let Direction { q: c_q, a: c_a, .. } = direction;
+        let moves = c_q != 0.0;
+        let mut pull_before = Vector2::zeros(); // of the edge before
+        for (k, link) in links.iter().enumerate() {
+            let row = 6 * k;
+            let (before, after) = (f64::from(k > 0), f64::from(k + 1 < nodes));
+            // Node: columns F_{k−1}, θ_{k−1}, x_k, M_k, F_k, θ_k.
+            let pull = Vector2::from(link.force);
+            let inertia = rod.mass[k];
+            let force = node(&state.a, k) * inertia - self.load(k) - pull + pull_before;
+            residual[row] = force.x;
+            residual[row + 1] = force.y;
+            rows[row] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
+            rows[row + 1] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
+            pull_before = pull;
+            // Joint: columns θ_{k−1}, x_k, M_k, F_k, θ_k.
+            if joints.contains(&k) {
+                let kappa = if moves { curvature(self.turning(links, k)) } else { link.curvature };
+                let s = bend::curvature_per_turning(kappa);
+                if s * bend::FOLD >= 2.0 {
+                    return Err(Error::FoldOver { time_s: state.t, node: k }); // s = 2/(1 + cos φ)
+                }
+                let flexibility = 1.0 / rod.joint[k];
+                let deviation = kappa - self.natural[k];
+                let slope = per_radian * s * (s + 0.5 * deviation * kappa);
+                residual[row + 2] = per_radian * (deviation * s - flexibility * link.moment);
+                rows[row + 2] = [-slope * before, 0.0, 0.0, -per_radian * flexibility, 0.0, 0.0, slope, 0.0, 0.0];
+            } else {
+                residual[row + 2] = link.moment / rod.length;
+                rows[row + 2] = [0.0, 0.0, 0.0, 1.0 / rod.length, 0.0, 0.0, 0.0, 0.0, 0.0];
+            }
+            let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) else { continue };
+            let (t, n) = (edge.t, edge.n());
+            let (along, across) = (pull.dot(&t), pull.dot(&n));
+            // Along the edge: columns x_k, M_k, F_k, θ_k, x_{k+1}.
+            let turn = (n * edge.length + t * (compliance * across)) * per_metre;
+            if moves {
+                let gap = (t * edge.length - (node(&state.q, k + 1) - node(&state.q, k))) * per_metre;
+                residual[row + 3] = gap.x;
+                residual[row + 4] = gap.y;
+                let c = c_q * per_metre;
+                let stretch = t * t.transpose() * (compliance * per_metre);
+                let [xx, xy, yy] = [stretch[(0, 0)], stretch[(0, 1)], stretch[(1, 1)]];
+                rows[row + 3] = [c, 0.0, 0.0, xx, xy, turn.x, -c, 0.0, 0.0];
+                rows[row + 4] = [c, 0.0, xy, yy, turn.y, 0.0, -c, 0.0, 0.0];
+            } else {
+                residual[row + 3] = 0.0;
+                residual[row + 4] = 0.0;
+                rows[row + 3] = [0.0, 0.0, 0.0, t.x, t.y, 0.0, 0.0, 0.0, 0.0];
+                rows[row + 4] = [0.0, 0.0, 0.0, 0.0, per_radian, 0.0, 0.0, 0.0, 0.0];
+            }
+            // Around it: columns M_k, F_k, θ_k, x_{k+1}, M_{k+1}.
+            let scale = 1.0 / rod.length;
+            let by_pull = (n * edge.length + t * (compliance * across)) * scale;
+            let by_angle = (compliance * across * across - edge.length * along) * scale;
+            residual[row + 5] = (next.moment - link.moment + edge.length * across) * scale;
+            rows[row + 5] = [-scale, by_pull.x, by_pull.y, by_angle, 0.0, 0.0, scale, 0.0, 0.0];
+        }
+        if let Some((drag, fluid)) = self.drag() {
+            drag.for_half_edges(&self.edges, &state.v, fluid, &mut |k, e, half| {
+                let row = 6 * k;
+                residual[row] += half.force.x;
+                residual[row + 1] += half.force.y;
+                let c = half.by_velocity * direction.v;
+                rows[row][3] += c[(0, 0)];
+                rows[row][4] += c[(0, 1)];
+                rows[row + 1][2] += c[(1, 0)];
+                rows[row + 1][3] += c[(1, 1)];
+                let angle = if e == k { 8 } else { 2 }; // θ_k or θ_{k−1}
+                rows[row][angle] += half.by_direction.x;
+                rows[row + 1][angle - 1] += half.by_direction.y;
+            });
+        }
+        if self.held.is_some() {
+            for i in 0..2 {
+                residual[i] = 0.0;
+                rows[i] = [0.0; 9];
+                rows[i][3] = per_metre;
+            }
+        }
+        Ok(())
+    }
+
+    /// See [`System::move_links`](crate::system::System::move_links).
+    pub(super) fn move_links_back(&self, increment: &[f64], links: &mut [Link]) {
+        for (link, d) in links.iter_mut().zip(increment.chunks(6)) {
+            link.moment -= d[2];
+            if let [_, _, _, fx, fy, turn] = d {
+                link.force[0] -= fx;
+                link.force[1] -= fy;
+                link.angle -= turn;
+            }
+        }
+        let rod = &self.model.rod;
+        for k in rod.joints() {
+            let guess = curvature(self.turning(links, k));
+            links[k].curvature = from_moment(links[k].moment, rod.joint[k], self.natural[k], guess);
+        }
+    }
+
+    /// M a − F at node 0 of a state in the chain form: the force (N) that a held head must exert.
+    ///
+    /// # Errors
+    /// Those of [`shape`](Self::shape).
+    pub fn reaction(&mut self, state: &State) -> Result<Vector2<f64>> {
+        self.shape(state)?;
+        let mut force = node(&state.a, 0) * self.model.rod.mass[0] - self.load(0);
+        if let Some(link) = state.links.first() {
+            force -= Vector2::from(link.force);
+        }
+        if let Some((drag, fluid)) = self.drag() {
+            drag.for_half_edges(&self.edges[..1], &state.v, fluid, &mut |k, _, half| {
+                if k == 0 {
+                    force += half.force;
+                }
+            });
+        }
+        Ok(force)
+    }
+}
