@@ -5,7 +5,7 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::{BandMatrix, FaerLu, LinearSolver};
+use caudal::linear::{BandMatrix, Choice, Chosen};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
@@ -83,13 +83,12 @@ fn newton(criterion: &mut Criterion) {
                 dynamics.assemble(black_box(&state), &mut residual, Some(jacobian)).unwrap();
             });
         });
-        let mut solver = FaerLu::analyse(&matrix).unwrap();
-        group.bench_function(id("factor"), |b| b.iter(|| solver.factor(black_box(&matrix)).unwrap()));
+        let mut solver = Chosen::new(Choice::default(), &matrix).unwrap();
         let mut solution = residual.clone();
         group.bench_function(id("solve"), |b| {
             b.iter(|| {
                 solution.copy_from_slice(black_box(&residual));
-                solver.solve(&mut solution);
+                solver.solve(black_box(&matrix), &mut solution).unwrap();
             });
         });
 

@@ -5,8 +5,10 @@ use serde::{Deserialize, Serialize};
 use super::{BandMatrix, BlockBand, FaerLu, LinearSolver};
 use crate::error::Result;
 
-/// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have.
-const BACKWARD_ERROR: f64 = 1e-13;
+/// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have: a few thousand
+/// roundings. Measured: below 1e-14 on the iterates of the scenes in `models/` with their own meshes; above it only where
+/// the matrix is indefinite, far from a solution, or where double precision hardly resolves the mesh.
+const BACKWARD_ERROR: f64 = 1e-12;
 
 /// Choice of the linear solver; adding one is its file and its line here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
