@@ -151,8 +151,7 @@ impl Newton {
                 finite(increment, 6, t, "force")?;
                 let (worst, residual) = largest(increment);
                 self.work.factorisations += 1;
-                matrix.factor();
-                matrix.solve(increment);
+                matrix.factor_and_solve(increment);
                 finite(increment, 6, t, "Newton's increment")?;
                 let mut largest: f64 = 0.0;
                 for (k, of_node) in increment.chunks(6).enumerate() {

@@ -102,10 +102,10 @@ fn random(dynamics: &mut Dynamics, dice: &mut Dice) -> State {
 fn moved(state: &State, direction: Direction, d: &[f64], by: f64) -> State {
     let mut state = state.clone();
     for (k, d) in d.chunks(6).enumerate() {
-        for i in 0..2 {
-            state.q[2 * k + i] += by * direction.q * d[i];
-            state.v[2 * k + i] += by * direction.v * d[i];
-            state.a[2 * k + i] += by * direction.a * d[i];
+        for (i, d) in d.iter().enumerate().take(2) {
+            state.q[2 * k + i] += by * direction.q * d;
+            state.v[2 * k + i] += by * direction.v * d;
+            state.a[2 * k + i] += by * direction.a * d;
         }
         let link = &mut state.links[k];
         link.moment += by * d[2];
@@ -293,9 +293,9 @@ fn dynamic_runs_converge_as_the_square_of_the_spacing_up_to_100_000_nodes() {
     for text in [&SWIMMER[..], &HANGING] {
         let meshes = [129, 1025, 10_001, 100_001];
         let results = meshes.map(|nodes| dynamic(text, nodes, "chain", 10).unwrap().0);
-        for i in 0..4 {
+        for (i, limit) in results[3].iter().enumerate() {
             let h = meshes.map(|nodes| 1.0 / (nodes - 1) as f64);
-            let constant = |m: usize| (results[m][i] - results[3][i]) / (h[m] * h[m] - h[3] * h[3]);
+            let constant = |m: usize| (results[m][i] - limit) / (h[m] * h[m] - h[3] * h[3]);
             println!("reading {i}: C = {:?}", [0, 1, 2].map(constant));
             // Measured: C of 1025 nodes foretells the result on 10 001 within 0.7 % or 4e-16.
             let part = h[2] * h[2] - h[3] * h[3];

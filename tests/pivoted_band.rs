@@ -35,6 +35,8 @@ fn backward_error<const LOWER: usize, const WIDTH: usize>(unknowns: usize, diago
         }
     }
     let rhs = DVector::from(dice.many(unknowns, -1.0, 1.0));
+    let mut at_once = rhs.clone();
+    band.clone().factor_and_solve(at_once.as_mut_slice());
     band.factor();
     let mut worst = 0.0;
     for transposed in [false, true] {
@@ -43,6 +45,7 @@ fn backward_error<const LOWER: usize, const WIDTH: usize>(unknowns: usize, diago
             band.solve_transposed(x.as_mut_slice());
         } else {
             band.solve(x.as_mut_slice());
+            assert_eq!(x, at_once);
         }
         let matrix = if transposed { dense.transpose() } else { dense.clone() };
         let size = (WIDTH as f64 + diagonal) * largest(x.iter().copied()) + 1.0;

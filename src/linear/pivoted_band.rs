@@ -59,6 +59,23 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
 
     /// Replaces the matrix by its factors. A singular matrix shows as solutions that are not finite.
     pub fn factor(&mut self) {
+        self.eliminate(|_, _, _| {});
+    }
+
+    /// Replaces the matrix by its factors and `rhs` by A⁻¹ rhs. Eliminating in `rhs` along with the matrix is nearly free:
+    /// alone it waits for its own last result.
+    pub fn factor_and_solve(&mut self, rhs: &mut [f64]) {
+        let mut x = std::mem::take(&mut self.rhs);
+        x[..self.unknowns].copy_from_slice(rhs);
+        self.eliminate(|k, pivot, multipliers| substitute(&mut x, k, pivot, multipliers));
+        self.rhs = x;
+        self.substitute_back();
+        self.finish(rhs);
+    }
+
+    /// Replaces the matrix by its factors; `also` sees each column of L with its number and its pivot.
+    #[inline]
+    fn eliminate(&mut self, mut also: impl FnMut(usize, usize, &[f64; LOWER])) {
         for (i, row) in self.rows.iter_mut().enumerate().take(LOWER) {
             // The first rows start at column zero already.
             row.copy_within(LOWER - i.., 0);
@@ -80,7 +97,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
             *pivot = chosen as u8;
             let inverse = 1.0 / top[0];
             top[0] = inverse;
-            for (row, multiplier) in below.iter_mut().zip(multipliers) {
+            for (row, multiplier) in below.iter_mut().zip(multipliers.iter_mut()) {
                 let factor = row[0] * inverse;
                 *multiplier = factor;
                 for j in 1..WIDTH {
@@ -88,6 +105,7 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
                 }
                 row[WIDTH - 1] = 0.0;
             }
+            also(k, chosen, multipliers);
         }
     }
 
@@ -95,14 +113,15 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     pub fn solve(&mut self, rhs: &mut [f64]) {
         self.rhs[..self.unknowns].copy_from_slice(rhs);
         for (k, (multipliers, pivot)) in self.multipliers.iter().zip(&self.pivots).enumerate() {
-            if *pivot > 0 {
-                self.rhs.swap(k, k + usize::from(*pivot));
-            }
-            let top = self.rhs[k];
-            for (x, multiplier) in self.rhs[k + 1..].iter_mut().zip(multipliers) {
-                *x -= multiplier * top;
-            }
+            substitute(&mut self.rhs, k, usize::from(*pivot), multipliers);
         }
+        self.substitute_back();
+        self.finish(rhs);
+    }
+
+    /// Solves with U.
+    #[inline]
+    fn substitute_back(&mut self) {
         for (i, row) in self.rows[..self.unknowns].iter().enumerate().rev() {
             let Some(window) = self.rhs[i..].first_chunk_mut::<WIDTH>() else { return };
             // From the far end, so that only the last product waits for the unknown before.
@@ -112,7 +131,6 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
             }
             window[0] = (window[0] - sum) * row[0];
         }
-        self.finish(rhs);
     }
 
     /// Replaces `rhs` by A⁻ᵀ rhs; [`factor`](Self::factor) comes first.
@@ -137,5 +155,18 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     fn finish(&mut self, rhs: &mut [f64]) {
         rhs.copy_from_slice(&self.rhs[..self.unknowns]);
         self.rhs[self.unknowns..].fill(0.0);
+    }
+}
+
+/// Eliminates column `k` of L in `x`.
+#[inline]
+fn substitute<const LOWER: usize>(x: &mut [f64], k: usize, pivot: usize, multipliers: &[f64; LOWER]) {
+    if pivot > 0 {
+        x.swap(k, k + pivot);
+    }
+    let Some((top, below)) = x[k..].split_first_mut() else { return };
+    let Some(below) = below.first_chunk_mut::<LOWER>() else { return };
+    for (x, multiplier) in below.iter_mut().zip(multipliers) {
+        *x -= multiplier * *top;
     }
 }
