@@ -82,5 +82,6 @@ fn where_the_fast_solver_fails_the_other_goes_on_and_a_restored_run_goes_on_equa
     assert_eq!(first, second);
     println!("{:?}", first.1);
     assert!(first.1.linear_fallbacks > 0);
-    assert!(first.1.factorisations > first.1.newton_iterations);
+    // An iterate that the model refuses is counted as an iteration, and not factored.
+    assert!(first.1.factorisations <= first.1.newton_iterations + first.1.linear_fallbacks);
 }
