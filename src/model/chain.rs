@@ -24,8 +24,10 @@ use crate::error::{Error, Result};
 use crate::rod::{Edge, Rod, bend, node};
 use crate::system::{ChainMatrix, Direction, Form, Link, State};
 
-/// The relative accuracy that a run must have: the chain form takes over where positions would lose it.
-pub const ACCURACY: f64 = 1e-6;
+/// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
+/// and steps agree with the chain form to about 1e-15, moments to 1e-5, and no iteration is lost; from ten times it on
+/// iterations are. A position iteration costs a quarter of the chain's (measured at 129 … 8193 nodes).
+pub const ACCURACY: f64 = 1e-3;
 
 /// Below this half-turning its tangent is summed from its series, the next term of which is below ε/8.
 const SMALL: f64 = 0.01;
@@ -36,7 +38,9 @@ pub fn bent_length(rod: &Rod, time_step: f64) -> f64 {
     (rod.ei * time_step * time_step / line_density).powf(0.25).min(0.5 * rod.length)
 }
 
-/// Relative rounding error of Newton's method in positions, 16ε(λ/ΔL)⁴; measured within a factor of 3.
+/// Bound on the relative rounding error of one solve of Newton's method in positions, 16ε(λ/ΔL)⁴. Further iterations
+/// refine a time step as long as this is below about 1e-2: then curvature is off by about ε(L/ΔL)² only, and moments by
+/// that times κ/(κ−κ̄) (measured at 129 … 8193 nodes: 1e-14 … 3e-9 and 1e-14 … 1e-4).
 pub fn rounding(rod: &Rod, time_step: f64) -> f64 {
     16.0 * f64::EPSILON * (bent_length(rod, time_step) / rod.spacing).powi(4)
 }
