@@ -179,7 +179,7 @@ pub trait LinearSolver: std::fmt::Debug + Send {
     /// Prepares for every matrix with the pattern of `matrix`.
     ///
     /// # Errors
-    /// [`Error::Linear`] where memory or indices do not suffice.
+    /// [`Error::Linear`](crate::Error::Linear) where memory or indices do not suffice.
     fn analyse(matrix: &BandMatrix) -> Result<Self>
     where
         Self: Sized;
@@ -187,7 +187,7 @@ pub trait LinearSolver: std::fmt::Debug + Send {
     /// Factors the values; a singular matrix shows as non-finite values in the solution.
     ///
     /// # Errors
-    /// [`Error::Linear`] where memory does not suffice or a pivot is missing.
+    /// [`Error::Linear`](crate::Error::Linear) where memory does not suffice or a pivot is missing.
     fn factor(&mut self, matrix: &BandMatrix) -> Result<()>;
 
     /// Replaces `rhs` by A⁻¹ rhs; [`factor`](Self::factor) comes first.
