@@ -24,40 +24,11 @@ const STEPS: u32 = 100;
 
 /// The study's tail with `nodes` nodes.
 fn scene(nodes: usize) -> Scene {
-    let text = format!(
-        r#"
-        [rod]
-        nodes = {nodes}
-        length_m = 1.0
-        outer_radius_m = 0.013
-        inner_radius_m = 0.011
-        youngs_modulus_pa = 70e9
-        density_kg_m3 = 2700.0
-        stiffness_gradient = 1.0
-        mass_lumping = "uniform"
-        [actuation]
-        kind = "travelling-wave"
-        kappa_amp = 0.6
-        kappa_reference_length_m = 0.125
-        frequency_hz = 2.0
-        wavelength_m = 1.0
-        envelope = [0.2, 0.8]
-        [start]
-        kind = "jump"
-        [medium]
-        viscosity_pa_s = 1e-3
-        density_kg_m3 = 1000.0
-        [drag]
-        ratio = 5.0
-        head_weight = 10.0
-        head_length_m = 0.0625
-        [solver]
-        integrator = "implicit-euler"
-        time_step_s = {H:?}
-        duration_s = 20.0
-        "#
-    );
-    Document::new("newton.toml", text).scene().unwrap()
+    let mut document = Document::new("baseline.toml", include_str!("../models/baseline.toml"));
+    document.set(&format!("rod.nodes={nodes}")).unwrap();
+    let scene = document.scene().unwrap();
+    assert_eq!(scene.solver.time_step_s.get(), H);
+    scene
 }
 
 fn newton(criterion: &mut Criterion) {

@@ -49,39 +49,7 @@ pub const GLYCEROL: &str = "medium={ viscosity_pa_s = 0.8, density_kg_m3 = 1260.
 pub const RAMP: &str = "start={ kind = \"ramp\", ramp_s = 0.1 }";
 
 /// The study's tail in water, released as the study releases it.
-pub const STUDY: &str = r#"name = "study"
-[rod]
-nodes = 9
-length_m = 1.0
-outer_radius_m = 0.013
-inner_radius_m = 0.011
-youngs_modulus_pa = 70e9
-density_kg_m3 = 2700.0
-stiffness_gradient = 1.0
-mass_lumping = "uniform"
-[actuation]
-kind = "travelling-wave"
-kappa_amp = 0.6
-kappa_reference_length_m = 0.125
-frequency_hz = 2.0
-wavelength_m = 1.0
-envelope = [0.2, 0.8]
-[start]
-kind = "jump"
-[medium]
-viscosity_pa_s = 1e-3
-density_kg_m3 = 1000.0
-[drag]
-law = "stokes-like"
-ratio = 5.0
-head_weight = 10.0
-head_length_m = 0.0625
-[solver]
-integrator = "implicit-euler"
-time_step_s = 5e-3
-duration_s = 20.0
-newton_tolerance = 1e-12
-"#;
+pub const STUDY: &str = concat!(include_str!("../../models/baseline.toml"), "newton_tolerance = 1e-12\n");
 
 /// A soft tail in glycerol, fat enough that stretching, bending, drag and inertia are of like size.
 pub const SOFT: &str = r#"name = "soft"
