@@ -31,7 +31,6 @@ pub struct Stepper {
     // Room to work in; nothing of a step remains here.
     next: State,
     reading: Reading,
-    scratch: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
@@ -65,11 +64,10 @@ impl Stepper {
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
         let mut state = dynamics.first_state_in(newton.form());
-        let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
         newton.iterate(&mut dynamics, &mut state, Direction { q: 0.0, v: 0.0, a: 1.0 })?;
         newton.work = Work::default();
-        let meter = Meter::start(&mut dynamics, &state, &mut scratch)?;
+        let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         Ok(Self {
             integrator,
@@ -81,7 +79,6 @@ impl Stepper {
             meter,
             state,
             variables,
-            scratch,
             dynamics,
         })
     }
@@ -204,7 +201,7 @@ impl Stepper {
     fn attempt(&mut self, end: f64, h: f64) -> Result<()> {
         self.next.t = end;
         self.integrator.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)?;
-        self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
+        self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work(&self.state.q, &self.next.q);
         self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
         std::mem::swap(&mut self.state, &mut self.next);
@@ -258,7 +255,7 @@ impl Stepper {
         let before = self.dynamics.inputs.clone();
         variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
         self.dynamics.move_to(self.state.t, &mut self.state);
-        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
+        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
             self.dynamics.restore(&before);
             self.dynamics.move_to(self.state.t, &mut self.state);
             return Err(error);
