@@ -55,7 +55,6 @@ pub struct Stepper {
     // Room to work in.
     next: State,
     reading: Reading,
-    scratch: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
@@ -100,7 +99,6 @@ impl Stepper {
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
         let mut state = dynamics.first_state_in(newton.form());
-        let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
         newton.iterate(&mut dynamics, &mut state, ACCELERATIONS)?;
         newton.work = Work::default();
@@ -113,7 +111,7 @@ impl Stepper {
                 if acceleration > 0.0 { (tolerance * dynamics.length() / acceleration).sqrt() } else { AT_REST }
             }
         };
-        let meter = Meter::start(&mut dynamics, &state, &mut scratch)?;
+        let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         Ok(Self {
             integrator,
@@ -129,7 +127,6 @@ impl Stepper {
             meter,
             state,
             variables,
-            scratch,
             dynamics,
         })
     }
@@ -371,7 +368,7 @@ impl Stepper {
 
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
-        self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
+        self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work(&self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
         self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
@@ -427,7 +424,7 @@ impl Stepper {
         variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
         self.dynamics.move_to(self.state.t, &mut self.state);
         self.before = None;
-        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
+        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
             self.dynamics.restore(&before);
             self.dynamics.move_to(self.state.t, &mut self.state);
             return Err(error);

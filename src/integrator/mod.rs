@@ -272,8 +272,8 @@ impl Stage {
                 to.a[i] = a;
             }
             system.move_to(time, to);
-            to.guess_links(from);
             let direction = Direction { q: self.q_new, v: self.v_new, a: 1.0 };
+            system.better_guess(from, direction, to);
             newton.solve(system, to, direction)?;
             system.check_step(from, to)
         };
