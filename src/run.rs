@@ -158,17 +158,17 @@ fn balance_note(meter: &Meter) -> Option<String> {
 
 /// What to say of edges that stretch or turn further than the model or the step can follow.
 fn motion_notes(meter: &Meter) -> impl Iterator<Item = String> {
-    let strained = (meter.max_strain > STRAINED).then(|| {
+    let strained = (meter.totals.max_strain > STRAINED).then(|| {
         format!(
             "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
-            100.0 * meter.max_strain,
+            100.0 * meter.totals.max_strain,
             100.0 * STRAINED
         )
     });
-    let turned = (meter.max_rotation > TURNED).then(|| {
+    let turned = (meter.totals.max_rotation > TURNED).then(|| {
         format!(
             "an edge turns by {:.0}° within one step, more than {:.0}°: the step does not follow the motion, which may have gone another way; a smaller step, or a smooth start, shows whether the result stands",
-            meter.max_rotation.to_degrees(),
+            meter.totals.max_rotation.to_degrees(),
             TURNED.to_degrees()
         )
     });
@@ -220,8 +220,8 @@ impl Summary {
             linear_fallbacks: work.linear_fallbacks,
             step_halvings: meter.totals.halvings,
             newton_floor_stops: work.floor_stops,
-            max_strain: meter.max_strain,
-            max_rotation_per_step_rad: meter.max_rotation,
+            max_strain: meter.totals.max_strain,
+            max_rotation_per_step_rad: meter.totals.max_rotation,
             x_com_m: now.com.x,
             y_com_m: now.com.y,
             net_displacement_m: displacement,

