@@ -85,4 +85,6 @@ pub mod check;
 pub mod report;
 pub mod run;
 
+pub mod sweep;
+
 pub use error::{Error, Result};

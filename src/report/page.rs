@@ -43,7 +43,7 @@ struct Figure<'a> {
 
 /// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
 #[derive(Serialize)]
-struct Motion {
+pub struct Motion {
     times: Vec<f64>,
     points: Vec<Vec<f64>>,
     com: Vec<[f64; 2]>,
@@ -76,25 +76,23 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: self.motion(),
+            motion: Motion::of(self.frames),
         };
         page.render(Serde(&content)).map_err(failed)
     }
+}
 
-    fn motion(&self) -> Motion {
-        let extent =
-            self.frames.iter().flat_map(|frame| &frame.points).flatten().fold(1e-12, |m: f64, x| m.max(x.abs()));
+impl Motion {
+    /// The motion of `frames`.
+    pub fn of(frames: &[Frame]) -> Self {
+        let extent = frames.iter().flat_map(|frame| &frame.points).flatten().fold(1e-12, |m: f64, x| m.max(x.abs()));
         // Six digits of the largest coordinate.
         let unit = 10.0_f64.powi(5 - extent.log10().floor() as i32);
         let round = |x: f64| (x * unit).round() / unit;
-        Motion {
-            times: self.frames.iter().map(|frame| frame.time).collect(),
-            points: self
-                .frames
-                .iter()
-                .map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect())
-                .collect(),
-            com: self.frames.iter().map(|frame| frame.com.map(round)).collect(),
+        Self {
+            times: frames.iter().map(|frame| frame.time).collect(),
+            points: frames.iter().map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect()).collect(),
+            com: frames.iter().map(|frame| frame.com.map(round)).collect(),
         }
     }
 }

@@ -1,5 +1,7 @@
 //! What figures and the page need of a run, thinned so that its size does not grow with the run's.
 
+use serde::{Deserialize, Serialize};
+
 use crate::stepper::Stepper;
 use crate::variable::Variable;
 
@@ -11,7 +13,7 @@ const FRAMES: usize = 1200;
 const POINTS: usize = 120;
 
 /// The rod at a time.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Time, s.
     pub time: f64,
@@ -19,6 +21,19 @@ pub struct Frame {
     pub points: Vec<[f64; 2]>,
     /// Centre of mass, m.
     pub com: [f64; 2],
+}
+
+impl Frame {
+    /// The rod now.
+    pub fn of(stepper: &Stepper) -> Self {
+        let nodes = stepper.model().rod.nodes;
+        let points = POINTS.min(nodes);
+        let point = |i: usize| {
+            let k = i * (nodes - 1) / (points - 1);
+            [stepper.state().q[2 * k], stepper.state().q[2 * k + 1]]
+        };
+        Self { time: stepper.time(), points: (0..points).map(point).collect(), com: stepper.meter().now.com.into() }
+    }
 }
 
 /// Every n-th of what comes; n doubles when `limit` is reached, so the run's length need not be known.
@@ -72,7 +87,7 @@ impl Record {
             step: 0,
         };
         record.samples.offer(0, || sample(&record.columns, stepper));
-        record.frames.offer(0, || frame(stepper));
+        record.frames.offer(0, || Frame::of(stepper));
         record
     }
 
@@ -80,7 +95,7 @@ impl Record {
     pub fn step(&mut self, stepper: &Stepper) {
         self.step += 1;
         self.samples.offer(self.step, || sample(&self.columns, stepper));
-        self.frames.offer(self.step, || frame(stepper));
+        self.frames.offer(self.step, || Frame::of(stepper));
     }
 
     /// Sees the state at the end, unless it is there already.
@@ -90,7 +105,7 @@ impl Record {
             self.samples.kept.push(sample(&self.columns, stepper));
         }
         if self.frames.kept.last().map(|frame| frame.time) != now {
-            self.frames.kept.push(frame(stepper));
+            self.frames.kept.push(Frame::of(stepper));
         }
     }
 
@@ -112,14 +127,4 @@ impl Record {
 fn sample(columns: &[&Variable], stepper: &Stepper) -> Vec<f64> {
     let view = stepper.view();
     columns.iter().map(|variable| variable.first(&view)).collect()
-}
-
-fn frame(stepper: &Stepper) -> Frame {
-    let nodes = stepper.model().rod.nodes;
-    let points = POINTS.min(nodes);
-    let point = |i: usize| {
-        let k = i * (nodes - 1) / (points - 1);
-        [stepper.state().q[2 * k], stepper.state().q[2 * k + 1]]
-    };
-    Frame { time: stepper.time(), points: (0..points).map(point).collect(), com: stepper.meter().now.com.into() }
 }
