@@ -26,13 +26,7 @@ fn file(path: &Path, changes: &[&str]) -> Scene {
 }
 
 fn files() -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let paths =
-        ["models", "tests/reference"].into_iter().flat_map(|folder| std::fs::read_dir(root.join(folder)).unwrap());
-    let mut files: Vec<_> = paths.map(|entry| entry.unwrap().path()).collect();
-    files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
-    files.sort();
-    files
+    ["models", "tests/reference"].into_iter().flat_map(common::scene_files).collect()
 }
 
 #[test]

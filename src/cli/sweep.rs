@@ -93,7 +93,14 @@ fn list(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
     for index in &cases {
         say(&format!("{index:>6}  {}", sweep.describe(&sweep.case(*index)?)));
     }
-    say(&format!("{}: {} of {} cases, inputs {}, to {}", sweep.name, cases.len(), job.size, job.hash, folder.display()));
+    say(&format!(
+        "{}: {} of {} cases, inputs {}, to {}",
+        sweep.name,
+        cases.len(),
+        job.size,
+        job.hash,
+        folder.display()
+    ));
     Ok(ExitCode::SUCCESS)
 }
 
@@ -104,7 +111,8 @@ fn threads(arguments: &Arguments) -> usize {
 fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
-    let name = arguments.shard.map_or_else(|| "cases".to_string(), |Shard { number, of }| format!("shard-{number}-of-{of}"));
+    let name =
+        arguments.shard.map_or_else(|| "cases".to_string(), |Shard { number, of }| format!("shard-{number}-of-{of}"));
     let path = folder.join(format!("{name}.{JOURNAL}"));
     if let Err(e) = std::fs::create_dir_all(&folder) {
         return Ok(refuse(&Error::Write { path: folder, reason: e.to_string() }));

@@ -7,7 +7,7 @@ use minijinja::{AutoEscape, Environment};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::chart::{Chart, Effects, Mark, Scale, Series};
+use super::chart::{Chart, Effects, Mark, Scale, Series, number};
 use super::page::Motion;
 use super::record::Frame;
 use crate::error::{Error, Result};
@@ -88,7 +88,8 @@ impl Axis {
             Some(_) if self.logarithmic => format!("log10 of {}", self.name),
             Some(_) => self.name.clone(),
             None => {
-                let labels: Vec<_> = self.labels.iter().enumerate().map(|(i, label)| format!("{i} = {label}")).collect();
+                let labels: Vec<_> =
+                    self.labels.iter().enumerate().map(|(i, label)| format!("{i} = {label}")).collect();
                 format!("{} ({})", self.name, labels.join(", "))
             }
         }
@@ -111,7 +112,9 @@ impl Axis {
             sums[part] = (sums[part].0 + at[level], sums[part].1 + 1.0);
         }
         let middles: Vec<f64> = sums.into_iter().map(|(sum, count)| sum / count).collect();
-        let text = |x: &f64| format!("{:.3}", if self.logarithmic { 10_f64.powf(*x) } else { *x });
+        let text = |x: &f64| {
+            number(format!("{:.1e}", if self.logarithmic { 10_f64.powf(*x) } else { *x }).parse().unwrap_or(*x))
+        };
         let labels = middles.iter().map(text).collect();
         (group, middles, labels)
     }
@@ -218,7 +221,8 @@ impl Cases {
         let mut figures = Vec::new();
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
-        let shown: Vec<usize> = (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
+        let shown: Vec<usize> =
+            (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
         let parts = self.parts();
         if let Some((quantity, column)) = drawn().next().filter(|(_, column)| known(column)) {
             for (label, cases) in &parts {
@@ -257,7 +261,13 @@ impl Cases {
         if !of.sampled {
             for i in cases() {
                 let key: Vec<usize> = others(i);
-                joined.entry(key.clone()).or_insert_with(|| { order.push(key); Vec::new() }).push(point(i));
+                joined
+                    .entry(key.clone())
+                    .or_insert_with(|| {
+                        order.push(key);
+                        Vec::new()
+                    })
+                    .push(point(i));
             }
         }
         let stride = order.len().div_ceil(JOINED).max(1);
@@ -291,11 +301,15 @@ impl Cases {
             };
             (label.clone(), shown.iter().zip(&groups).map(of).collect())
         });
-        let unit = if relative { "over the mean of all cases".to_string() } else { format!("({})", quantity.unit) };
+        let unit = if relative { "over its mean".to_string() } else { format!("({})", quantity.unit) };
         Effects {
             title: self.titled(&format!("main effects on the {}", quantity.name), ""),
-            y: format!("mean {} {unit}", quantity.name),
-            axes: shown.iter().zip(&groups).map(|(axis, group)| (self.axes[*axis].name.clone(), group.2.clone())).collect(),
+            y: format!("{} {unit}", quantity.name),
+            axes: shown
+                .iter()
+                .zip(&groups)
+                .map(|(axis, group)| (self.axes[*axis].name.clone(), group.2.clone()))
+                .collect(),
             series: series.collect(),
         }
     }
@@ -303,20 +317,24 @@ impl Cases {
     /// The cases of each level of the split beside each other, in the order of the first level's sizes.
     fn compared(&self, quantity: &Quantity, column: &[f64]) -> Option<Chart> {
         let split = self.split?;
-        let others = |i: usize| -> Vec<usize> { (0..self.axes.len()).filter(|a| *a != split).map(|a| self.levels[a][i]).collect() };
+        let others = |i: usize| -> Vec<usize> {
+            (0..self.axes.len()).filter(|a| *a != split).map(|a| self.levels[a][i]).collect()
+        };
         let parts = self.parts();
         let mut first: Vec<usize> = parts.first()?.1.iter().copied().filter(|i| column[*i].is_finite()).collect();
         first.sort_by(|a, b| column[*a].abs().total_cmp(&column[*b].abs()));
         let rank: HashMap<Vec<usize>, usize> = first.iter().enumerate().map(|(rank, i)| (others(*i), rank)).collect();
         let series = parts.iter().map(|(label, cases)| {
-            let place = |i: &usize| Some((*rank.get(&others(*i))? as f64, column[*i])).filter(|point| point.1.is_finite());
+            let place =
+                |i: &usize| Some((*rank.get(&others(*i))? as f64, column[*i])).filter(|point| point.1.is_finite());
             let stride = cases.len().div_ceil(DOTS).max(1);
             Series::new(label.clone(), cases.iter().step_by(stride).filter_map(place).collect(), Mark::Dots)
         });
         let size = |of: fn(f64, f64) -> f64, start| column.iter().map(|x| x.abs()).filter(|x| *x > 0.0).fold(start, of);
-        let decades = (size(f64::max, 0.0).log10().ceil() - size(f64::min, f64::INFINITY).log10().floor()).clamp(1.0, 12.0);
+        let decades =
+            (size(f64::max, 0.0).log10().ceil() - size(f64::min, f64::INFINITY).log10().floor()).clamp(1.0, 12.0);
         Some(Chart {
-            title: self.titled(&format!("{} compared", self.axes[split].name), ""),
+            title: self.titled(&format!("{}, levels of {} compared", quantity.name, self.axes[split].name), ""),
             x: format!("case, in the order of its {} ({})", quantity.name, parts[0].0),
             y: format!("{}, absolute value ({})", quantity.name, quantity.unit),
             scale: Scale::LogY(decades as i32),
@@ -330,7 +348,8 @@ impl Cases {
             cases.iter().filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
         let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
-        let path = |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
+        let path =
+            |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
         let stride = moved.len().div_ceil(PATHS).max(1);
         let mut series: Vec<_> =
             moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
@@ -362,7 +381,8 @@ impl Cases {
         // Six digits are plenty to look at; the table has them all.
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
         let shown: Vec<usize> = self.indices.iter().step_by(stride).copied().collect();
-        let quantities: Vec<usize> = (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite())).collect();
+        let quantities: Vec<usize> =
+            (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite())).collect();
         let content = Content {
             name: &self.name,
             version: env!("CARGO_PKG_VERSION"),
@@ -378,7 +398,10 @@ impl Cases {
                 quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
                 indices: shown,
                 levels: self.levels.iter().map(|column| column.iter().step_by(stride).copied().collect()).collect(),
-                columns: quantities.iter().map(|k| self.columns[*k].iter().step_by(stride).map(short).collect()).collect(),
+                columns: quantities
+                    .iter()
+                    .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
+                    .collect(),
                 endings: &self.endings,
                 motions: self.motions.iter().map(|(index, frames)| (*index, Motion::of(frames))).collect(),
             },
@@ -399,7 +422,9 @@ fn means(group: &[usize], count: usize, values: impl Iterator<Item = (usize, f64
 
 /// The name of a figure's file: letters, digits and few signs only.
 fn file(parts: &[&str]) -> String {
-    let clean = |part: &&str| part.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' }).collect::<String>();
+    let clean = |part: &&str| {
+        part.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' }).collect::<String>()
+    };
     let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
     format!("{}.svg", parts.join("_"))
 }

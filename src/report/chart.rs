@@ -235,7 +235,10 @@ impl Effects {
     fn draw(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> std::result::Result<(), String> {
         let failed = |e: DrawingAreaErrorKind<std::io::Error>| e.to_string();
         area.fill(&WHITE).map_err(failed)?;
-        let y = range(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
+        let mut y = range(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
+        if self.series.len() > 1 {
+            y.1 += 0.06 * (self.series.len() + 1) as f64 * (y.1 - y.0); // for the legend
+        }
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, ("sans-serif", 20))
             .margin(12)
@@ -261,11 +264,13 @@ impl Effects {
             axis as f64 + if count < 2 { 0.5 } else { 0.15 + 0.7 * level as f64 / (count - 1) as f64 }
         };
         let bottom = chart.backend_coord(&(0.0, y.0)).1;
-        let middle = |size: i32| {
-            TextStyle::from(("sans-serif", size).into_font()).pos(Pos::new(HPos::Center, VPos::Top))
-        };
+        let middle =
+            |size: i32| TextStyle::from(("sans-serif", size).into_font()).pos(Pos::new(HPos::Center, VPos::Top));
         for (axis, (name, labels)) in self.axes.iter().enumerate() {
-            let every = labels.len().div_ceil(4).max(1);
+            // As many labels as there is room for, the first and the last at least.
+            let longest = labels.iter().map(String::len).max().unwrap_or(0).max(1);
+            let room = (20 / longest).clamp(2, 4);
+            let every = (labels.len().saturating_sub(1)).div_ceil(room - 1).max(1);
             for (level, label) in labels.iter().enumerate().step_by(every) {
                 let x = chart.backend_coord(&(place(axis, level, labels.len()), y.0)).0;
                 area.draw(&Text::new(label.clone(), (x, bottom + 6), middle(13))).map_err(failed)?;
@@ -328,7 +333,7 @@ fn widened((low, high): (f64, f64), size: f64) -> (f64, f64) {
 }
 
 /// A number as an axis shows it: short, with an exponent where it is very large or small.
-fn number(x: f64) -> String {
+pub fn number(x: f64) -> String {
     let size = x.abs();
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");

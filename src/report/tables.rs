@@ -268,11 +268,14 @@ pub fn parquet_of(
             match kind {
                 ColumnType::Number => optional::<DoubleType, _>(&mut out, cells().map(Value::as_f64)),
                 ColumnType::Truth => optional::<BoolType, _>(&mut out, cells().map(Value::as_bool)),
-                ColumnType::Text => optional::<ByteArrayType, _>(&mut out, cells().map(|cell| match cell {
-                    Value::Null => None,
-                    Value::String(text) => Some(ByteArray::from(text.as_str())),
-                    other => Some(ByteArray::from(other.to_string().as_str())),
-                })),
+                ColumnType::Text => optional::<ByteArrayType, _>(
+                    &mut out,
+                    cells().map(|cell| match cell {
+                        Value::Null => None,
+                        Value::String(text) => Some(ByteArray::from(text.as_str())),
+                        other => Some(ByteArray::from(other.to_string().as_str())),
+                    }),
+                ),
             }
             .map_err(failed)?;
         }

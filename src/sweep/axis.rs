@@ -100,7 +100,10 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
     let table = value.as_table().unwrap_or(&empty);
     let has = |key: &str| table.contains_key(key);
     if let Some(other) = table.keys().find(|key| !MARKS.contains(&key.as_str())) {
-        return Err(Fault { key: format!("{path}.{other}"), problem: format!("unknown key; allowed: {}", MARKS.join(", ")) });
+        return Err(Fault {
+            key: format!("{path}.{other}"),
+            problem: format!("unknown key; allowed: {}", MARKS.join(", ")),
+        });
     }
     if let Some(zip) = table.get("zip") {
         if table.keys().any(|key| !["zip", "labels"].contains(&key.as_str())) {
@@ -139,7 +142,10 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
     if let Some(wanted) = table.get("labels") {
         labels = labelled(wanted, levels.len(), path)?;
         if sampled {
-            return Err(Fault { key: format!("{path}.labels"), problem: "found for a sample; allowed: for listed levels".into() });
+            return Err(Fault {
+                key: format!("{path}.labels"),
+                problem: "found for a sample; allowed: for listed levels".into(),
+            });
         }
     }
     let name = if kind == Kind::Factors && !has("keys") { format!("{name}.factor") } else { name };
@@ -205,7 +211,8 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
         #[serde(rename = "labels")]
         _labels: Option<Value>,
     }
-    const ALLOWED: &str = "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
+    const ALLOWED: &str =
+        "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
     let fault = |found: String, allowed: &str| Fault { key: path.to_string(), problem: refused(found, allowed) };
     if let Value::Array(values) = value {
         return match values.len() {
@@ -331,7 +338,9 @@ pub(super) fn put(table: &mut toml::Table, key: &str, value: Value) {
         return;
     }
     match (table.get_mut(key), value) {
-        (Some(Value::Table(base)), Value::Table(over)) => over.into_iter().for_each(|(key, value)| put(base, &key, value)),
+        (Some(Value::Table(base)), Value::Table(over)) => {
+            over.into_iter().for_each(|(key, value)| put(base, &key, value))
+        }
         (_, value) => drop(table.insert(key.to_string(), value)),
     }
 }

@@ -174,7 +174,9 @@ impl Sweep {
                 if axis.kind != Kind::Factors && before.is_some() {
                     return fault(
                         &axis.path,
-                        format!("sets {key}, which an axis before it moves; allowed: one axis with its values, then factors"),
+                        format!(
+                            "sets {key}, which an axis before it moves; allowed: one axis with its values, then factors"
+                        ),
                     );
                 }
                 if axis.kind == Kind::Factors && before.is_none() && axis::look_up(&self.tables, key).is_none() {

@@ -80,7 +80,8 @@ impl<'a> Results<'a> {
             cases.add(index, &case.levels, &row.quantities, row.frames);
         }
         // A quantity that is a list in some cases and null in others is a list.
-        let lists: Vec<String> = names.iter().filter_map(|(name, _)| Some(name.split_once('.')?.0.to_string())).collect();
+        let lists: Vec<String> =
+            names.iter().filter_map(|(name, _)| Some(name.split_once('.')?.0.to_string())).collect();
         names.retain(|(name, _)| !lists.contains(name));
         let number = |name: &str| (name.to_string(), ColumnType::Number);
         let text = |name: &str| (name.to_string(), ColumnType::Text);

@@ -6,7 +6,7 @@
     reason = "every test file takes what it needs; a failure ends the test"
 )]
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use caudal::integrator::Method;
@@ -78,6 +78,16 @@ head_length_m = 0.2
 time_step_s = 2e-3
 duration_s = 1.0
 "#;
+
+/// The scenes of a folder of this project: its TOML files but those that name a scene, which are sweeps and the like.
+pub fn scene_files(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap();
+    let mut files: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    files.retain(|path| !std::fs::read_to_string(path).unwrap().lines().any(|line| line.starts_with("scene =")));
+    files.sort();
+    files
+}
 
 /// The scene of `text` with `overrides`.
 pub fn scene_of(text: &str, overrides: &[&str]) -> Scene {
