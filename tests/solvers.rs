@@ -2,8 +2,6 @@
 
 mod common;
 
-use std::path::Path;
-
 use caudal::linear::Choice;
 use caudal::scene::{Document, Scene};
 use common::largest;

@@ -95,11 +95,11 @@ impl Axis {
         }
     }
 
-    /// Groups of levels that are averaged together: each level, or equal parts of a sampled range.
-    fn groups(&self) -> (Vec<usize>, Vec<f64>, Vec<String>) {
+    /// The levels in groups that are averaged together: each by itself, or equal parts of a sample.
+    fn groups(&self) -> Groups {
         let at: Vec<f64> = (0..self.labels.len()).map(|i| self.at(i)).collect();
         if !self.sampled {
-            return ((0..at.len()).collect(), at, self.labels.clone());
+            return Groups { of: (0..at.len()).collect(), at, labels: self.labels.clone() };
         }
         let mut order: Vec<usize> = (0..at.len()).collect();
         order.sort_by(|a, b| at[*a].total_cmp(&at[*b]));
@@ -116,7 +116,29 @@ impl Axis {
             number(format!("{:.1e}", if self.logarithmic { 10_f64.powf(*x) } else { *x }).parse().unwrap_or(*x))
         };
         let labels = middles.iter().map(text).collect();
-        (group, middles, labels)
+        Groups { of: group, at: middles, labels }
+    }
+}
+
+/// Levels in groups.
+struct Groups {
+    /// The group of each level.
+    of: Vec<usize>,
+    /// Where each group is drawn.
+    at: Vec<f64>,
+    /// Its name.
+    labels: Vec<String>,
+}
+
+impl Groups {
+    /// The mean of the values, given with their levels, in each group; NaN of an empty one.
+    fn means(&self, values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+        let mut sums = vec![(0.0, 0.0); self.at.len()];
+        for (level, value) in values {
+            let sum = &mut sums[self.of[level]];
+            *sum = (sum.0 + value, sum.1 + 1.0);
+        }
+        sums.into_iter().map(|(sum, count)| sum / count).collect()
     }
 }
 
@@ -275,9 +297,9 @@ impl Cases {
         let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
         let stride = cases().count().div_ceil(DOTS).max(1);
         series.push(Series::new("cases", cases().step_by(stride).map(point).collect(), Mark::Dots));
-        let (group, at, _) = of.groups();
-        let means = means(&group, at.len(), cases().map(|i| (self.levels[axis][i], column[i])));
-        series.push(Series::new("mean", at.into_iter().zip(means).collect(), Mark::Dotted));
+        let groups = of.groups();
+        let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
+        series.push(Series::new("mean", groups.at.into_iter().zip(means).collect(), Mark::Dotted));
         Chart {
             title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
             x: of.title(),
@@ -296,8 +318,8 @@ impl Cases {
             let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
             let (count, sum) = cases().fold((0.0, 0.0), |(count, sum), i| (count + 1.0, sum + column[i]));
             let scale = if relative { sum / count } else { 1.0 };
-            let of = |(axis, (group, at, _)): (&usize, &(Vec<usize>, Vec<f64>, Vec<String>))| {
-                means(group, at.len(), cases().map(|i| (self.levels[*axis][i], column[i] / scale)))
+            let of = |(axis, groups): (&usize, &Groups)| {
+                groups.means(cases().map(|i| (self.levels[*axis][i], column[i] / scale)))
             };
             (label.clone(), shown.iter().zip(&groups).map(of).collect())
         });
@@ -308,7 +330,7 @@ impl Cases {
             axes: shown
                 .iter()
                 .zip(&groups)
-                .map(|(axis, group)| (self.axes[*axis].name.clone(), group.2.clone()))
+                .map(|(axis, group)| (self.axes[*axis].name.clone(), group.labels.clone()))
                 .collect(),
             series: series.collect(),
         }
@@ -408,16 +430,6 @@ impl Cases {
         };
         page.render(Serde(&content)).map_err(failed)
     }
-}
-
-/// The mean of the values of each of `count` groups of levels; NaN of an empty one.
-fn means(group: &[usize], count: usize, values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
-    let mut sums = vec![(0.0, 0.0); count];
-    for (level, value) in values {
-        let sum = &mut sums[group[level]];
-        *sum = (sum.0 + value, sum.1 + 1.0);
-    }
-    sums.into_iter().map(|(sum, count)| sum / count).collect()
 }
 
 /// The name of a figure's file: letters, digits and few signs only.

@@ -70,13 +70,13 @@ enum Levels {
 }
 
 /// The axes in `table`, which stands at `path`, in no particular order.
-pub(super) fn read(table: &toml::Table, path: &str, samples: Option<Samples>) -> Result<Vec<Axis>, Fault> {
+pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> {
     let mut axes = Vec::new();
     for (key, value) in table {
         let path = format!("{path}.{key}");
         match value {
             Value::Table(inner) if !MARKS.iter().any(|mark| inner.contains_key(*mark)) => {
-                axes.extend(read(inner, &path, samples)?);
+                axes.extend(read(inner, &path)?);
             }
             Value::Table(_) | Value::Array(_) => axes.push(axis(value, &path)?),
             other => {
@@ -118,18 +118,23 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
             problem: refused(keys, "a list of the scene's keys, such as [\"rod.outer_radius_m\"]"),
         })?,
     };
+    // A range may stand beside the axis' own keys.
+    let range = || {
+        Value::Table(table.clone().into_iter().filter(|(key, _)| !["keys", "labels"].contains(&key.as_str())).collect())
+    };
     let (kind, levels) = match (table.get("values"), table.get("factors")) {
         (Some(_), Some(_)) => return Err(fault("found values beside factors; allowed: one of the two".to_string())),
-        (Some(values), None) => (Kind::Values, values),
-        (None, Some(factors)) => (Kind::Factors, factors),
-        (None, None) => (Kind::Values, value),
+        (Some(values), None) => (Kind::Values, values.clone()),
+        (None, Some(factors)) => (Kind::Factors, factors.clone()),
+        (None, None) if value.is_array() => (Kind::Values, value.clone()),
+        (None, None) => (Kind::Values, range()),
     };
-    if levels.is_array() || !std::ptr::eq(levels, value) {
-        if let Some(stray) = ["from", "to", "count", "between", "scale"].into_iter().find(|key| has(key)) {
-            return Err(fault(format!("found {stray} beside values or factors; allowed: inside them")));
-        }
+    if (has("values") || has("factors"))
+        && let Some(stray) = ["from", "to", "count", "between", "scale"].into_iter().find(|key| has(key))
+    {
+        return Err(fault(format!("found {stray} beside values or factors; allowed: inside them")));
     }
-    let (levels, sampled, scale) = match listed(levels, path)? {
+    let (levels, sampled, scale) = match listed(&levels, path)? {
         Levels::Listed { values, scale } => (values, false, scale),
         Levels::Between { low, high, scale } => (vec![Value::Float(low), Value::Float(high)], true, scale),
     };
@@ -206,10 +211,6 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
         between: Option<[f64; 2]>,
         #[serde(default)]
         scale: Scale,
-        #[serde(rename = "keys")]
-        _keys: Option<Value>,
-        #[serde(rename = "labels")]
-        _labels: Option<Value>,
     }
     const ALLOWED: &str =
         "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
@@ -227,7 +228,7 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
         _ => Ok(()),
     };
     match range {
-        Range { from: Some(from), to: Some(to), count: Some(count), between: None, scale, .. } => {
+        Range { from: Some(from), to: Some(to), count: Some(count), between: None, scale } => {
             let (Some(low), Some(high)) = (number(&from), number(&to)) else {
                 return Err(fault(value.to_string(), "numbers"));
             };
@@ -243,7 +244,7 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
             };
             Ok(Levels::Listed { values: (0..count).map(level).collect(), scale })
         }
-        Range { from: None, to: None, count: None, between: Some([low, high]), scale, .. } => {
+        Range { from: None, to: None, count: None, between: Some([low, high]), scale } => {
             ends(low, high)?;
             if low >= high {
                 return Err(fault(format!("between = [{low}, {high}]"), "[low, high]"));

@@ -108,7 +108,7 @@ impl Sweep {
         let document = Document::read(path)?;
         let file: File = document.read_as()?;
         let refuse = |fault: Fault| document.refuse(&fault);
-        let mut axes = axis::read(&file.axes, "axes", file.samples).map_err(refuse)?;
+        let mut axes = axis::read(&file.axes, "axes").map_err(refuse)?;
         let at = document.positions(&axes.iter().map(|axis| axis.path.clone()).collect::<Vec<_>>())?;
         let mut order: Vec<_> = at.into_iter().zip(axes).collect();
         order.sort_by_key(|(at, _)| *at);
