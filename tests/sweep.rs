@@ -143,6 +143,24 @@ fn the_192_cases_are_the_study_s_and_show_what_it_found() {
     assert!((number(glycerol, "max_lateral_excursion_m") - 4.11748e-2).abs() <= 0.5e-7);
 }
 
+#[test]
+fn without_its_abrupt_start_the_study_s_tail_does_not_feel_its_stiffness_and_every_balance_closes() {
+    let rows = swept("models/sweep-192.toml", &["start.kind=shaped"]);
+    assert_eq!(rows.len(), 192);
+    for row in &rows {
+        // Measured: at most 2.3 % of the energy that the rod starts with.
+        let part = number(row, "numerical_dissipation_j") / number(row, "initial_energy_j");
+        assert!((0.0..0.03).contains(&part), "{part}");
+        assert_eq!(row["notes"], "");
+    }
+    let effects: Vec<f64> = pairs(&rows, "rod.youngs_modulus_pa.factor", "0.7", "1.0")
+        .iter()
+        .map(|(a, b)| (number(b, DX) / number(a, DX)).ln())
+        .collect();
+    // Measured: −7.4e-6 … −7.1e-5, where the jump has −0.064 … 0.350.
+    assert!(effects.len() == 96 && effects.iter().all(|effect| (-1e-4..0.0).contains(effect)), "{effects:?}");
+}
+
 fn command(file: &Path, out: &Path, more: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
     command.current_dir(env!("CARGO_MANIFEST_DIR")).arg("sweep").args(more).arg(file).arg("--out").arg(out);
@@ -253,6 +271,27 @@ fn wait_for(child: &mut Child, ready: impl Fn() -> bool) {
     while !ready() && child.try_wait().unwrap().is_none() && start.elapsed() < Duration::from_secs(60) {
         std::thread::sleep(Duration::from_millis(2));
     }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_ends_a_sweep_with_1_and_it_goes_on_when_there_is_room() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = sampled(folder.path());
+    let out = folder.path().join("out");
+    // A limit on the size of files stands in for the end of the disk.
+    let command = format!(
+        "trap '' XFSZ; ulimit -f 200; exec '{}' sweep '{}' --out '{}'",
+        env!("CARGO_BIN_EXE_caudal"),
+        file.display(),
+        out.display()
+    );
+    let output = Command::new("sh").current_dir(env!("CARGO_MANIFEST_DIR")).args(["-c", &command]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
+    let resumed = sweep(&file, &out, &[]);
+    assert!(text(&resumed.stdout).contains("cases are done already"), "{}", text(&resumed.stdout));
+    assert_eq!(table(&out).len(), 400);
 }
 
 #[cfg(unix)]
