@@ -2,15 +2,13 @@
 
 use std::collections::{BTreeMap, HashMap};
 
-use minijinja::value::Serde;
-use minijinja::{AutoEscape, Environment};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, Effects, Mark, Scale, Series, number};
-use super::page::Motion;
+use super::page::{Motion, render};
 use super::record::Frame;
-use crate::error::{Error, Result};
+use crate::error::Result;
 
 /// Quantities of a summary that figures and page show, in this order.
 pub const QUANTITIES: [Quantity; 11] = [
@@ -238,7 +236,7 @@ impl Cases {
     /// the centres of mass, and the split's levels against each other.
     ///
     /// # Errors
-    /// [`Error::Chart`].
+    /// [`Error::Chart`](crate::Error::Chart).
     pub fn figures(&self) -> Result<Vec<(String, String)>> {
         let mut figures = Vec::new();
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
@@ -392,13 +390,8 @@ impl Cases {
     /// report.html: one self-contained page.
     ///
     /// # Errors
-    /// [`Error::Page`].
+    /// [`Error::Page`](crate::Error::Page).
     pub fn page(&self, figures: &[(String, String)]) -> Result<String> {
-        let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
-        let mut environment = Environment::new();
-        environment.set_auto_escape_callback(|_| AutoEscape::Html);
-        environment.add_template("cases", include_str!("cases.html")).map_err(failed)?;
-        let page = environment.get_template("cases").map_err(failed)?;
         let stride = self.indices.len().div_ceil(ROWS).max(1);
         // Six digits are plenty to look at; the table has them all.
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
@@ -428,7 +421,7 @@ impl Cases {
                 motions: self.motions.iter().map(|(index, frames)| (*index, Motion::of(frames))).collect(),
             },
         };
-        page.render(Serde(&content)).map_err(failed)
+        render(include_str!("cases.html"), &content)
     }
 }
 

@@ -49,17 +49,30 @@ pub struct Motion {
     com: Vec<[f64; 2]>,
 }
 
+/// Fills a page's template, which may include the style, the player of a motion and the player's script.
+///
+/// # Errors
+/// [`Error::Page`] where the template fails.
+pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
+    let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
+    let mut environment = Environment::new();
+    environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    for (name, text) in [
+        ("style.css", include_str!("style.css")),
+        ("player.html", include_str!("player.html")),
+        ("player.js", include_str!("player.js")),
+    ] {
+        environment.add_template(name, text).map_err(failed)?;
+    }
+    environment.render_str(template, Serde(content)).map_err(failed)
+}
+
 impl Page<'_> {
     /// The page's HTML.
     ///
     /// # Errors
     /// [`Error::Page`] where the template fails.
     pub fn html(&self) -> Result<String> {
-        let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
-        let mut environment = Environment::new();
-        environment.set_auto_escape_callback(|_| AutoEscape::Html);
-        environment.add_template("page", include_str!("page.html")).map_err(failed)?;
-        let page = environment.get_template("page").map_err(failed)?;
         let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         let rows: Vec<(String, String)> = numbers
             .as_object()
@@ -78,7 +91,7 @@ impl Page<'_> {
             overrides: self.scene.1,
             motion: Motion::of(self.frames),
         };
-        page.render(Serde(&content)).map_err(failed)
+        render(include_str!("page.html"), &content)
     }
 }
 
