@@ -28,7 +28,7 @@ fn file(path: &Path, changes: &[&str]) -> Scene {
 #[test]
 fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_and_at_129_nodes() {
     let mut scenes = 0;
-    for path in common::scene_files() {
+    for path in common::all_scene_files() {
         for finer in [&[][..], &["rod.nodes=129"]] {
             let end = format!("solver.duration_s={}", 20.0 * time_step(&file(&path, &[])));
             let changes = [finer, &[&end, "solver.newton_tolerance=1e-12"]].concat();

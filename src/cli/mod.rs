@@ -2,6 +2,7 @@
 
 mod check;
 mod run;
+mod sweep;
 mod variables;
 
 use std::io::Write;
@@ -44,6 +45,8 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
+    /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
+    Sweep(sweep::Arguments),
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
         #[command(flatten)]
@@ -79,6 +82,7 @@ impl SceneArguments {
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out } => run::run(&scene, out),
+        Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };
