@@ -82,5 +82,6 @@ pub mod stepper;
 pub mod check;
 pub mod report;
 pub mod run;
+pub mod study;
 
 pub use error::{Error, Result};

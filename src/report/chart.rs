@@ -2,13 +2,12 @@
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::ValueFormatter;
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 use crate::error::{Error, Result};
 
 /// Size of a chart in pixels.
-const SIZE: (u32, u32) = (760, 440);
+pub(super) const SIZE: (u32, u32) = (760, 440);
 
 /// Colours that people with any kind of colour vision tell apart (Okabe and Ito 2008), then grey.
 const COLOURS: [RGBColor; 7] = [
@@ -21,6 +20,11 @@ const COLOURS: [RGBColor; 7] = [
     GREY,
 ];
 const GREY: RGBColor = RGBColor(170, 170, 170);
+pub(super) const DARK: RGBColor = RGBColor(80, 80, 80);
+
+/// An axis of numbers.
+pub(super) trait Axis: Ranged<ValueType = f64> + ValueFormatter<f64> {}
+impl<T: Ranged<ValueType = f64> + ValueFormatter<f64>> Axis for T {}
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +37,9 @@ pub enum Mark {
     Dots,
     /// A thin grey line in the background, without an entry in the legend of its own.
     Ghost,
+    /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
+    /// shows a slope.
+    Slope,
 }
 
 /// One series of a chart.
@@ -62,6 +69,8 @@ pub enum Scale {
     Equal,
     /// y logarithmic; values are shown by their size, down to this many decades below the largest.
     LogY(i32),
+    /// Both logarithmic; only positive numbers are shown.
+    LogLog,
 }
 
 /// A chart.
@@ -102,7 +111,14 @@ impl Chart {
                 let y = range(points().map(|p| p.1));
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
                 self.mesh(&mut chart, [x, y])?;
-                self.curves(&mut chart, |p| p)
+                self.curves(&mut chart, Some)
+            }
+            Scale::LogLog => {
+                let [x, y] = [|p: (f64, f64)| p.0, |p: (f64, f64)| p.1].map(|of| log_range(points().map(of)));
+                let (x, y) = ((x.0..x.1).log_scale(), (y.0..y.1).log_scale());
+                let mut chart = self.builder(area).build_cartesian_2d(x, y).map_err(|e| e.to_string())?;
+                self.mesh(&mut chart, [(0.0, 0.0); 2])?;
+                self.curves(&mut chart, |p| (p.0 > 0.0 && p.1 > 0.0).then_some(p))
             }
             Scale::Equal => {
                 let mut y = range(points().map(|p| p.1));
@@ -113,7 +129,7 @@ impl Chart {
                 y = widened(y, pixel * height);
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
                 self.mesh(&mut chart, [x, y])?;
-                self.curves(&mut chart, |p| p)
+                self.curves(&mut chart, Some)
             }
             Scale::LogY(decades) => {
                 let top = points().map(|p| p.1.abs()).fold(0.0, f64::max);
@@ -122,7 +138,7 @@ impl Chart {
                 let y = (bottom..2.0 * top).log_scale();
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y).map_err(|e| e.to_string())?;
                 self.mesh(&mut chart, [x, (0.0, 0.0)])?;
-                self.curves(&mut chart, |p| (p.0, p.1.abs().max(bottom)))
+                self.curves(&mut chart, |p| Some((p.0, p.1.abs().max(bottom))))
             }
         }
     }
@@ -138,9 +154,9 @@ impl Chart {
         builder
     }
 
-    fn mesh<Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
+    fn mesh<X: Axis, Y: Axis>(
         &self,
-        chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<RangedCoordf64, Y>>,
+        chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<X, Y>>,
         [x, y]: [(f64, f64); 2],
     ) -> std::result::Result<(), String> {
         // A tick at zero comes out as rounding noise.
@@ -160,17 +176,27 @@ impl Chart {
             .map_err(|e| e.to_string())
     }
 
-    fn curves<'b, Y: Ranged<ValueType = f64>>(
+    fn curves<'b, X: Axis, Y: Axis>(
         &self,
-        chart: &mut ChartContext<'b, SVGBackend<'b>, Cartesian2d<RangedCoordf64, Y>>,
-        place: impl Fn((f64, f64)) -> (f64, f64),
+        chart: &mut ChartContext<'b, SVGBackend<'b>, Cartesian2d<X, Y>>,
+        place: impl Fn((f64, f64)) -> Option<(f64, f64)>,
     ) -> std::result::Result<(), String> {
         let mut named = 0;
         for series in &self.series {
+            let finite = series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite());
+            let points = || finite.clone().filter_map(&place);
+            if series.mark == Mark::Slope {
+                let line = PathElement::new(points().chain(points().next()).collect::<Vec<_>>(), DARK.stroke_width(1));
+                chart.draw_series([line]).map_err(|e| e.to_string())?;
+                let text = points().last().map(|p| {
+                    EmptyElement::at(p) + Text::new(series.label.clone(), (5, -6), ("sans-serif", 13).into_font().color(&DARK))
+                });
+                chart.draw_series(text).map_err(|e| e.to_string())?;
+                continue;
+            }
             let ghost = series.mark == Mark::Ghost;
             let colour = if ghost { GREY } else { COLOURS[named % COLOURS.len()] };
             let style = colour.stroke_width(if ghost { 1 } else { 2 });
-            let points = || series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).map(&place);
             let mut drawn = None;
             if series.mark != Mark::Dots {
                 drawn = Some(chart.draw_series(LineSeries::new(points(), style)).map_err(|e| e.to_string())?);
@@ -216,6 +242,17 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     (low - margin, high + margin)
 }
 
+/// The positive values' range with a margin, on a logarithmic scale.
+pub(super) fn log_range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let positive = values.filter(|value| value.is_finite() && *value > 0.0);
+    let (low, high) = positive.fold((f64::INFINITY, 0.0), |(low, high), value| (value.min(low), value.max(high)));
+    if low > high {
+        return (0.1, 1.0);
+    }
+    let margin = (high / low).powf(0.04).max(1.1);
+    (low / margin, high * margin)
+}
+
 /// A range of size `size` around the middle of `range`.
 fn widened((low, high): (f64, f64), size: f64) -> (f64, f64) {
     let middle = 0.5 * (low + high);
@@ -223,7 +260,7 @@ fn widened((low, high): (f64, f64), size: f64) -> (f64, f64) {
 }
 
 /// A number as an axis shows it: short, with an exponent where it is very large or small.
-fn number(x: f64) -> String {
+pub(super) fn number(x: f64) -> String {
     let size = x.abs();
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");

@@ -8,6 +8,9 @@ use super::record::Frame;
 use crate::error::{Error, Result};
 use crate::run::Summary;
 
+/// The look of every page.
+pub(super) const STYLE: &str = include_str!("style.css");
+
 /// Everything the page shows.
 pub struct Page<'a> {
     /// Summary of the run.
@@ -25,6 +28,7 @@ pub struct Page<'a> {
 /// What the template sees.
 #[derive(Serialize)]
 struct Content<'a> {
+    style: &'static str,
     summary: &'a Summary,
     displacement: String,
     rows: Vec<(String, String)>,
@@ -69,6 +73,7 @@ impl Page<'_> {
             .map(|(key, value)| (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_string)))
             .collect();
         let content = Content {
+            style: STYLE,
             summary: self.summary,
             displacement: format!("{:.6e}", self.summary.net_displacement_m),
             rows,
