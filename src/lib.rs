@@ -79,6 +79,8 @@ pub mod variable;
 
 pub mod stepper;
 
+pub mod jobs;
+
 pub mod check;
 pub mod report;
 pub mod run;
