@@ -97,7 +97,8 @@ impl Modes {
     pub fn of(rod: &Rod) -> Result<Self> {
         let matrices = Matrices::of(rod, None)?;
         let [bending, stretching] = Axis::BOTH.map(|axis| {
-            let squares = matrices.scaled(axis).self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
+            let squares =
+                matrices.scaled(axis).self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
             Ok(squares.into_iter().skip(matrices.rigid(axis)).map(|square| square.max(0.0).sqrt()).collect())
         });
         Ok(Self { bending: bending?, stretching: stretching? })

@@ -1,15 +1,17 @@
 //! `caudal study`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use caudal::error::Result;
 use caudal::report::Findings;
-use caudal::scene::{Document, Scene};
-use caudal::study;
+use caudal::scene::{Document, NODES, Scene};
+use caudal::study::{self, Desk, Scaling, Studied};
 use clap::{Args, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{SceneArguments, say};
+use super::run::watch_for_interrupts;
+use super::{SceneArguments, complain, exit, say};
 
 /// What may be studied.
 #[derive(Debug, Subcommand)]
@@ -21,6 +23,17 @@ pub enum Study {
         /// How many of the lowest modes
         #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u32).range(1..=500))]
         count: u32,
+    },
+    /// Time, memory and error of a step on meshes from coarse to the finest, in both forms
+    Scaling {
+        #[command(flatten)]
+        common: Common,
+        /// Numbers of nodes, separated by commas [default: 17, 33, 65 … 1048577]
+        #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u64).range(NODES[0]..=NODES[1]))]
+        nodes: Vec<u64>,
+        /// Steps of every run
+        #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..))]
+        steps: u64,
     },
 }
 
@@ -36,16 +49,49 @@ pub struct Common {
 pub fn study(study: &Study) -> Result<ExitCode> {
     match study {
         Study::Modes { common, count } => {
-            let (document, scene) = common.scene.read()?;
-            finish(common, "modes", &document, &scene, &study::modes(&scene, *count as usize)?)
+            common.study("modes", |scene, _| Ok(Studied::Complete(study::modes(scene, *count as usize)?)))
+        }
+        Study::Scaling { common, nodes, steps } => {
+            let nodes = if nodes.is_empty() { Scaling::default().nodes } else { nodes.clone() };
+            let asked = Scaling { nodes, steps: *steps };
+            common.study("scaling", |scene, desk| study::scaling(scene, &asked, desk))
         }
     }
 }
 
-fn finish(common: &Common, kind: &str, document: &Document, scene: &Scene, findings: &Findings) -> Result<ExitCode> {
-    let default = || PathBuf::from("out").join(format!("{}-study-{kind}", scene.name));
-    let folder = common.out.clone().unwrap_or_else(default);
-    let files = findings.write(&folder, &scene.name, document)?;
+impl Common {
+    /// Makes the study `kind`, with a bar of its runs on a terminal, and writes what it found.
+    fn study(&self, kind: &str, make: impl FnOnce(&Scene, Desk<'_>) -> Result<Studied>) -> Result<ExitCode> {
+        let (document, scene) = self.scene.read()?;
+        let default = || PathBuf::from("out").join(format!("{}-study-{kind}", scene.name));
+        let folder = self.out.clone().unwrap_or_else(default);
+        let interrupted = watch_for_interrupts();
+        let bar = ProgressBar::new(0);
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  run {pos}/{len}  {eta} left") {
+            bar.set_style(style);
+        }
+        let progress = |done: usize, of: usize| {
+            bar.set_length(of as u64);
+            bar.set_position(done as u64);
+        };
+        let made = make(&scene, Desk { folder: &folder, interrupted: &interrupted, progress: &progress });
+        bar.finish_and_clear();
+        match made? {
+            Studied::Complete(findings) => finish(&folder, &document, &scene, &findings),
+            Studied::Interrupted(done, of) => {
+                complain(&format!(
+                    "interrupted: {done} of {of} runs are kept in {}; the same command goes on from there",
+                    folder.display()
+                ));
+                Ok(ExitCode::from(exit::INTERRUPTED))
+            }
+        }
+    }
+}
+
+fn finish(folder: &Path, document: &Document, scene: &Scene, findings: &Findings) -> Result<ExitCode> {
+    let files = findings.write(folder, &scene.name, document)?;
+    study::forget(folder);
     for answer in &findings.answers {
         say(answer);
     }

@@ -182,6 +182,9 @@ impl Chart {
         place: impl Fn((f64, f64)) -> Option<(f64, f64)>,
     ) -> std::result::Result<(), String> {
         let mut named = 0;
+        let drawn_at = self.series.iter().filter(|series| series.mark != Mark::Slope).flat_map(|series| &series.points);
+        let finite = drawn_at.filter(|p| p.0.is_finite() && p.1.is_finite()).filter_map(|p| place(*p));
+        let occupied: Vec<(i32, i32)> = finite.map(|p| chart.backend_coord(&p)).collect();
         for series in &self.series {
             let finite = series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite());
             let points = || finite.clone().filter_map(&place);
@@ -189,7 +192,8 @@ impl Chart {
                 let line = PathElement::new(points().chain(points().next()).collect::<Vec<_>>(), DARK.stroke_width(1));
                 chart.draw_series([line]).map_err(|e| e.to_string())?;
                 let text = points().last().map(|p| {
-                    EmptyElement::at(p) + Text::new(series.label.clone(), (5, -6), ("sans-serif", 13).into_font().color(&DARK))
+                    EmptyElement::at(p)
+                        + Text::new(series.label.clone(), (5, -6), ("sans-serif", 13).into_font().color(&DARK))
                 });
                 chart.draw_series(text).map_err(|e| e.to_string())?;
                 continue;
@@ -218,15 +222,31 @@ impl Chart {
                 .background_style(WHITE.mix(0.85))
                 .border_style(GREY)
                 .label_font(("sans-serif", 14))
-                .position(match self.scale {
-                    Scale::LogY(_) => SeriesLabelPosition::LowerRight,
-                    _ => SeriesLabelPosition::UpperRight,
-                })
+                .position(emptiest_corner(&occupied, chart.plotting_area().get_pixel_range()))
                 .draw()
                 .map_err(|e| e.to_string())?;
         }
         Ok(())
     }
+}
+
+/// The corner of the plot, a legend's size, that the fewest points (px) lie in.
+fn emptiest_corner(points: &[(i32, i32)], (x, y): (std::ops::Range<i32>, std::ops::Range<i32>)) -> SeriesLabelPosition {
+    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
+    let (width, height) = (2 * (x.end - x.start) / 5, 2 * (y.end - y.start) / 5);
+    let (left, right) = (x.start..x.start + width, x.end - width..x.end);
+    let (upper, lower) = (y.start..y.start + height, y.end - height..y.end);
+    let corners = [
+        (UpperRight, &right, &upper),
+        (LowerRight, &right, &lower),
+        (UpperLeft, &left, &upper),
+        (LowerLeft, &left, &lower),
+    ];
+    let inside = |(_, x, y): &(_, &std::ops::Range<i32>, &std::ops::Range<i32>)| {
+        points.iter().filter(|p| x.contains(&p.0) && y.contains(&p.1)).count()
+    };
+    let emptiest = corners.into_iter().min_by_key(inside);
+    emptiest.map_or(UpperRight, |(corner, ..)| corner)
 }
 
 /// The values' range with a margin; never empty.
