@@ -5,6 +5,7 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 use crate::actuation::Wave;
 use crate::error::Result;
 use crate::head::Signal;
+use crate::integrator::Pace;
 use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
@@ -103,8 +104,7 @@ impl Assessment {
 
     fn describe(&mut self, scene: &Scene, stepper: &Stepper, coarse: bool) {
         let rod = &stepper.model().rod;
-        let (whole, last) = scene.steps();
-        let step = scene.solver.time_step_s.get();
+        let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         fact("scene", scene.name.clone());
         fact(
@@ -118,15 +118,15 @@ impl Assessment {
             ),
         );
         fact("stiffness", format!("EI = {:.4e} N m^2, EA = {:.4e} N before the profile", rod.ei, rod.ea));
-        let shorter = last.map_or(String::new(), |last| format!(" and a last one of {last:e} s"));
-        fact(
-            "solver",
-            format!(
-                "{}, {whole} steps of {step:e} s{shorter}, t = 0 … {} s",
-                scene.solver.integrator,
-                scene.solver.duration_s.get()
-            ),
-        );
+        let steps = match scene.pace() {
+            Pace::Fixed(step) => {
+                let last = scene.spans().last().filter(|last| *last < step);
+                let shorter = last.map_or(String::new(), |last| format!(", the last one of {last:e} s"));
+                format!("{} steps of {step:e} s{shorter}", scene.steps().unwrap_or_default())
+            }
+            Pace::Adaptive(tolerance) => format!("steps as a tolerance of {tolerance:e} asks"),
+        };
+        fact("solver", format!("{}, {steps}, t = 0 … {duration} s", scene.integrator_name()));
         let rounding = chain::rounding(rod, step);
         fact(
             "form",
@@ -137,13 +137,19 @@ impl Assessment {
                 ),
             },
         );
-        let recorded = whole / scene.record.every.get() as u64 + 1;
+        let recorded = match (scene.record.interval_s, scene.steps()) {
+            (Some(interval), _) => format!("about {:.0} times", duration / interval.get() + 1.0),
+            (None, Some(steps)) => {
+                format!("about {} times", steps / scene.record.every.map_or(1, |every| every.get() as u64) + 1)
+            }
+            (None, None) => "as many times as there are steps".to_string(),
+        };
         let nodes = match scene.nodes_table() {
             NodesTable::Csv => "; positions in nodes.csv",
             NodesTable::Parquet => "; positions in nodes.parquet",
             NodesTable::None => "; no table of positions",
         };
-        fact("output", format!("about {recorded} times in trajectory.csv{nodes}"));
+        fact("output", format!("{recorded} in trajectory.csv{nodes}"));
         let Energy { stretching, bending, kinetic } = stepper.meter().now.energy;
         fact(
             "energy at the start",
@@ -170,7 +176,7 @@ impl Assessment {
 
     fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
         let rod = &stepper.model().rod;
-        let step = scene.solver.time_step_s.get();
+        let step = scene.typical_step();
         let warnings = &mut self.warnings;
         if let Some(reynolds) = self.reynolds.filter(|reynolds| scene.drag.is_some() && *reynolds > CREEPING) {
             warnings.push(format!(

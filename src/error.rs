@@ -118,6 +118,27 @@ pub enum Error {
         /// The reason.
         reason: String,
     },
+    /// The estimated error of a step stays above the tolerance, however small the step.
+    #[error(
+        "at t = {time_s} s the error of a step stays above solver.tolerance = {tolerance:e} even with a step of \
+         {step_s:e} s; try a larger tolerance, or a fixed solver.time_step_s"
+    )]
+    Tolerance {
+        /// Time, s.
+        time_s: f64,
+        /// The last step, s.
+        step_s: f64,
+        /// The tolerance.
+        tolerance: f64,
+    },
+    /// A time outside the last internal step, where nothing is known any more or yet.
+    #[error("nothing can be read at t = {time_s} s: the last internal step went from {} s to {} s", within[0], within[1])]
+    OutsideStep {
+        /// The time asked for, s.
+        time_s: f64,
+        /// Begin and end of the last internal step, s.
+        within: [f64; 2],
+    },
     /// The communication step is not a positive, finite time.
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),

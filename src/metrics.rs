@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 use serde::Serialize;
 
 use crate::error::{Error, Result};
+use crate::head::{Row, hermite};
 use crate::model::Dynamics;
 use crate::rod::{Edge, bend, node, stretch};
 use crate::system::{Link, State, System};
@@ -51,6 +52,14 @@ impl Power {
     /// What goes into the rod, net.
     pub fn net(&self) -> f64 {
         self.actuation - self.viscous + self.load + self.head + self.flow
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.actuation += other.actuation;
+        self.viscous += other.viscous;
+        self.load += other.load;
+        self.head += other.head;
+        self.flow += other.flow;
     }
 }
 
@@ -170,20 +179,12 @@ impl Reading {
 }
 
 /// The running totals of a run, over every step.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Meter {
-    /// The last reading.
-    pub now: Reading,
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Totals {
     /// Work since the start, J.
     pub work: Power,
     /// Energies integrated over time since the start, J s.
     pub energy_time: Energy,
-    /// Energy at the start, J.
-    pub first_energy: f64,
-    /// Time (s) and centre of mass (m) at the start.
-    pub first: (f64, Vector2<f64>),
-    /// Positions at the start, m, two entries a node.
-    pub first_positions: Vec<f64>,
     /// Largest |y_COM|, m.
     pub max_lateral: f64,
     /// Length of the path of the centre of mass, m.
@@ -192,6 +193,55 @@ pub struct Meter {
     pub steps: u64,
     /// Times that a step was halved.
     pub halvings: u64,
+    /// Steps that were too inaccurate and made again with a smaller size.
+    pub rejections: u64,
+}
+
+impl Totals {
+    /// The totals at `now` between these and `later`, whose readings are the `ends`: work is the cubic Hermite polynomial of
+    /// work and power.
+    pub(crate) fn until(&self, later: &Self, ends: [&Reading; 2], now: &Reading) -> Self {
+        let [from, to] = ends;
+        let work = |of: fn(&Power) -> f64| {
+            let row = |reading: &Reading, totals: &Self| Row {
+                time: reading.time,
+                value: of(&totals.work),
+                rate: of(&reading.power),
+            };
+            hermite(&row(from, self), &row(to, later), now.time).value
+        };
+        let mut totals = Self {
+            work: Power {
+                actuation: work(|p| p.actuation),
+                viscous: work(|p| p.viscous),
+                load: work(|p| p.load),
+                head: work(|p| p.head),
+                flow: work(|p| p.flow),
+            },
+            max_lateral: self.max_lateral.max(now.com.y.abs()),
+            path: self.path + (now.com - from.com).norm(),
+            ..*self
+        };
+        let half_time = 0.5 * (now.time - from.time);
+        totals.energy_time.add(&from.energy, half_time);
+        totals.energy_time.add(&now.energy, half_time);
+        totals
+    }
+}
+
+/// What is known of a run so far: its start, its totals, and the last reading.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Meter {
+    /// The last reading.
+    pub now: Reading,
+    /// The totals.
+    pub totals: Totals,
+    /// Energy at the start, J.
+    pub first_energy: f64,
+    /// Time (s) and centre of mass (m) at the start.
+    pub first: (f64, Vector2<f64>),
+    /// Positions at the start, m, two entries a node.
+    pub first_positions: Vec<f64>,
 }
 
 impl Meter {
@@ -203,15 +253,10 @@ impl Meter {
         let mut now = Reading::new(dynamics.nodes());
         now.take(dynamics, state, scratch)?;
         Ok(Self {
-            work: Power::default(),
-            energy_time: Energy::default(),
+            totals: Totals { max_lateral: now.com.y.abs(), ..Totals::default() },
             first_energy: now.energy.total(),
             first: (now.time, now.com),
             first_positions: state.q.clone(),
-            max_lateral: now.com.y.abs(),
-            path: 0.0,
-            steps: 0,
-            halvings: 0,
             now,
         })
     }
@@ -221,15 +266,12 @@ impl Meter {
     pub fn count(&mut self, next: &mut Reading, load: f64, head_mass: f64) {
         let work = next.work_since(&self.now, load, head_mass);
         let half_time = 0.5 * (next.time - self.now.time);
-        self.work.actuation += work.actuation;
-        self.work.viscous += work.viscous;
-        self.work.load += work.load;
-        self.work.head += work.head;
-        self.work.flow += work.flow;
-        self.energy_time.add(&self.now.energy, half_time);
-        self.energy_time.add(&next.energy, half_time);
-        self.max_lateral = self.max_lateral.max(next.com.y.abs());
-        self.path += (next.com - self.now.com).norm();
+        let totals = &mut self.totals;
+        totals.work.add(&work);
+        totals.energy_time.add(&self.now.energy, half_time);
+        totals.energy_time.add(&next.energy, half_time);
+        totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
+        totals.path += (next.com - self.now.com).norm();
         std::mem::swap(&mut self.now, next);
     }
 
@@ -245,6 +287,6 @@ impl Meter {
 
     /// Defect of the energy balance, J: what went in and neither went out nor is stored.
     pub fn numerical_dissipation(&self) -> f64 {
-        self.work.net() - (self.now.energy.total() - self.first_energy)
+        self.totals.work.net() - (self.now.energy.total() - self.first_energy)
     }
 }

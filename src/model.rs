@@ -117,6 +117,12 @@ impl Inputs {
         }
     }
 
+    /// True if these act on the rod as `other` do, whatever the head does next.
+    pub fn act_as(&self, other: &Self) -> bool {
+        let parts = |inputs: &Self| (inputs.drive, inputs.phase_offset, inputs.phase_origin, inputs.fluid);
+        parts(self) == parts(other) && self.natural == other.natural && self.force == other.force
+    }
+
     /// Changes the frequency (Hz) at time `t` (s), keeping the phase.
     pub fn set_frequency(&mut self, frequency: f64, t: f64) {
         if frequency != self.drive.frequency {
@@ -352,6 +358,10 @@ impl Dynamics {
 impl System for Dynamics {
     fn nodes(&self) -> usize {
         self.model.rod.nodes
+    }
+
+    fn masses(&self) -> &[f64] {
+        &self.model.rod.mass
     }
 
     fn length(&self) -> f64 {

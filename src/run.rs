@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 use serde::Serialize;
 
 use crate::error::{Error, Result};
+use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
 use crate::scene::Scene;
@@ -48,18 +49,25 @@ pub struct Outcome {
 pub fn run(
     scene: &Scene,
     stepper: &mut Stepper,
-    mut observe: impl FnMut(&Stepper) -> Result<ControlFlow<()>>,
+    mut observe: impl FnMut(&mut Stepper) -> Result<ControlFlow<()>>,
 ) -> Result<Outcome> {
     let start = Instant::now();
-    let (whole, last) = scene.steps();
-    let steps = (0..whole).map(|_| scene.solver.time_step_s.get()).chain(last);
+    let mut seen = Ok(ControlFlow::Continue(()));
     let mut ending = Ending::Complete;
-    for h in steps {
-        if let Err(error) = stepper.do_step(h) {
+    for span in scene.spans() {
+        let outcome = stepper.do_step_with(span, |stepper| {
+            seen = observe(stepper);
+            if matches!(seen, Ok(ControlFlow::Continue(()))) {
+                ControlFlow::Continue(())
+            } else {
+                ControlFlow::Break(())
+            }
+        });
+        if let Err(error) = outcome {
             ending = Ending::Failed(error);
             break;
         }
-        if observe(stepper)?.is_break() {
+        if seen.clone()?.is_break() {
             ending = Ending::Interrupted;
             break;
         }
@@ -69,7 +77,7 @@ pub fn run(
 
 /// What came out of a run; the content of summary.json, all in SI units.
 #[derive(Debug, Clone, Serialize)]
-#[expect(missing_docs, reason = "the names say what they are, with units; the table of variables explains them")]
+#[expect(missing_docs, reason = "the names say what they are, with units; time_step_s is the mean of adaptive steps")]
 pub struct Summary {
     pub name: String,
     pub caudal_version: &'static str,
@@ -80,7 +88,9 @@ pub struct Summary {
     pub integrator: String,
     pub form: Form,
     pub time_step_s: f64,
+    pub tolerance: Option<f64>,
     pub steps: u64,
+    pub rejected_steps: u64,
     pub newton_iterations: u64,
     pub factorisations: u64,
     pub linear_solver: &'static str,
@@ -121,7 +131,7 @@ pub struct Summary {
 
 /// What to say of an energy balance that does not close: the mark of steps that are too coarse, or of a wrong root.
 fn balance_note(meter: &Meter) -> Option<String> {
-    let Power { actuation, viscous, load, head, flow } = meter.work;
+    let Power { actuation, viscous, load, head, flow } = meter.totals.work;
     let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, load, head, flow]
         .into_iter()
         .fold(0.0, |max: f64, x| max.max(x.abs()));
@@ -143,7 +153,7 @@ impl Summary {
         let (now, model) = (&meter.now, stepper.model());
         let elapsed = meter.elapsed();
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
-        let Power { actuation, viscous, load, head, flow } = meter.work;
+        let Power { actuation, viscous, load, head, flow } = meter.totals.work;
         let displacement = meter.net_displacement();
         let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
         let towed =
@@ -159,10 +169,18 @@ impl Summary {
             },
             end_time_s: stepper.time(),
             nodes: model.rod.nodes,
-            integrator: scene.solver.integrator.clone(),
+            integrator: scene.integrator_name().to_string(),
             form: stepper.form(),
-            time_step_s: scene.solver.time_step_s.get(),
-            steps: meter.steps,
+            time_step_s: match scene.pace() {
+                Pace::Fixed(step) => step,
+                Pace::Adaptive(_) => elapsed / meter.totals.steps.max(1) as f64,
+            },
+            tolerance: match scene.pace() {
+                Pace::Fixed(_) => None,
+                Pace::Adaptive(tolerance) => Some(tolerance),
+            },
+            steps: meter.totals.steps,
+            rejected_steps: meter.totals.rejections,
             newton_iterations: work.newton_iterations,
             factorisations: work.factorisations,
             linear_solver: match (stepper.form(), scene.solver.linear) {
@@ -171,20 +189,20 @@ impl Summary {
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",
             },
             linear_fallbacks: work.linear_fallbacks,
-            step_halvings: meter.halvings,
+            step_halvings: meter.totals.halvings,
             newton_floor_stops: work.floor_stops,
             x_com_m: now.com.x,
             y_com_m: now.com.y,
             net_displacement_m: displacement,
-            max_lateral_excursion_m: meter.max_lateral,
-            com_path_m: meter.path,
+            max_lateral_excursion_m: meter.totals.max_lateral,
+            com_path_m: meter.totals.path,
             initial_energy_j: meter.first_energy,
             stretching_energy_j: now.energy.stretching,
             bending_energy_j: now.energy.bending,
             kinetic_energy_j: now.energy.kinetic,
-            mean_stretching_energy_j: mean(meter.energy_time.stretching),
-            mean_bending_energy_j: mean(meter.energy_time.bending),
-            mean_kinetic_energy_j: mean(meter.energy_time.kinetic),
+            mean_stretching_energy_j: mean(meter.totals.energy_time.stretching),
+            mean_bending_energy_j: mean(meter.totals.energy_time.bending),
+            mean_kinetic_energy_j: mean(meter.totals.energy_time.kinetic),
             actuation_work_j: actuation,
             viscous_work_j: viscous,
             load_work_j: load,

@@ -1,10 +1,15 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
+mod dense;
+
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use dense::Dense;
+
 use crate::error::{Error, Result, nearest};
-use crate::integrator::Integrator;
-use crate::metrics::{Meter, Reading};
+use crate::integrator::{Integrator, Pace, StepError};
+use crate::metrics::{Meter, Reading, Totals};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::{Newton, Work};
 use crate::scene::Scene;
@@ -13,6 +18,19 @@ use crate::variable::{Causality, VARIABLES, Variable, View};
 
 /// How often a failing step is halved before the failure is reported: down to 1/1024 of it.
 const MAX_HALVINGS: u32 = 10;
+
+/// An adaptive step may change by these factors, and aims at this part of the step that just meets the tolerance.
+const FACTORS: [f64; 2] = [0.2, 5.0];
+const SAFETY: f64 = 0.9;
+
+/// The first adaptive step where the rod rests, s: it grows fivefold a step.
+const AT_REST: f64 = 1e-4;
+
+/// Velocities count as no smaller than this part of a length a step.
+const SLOW: f64 = 1e-3;
+
+/// The direction that moves accelerations alone.
+const ACCELERATIONS: Direction = Direction { q: 0.0, v: 0.0, a: 1.0 };
 
 /// A step length within this of a multiple of Δt, relative, is that multiple.
 const STEP_ROUNDING: f64 = 1e-9;
@@ -23,12 +41,18 @@ pub struct Stepper {
     dynamics: Dynamics,
     integrator: Box<dyn Integrator>,
     newton: Newton,
-    time_step: f64,
+    pace: Pace,
     clock: Clock,
+    /// The next internal step that the pace wants, s.
+    time_step: f64,
     state: State,
+    kick: Kick,
     meter: Meter,
     variables: Vec<&'static Variable>,
-    // Room to work in; nothing of a step remains here.
+    /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
+    before: Option<Totals>,
+    dense: Option<Dense>,
+    // Room to work in.
     next: State,
     reading: Reading,
     scratch: Vec<f64>,
@@ -41,41 +65,65 @@ struct Clock {
     count: u64,
 }
 
+/// What changed inputs do to the accelerations at once.
+#[derive(Debug, Clone, Default)]
+struct Kick {
+    /// They have changed since the accelerations were found.
+    due: bool,
+    /// The accelerations before, and what the method remembered.
+    before: [Vec<f64>; 2],
+}
+
 /// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
 /// matrices and factors, which every step makes anew.
 #[derive(Debug, Clone)]
 pub struct Snapshot {
     clock: Clock,
+    time_step: f64,
     state: State,
+    kicked: bool,
     inputs: Inputs,
     meter: Meter,
     work: Work,
 }
 
 impl Stepper {
-    /// Prepares a run of `model` at time zero with internal steps of at most `time_step` (s), solved by `newton`.
+    /// Prepares a run of `model` at time zero with internal steps of that `pace`, solved by `newton`.
     ///
     /// # Errors
     /// Whatever is wrong with the first state.
     pub fn init(
         model: impl Into<Arc<Model>>,
-        integrator: Box<dyn Integrator>,
+        mut integrator: Box<dyn Integrator>,
         mut newton: Newton,
-        time_step: f64,
+        pace: impl Into<Pace>,
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
         let mut state = dynamics.first_state_in(newton.form());
         let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
-        newton.iterate(&mut dynamics, &mut state, Direction { q: 0.0, v: 0.0, a: 1.0 })?;
+        newton.iterate(&mut dynamics, &mut state, ACCELERATIONS)?;
         newton.work = Work::default();
+        integrator.begin(&mut state);
+        let pace = pace.into();
+        let time_step = match pace {
+            Pace::Fixed(time_step) => time_step,
+            Pace::Adaptive(tolerance) => {
+                let acceleration = largest(&state.a);
+                if acceleration > 0.0 { (tolerance * dynamics.length() / acceleration).sqrt() } else { AT_REST }
+            }
+        };
         let meter = Meter::start(&mut dynamics, &state, &mut scratch)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         Ok(Self {
             integrator,
             newton,
-            time_step,
+            pace,
             clock: Clock { origin: state.t, count: 0 },
+            time_step,
+            kick: Kick::default(),
+            before: None,
+            dense: None,
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,
@@ -91,11 +139,10 @@ impl Stepper {
     /// # Errors
     /// Those of [`Scene::model`], [`Newton::with`] and [`init`](Self::init).
     pub fn of(scene: &Scene) -> Result<Self> {
-        let solver = &scene.solver;
-        let (model, time_step) = (scene.model()?, solver.time_step_s.get());
-        let form = solver.form.of(&model.rod, time_step);
+        let (solver, model) = (&scene.solver, scene.model()?);
+        let form = scene.form(&model.rod);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
-        Self::init(model, scene.integrator()?, newton, time_step)
+        Self::init(model, scene.integrator()?, newton, scene.pace())
     }
 
     /// Time now, s.
@@ -133,7 +180,7 @@ impl Stepper {
         &self.variables
     }
 
-    /// What variables are read from.
+    /// What variables are read from, now.
     pub fn view(&self) -> View<'_> {
         View {
             dynamics: &self.dynamics,
@@ -144,19 +191,60 @@ impl Stepper {
         }
     }
 
-    /// Moves on by `h` (s) to exactly t + h, in ⌈h/Δt⌉ equal internal steps.
+    /// Moves on by `h` (s) to exactly t + h: in ⌈h/Δt⌉ equal internal steps, or in steps that meet the tolerance.
     ///
     /// # Errors
     /// [`Error::Step`] for an `h` that is not positive and finite or too small to move the time; else what went wrong
     /// inside, after which the last good state is the one that [`time`](Self::time) and [`get`](Self::get) show.
     pub fn do_step(&mut self, h: f64) -> Result<()> {
+        self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
+    }
+
+    /// The same, with a look at every internal step; a look that breaks ends the step there. True if it came to t + h.
+    ///
+    /// # Errors
+    /// Those of [`do_step`](Self::do_step).
+    pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let start = self.state.t;
-        let parts = (h / self.time_step - STEP_ROUNDING).ceil().max(1.0);
-        if !(h.is_finite() && start + h > start && parts < 9e15) {
+        if !(h.is_finite() && start + h > start) {
             return Err(Error::Step(h));
         }
-        let multiple = (h - parts * self.time_step).abs() <= STEP_ROUNDING * h;
-        let part = if multiple { self.time_step } else { h / parts };
+        let (head, kicked) = (self.dynamics.inputs.head.clone(), self.kick.due);
+        let outcome = match self.pace {
+            Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
+            Pace::Adaptive(tolerance) => self.adaptive_steps(start + h, tolerance, look),
+        };
+        if outcome.is_err() {
+            if self.state.t == start {
+                self.dynamics.inputs.head = head; // it has not set out
+                if kicked && !self.kick.due {
+                    let [a, memory] = &mut self.kick.before;
+                    std::mem::swap(&mut self.state.a, a);
+                    std::mem::swap(&mut self.state.memory, memory);
+                    self.kick.due = true;
+                }
+            } else {
+                self.before = None;
+            }
+            self.dynamics.move_to(self.state.t, &mut self.state);
+        }
+        outcome
+    }
+
+    fn equal_steps(
+        &mut self,
+        h: f64,
+        time_step: f64,
+        mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
+    ) -> Result<bool> {
+        let start = self.state.t;
+        let (nearest, most) = ((h / time_step).round(), 9e15);
+        let multiple = nearest >= 1.0 && (h - nearest * time_step).abs() <= STEP_ROUNDING * h;
+        let parts = if multiple { nearest } else { (h / time_step).ceil() };
+        if parts >= most {
+            return Err(Error::Step(h));
+        }
+        let part = if multiple { time_step } else { h / parts };
         let end_of = |clock: Clock, count: u64| {
             if multiple {
                 clock.origin + (clock.count + count) as f64 * part
@@ -167,8 +255,7 @@ impl Stepper {
             }
         };
         let (clock, parts) = (self.clock, parts as u64);
-        let head = self.dynamics.inputs.head.clone();
-        self.dynamics.aim_head(start, end_of(clock, parts));
+        self.set_out(end_of(clock, parts))?;
         for count in 1..=parts {
             let end = end_of(clock, count);
             let outcome = self.advance(end, part, 0);
@@ -177,23 +264,97 @@ impl Stepper {
                 _ if self.state.t == start => clock,
                 _ => Clock { origin: self.state.t, count: 0 },
             };
-            if let Err(error) = outcome {
-                if self.state.t == start {
-                    self.dynamics.inputs.head = head; // it has not set out
-                }
-                self.dynamics.move_to(self.state.t, &mut self.state);
-                return Err(error);
+            outcome?;
+            self.meter.totals.steps += 1;
+            if look(self).is_break() && count < parts {
+                return Ok(false);
             }
-            self.meter.steps += 1;
+        }
+        Ok(true)
+    }
+
+    fn adaptive_steps(
+        &mut self,
+        end: f64,
+        tolerance: f64,
+        mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
+    ) -> Result<bool> {
+        self.set_out(end)?;
+        let exponent = -1.0 / f64::from(self.integrator.order());
+        let (mut grow, mut failures) = (FACTORS[1], 0);
+        while self.state.t < end {
+            let left = end - self.state.t;
+            // A rest smaller than a step is not left over, nor one step much smaller than the next.
+            let (h, to) = match self.time_step {
+                wanted if wanted >= left * (1.0 - STEP_ROUNDING) => (left, end),
+                wanted if 2.0 * wanted > left => (0.5 * left, self.state.t + 0.5 * left),
+                wanted => (wanted, self.state.t + wanted),
+            };
+            if to <= self.state.t {
+                return Err(Error::Tolerance { time_s: self.state.t, step_s: h, tolerance });
+            }
+            match self.step(to, h) {
+                Ok(error) => {
+                    let size = self.size(error, h) / tolerance;
+                    let factor = (SAFETY * size.powf(exponent)).clamp(FACTORS[0], grow);
+                    if size <= 1.0 {
+                        self.accept()?;
+                        self.meter.totals.steps += 1;
+                        // A step cut short by the end says nothing against the longer one that was wanted.
+                        self.time_step = (h * factor).max(if h < self.time_step { self.time_step } else { 0.0 });
+                        (grow, failures) = (FACTORS[1], 0);
+                        if look(self).is_break() && self.state.t < end {
+                            self.clock = Clock { origin: self.state.t, count: 0 };
+                            return Ok(false);
+                        }
+                        continue;
+                    }
+                    self.meter.totals.rejections += 1;
+                    self.time_step = h * factor;
+                }
+                Err(error) if error.is_cured_by_smaller_step() && failures < MAX_HALVINGS => {
+                    failures += 1;
+                    self.meter.totals.halvings += 1;
+                    self.time_step = 0.5 * h;
+                }
+                Err(error) => return Err(error),
+            }
+            grow = 1.0;
+        }
+        self.clock = Clock { origin: self.state.t, count: 0 };
+        Ok(true)
+    }
+
+    /// The estimated `error` of a step of `h` (s) to `next`, relative: what the tolerance bounds.
+    fn size(&self, error: StepError, h: f64) -> f64 {
+        let length = self.dynamics.length();
+        let speed = largest(&self.state.v).max(largest(&self.next.v)).max(SLOW * length / h);
+        (error.position / length).max(error.velocity / speed)
+    }
+
+    /// Before the first internal step of several to `end`: aims the head, and finds the accelerations that changed inputs
+    /// cause at once.
+    fn set_out(&mut self, end: f64) -> Result<()> {
+        self.dynamics.aim_head(self.state.t, end);
+        if self.kick.due {
+            self.dynamics.move_to(self.state.t, &mut self.state);
+            let [a, memory] = &mut self.kick.before;
+            a.clone_from(&self.state.a);
+            memory.clone_from(&self.state.memory);
+            self.newton.iterate(&mut self.dynamics, &mut self.state, ACCELERATIONS)?;
+            for (w, (new, old)) in self.state.memory.iter_mut().zip(self.state.a.iter().zip(&*a)) {
+                *w += new - old; // what a method remembers jumps with them
+            }
+            self.kick.due = false;
         }
         Ok(())
     }
 
     /// One step of `h` to time `end`, in halves where it fails.
     fn advance(&mut self, end: f64, h: f64, depth: u32) -> Result<()> {
-        match self.attempt(end, h) {
+        match self.step(end, h).and_then(|_| self.accept()) {
             Err(error) if error.is_cured_by_smaller_step() && depth < MAX_HALVINGS => {
-                self.meter.halvings += 1;
+                self.meter.totals.halvings += 1;
                 self.advance(end - 0.5 * h, 0.5 * h, depth + 1)?;
                 self.advance(end, 0.5 * h, depth + 1)
             }
@@ -201,11 +362,18 @@ impl Stepper {
         }
     }
 
-    fn attempt(&mut self, end: f64, h: f64) -> Result<()> {
+    /// Steps by `h` to time `end`, into `next`.
+    fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
+        self.before = None;
         self.next.t = end;
-        self.integrator.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)?;
+        self.integrator.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
+    }
+
+    /// Makes `next` the state, and counts the step.
+    fn accept(&mut self) -> Result<()> {
         self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
         let load = self.dynamics.load_work(&self.state.q, &self.next.q);
+        self.before = Some(self.meter.totals);
         self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
         std::mem::swap(&mut self.state, &mut self.next);
         Ok(())
@@ -258,11 +426,13 @@ impl Stepper {
         let before = self.dynamics.inputs.clone();
         variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
         self.dynamics.move_to(self.state.t, &mut self.state);
+        self.before = None;
         if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
             self.dynamics.restore(&before);
             self.dynamics.move_to(self.state.t, &mut self.state);
             return Err(error);
         }
+        self.kick.due |= !self.dynamics.inputs.act_as(&before);
         self.meter.count(&mut self.reading, 0.0, self.dynamics.model.rod.mass[0]);
         Ok(())
     }
@@ -271,7 +441,9 @@ impl Stepper {
     pub fn save(&self) -> Snapshot {
         Snapshot {
             clock: self.clock,
+            time_step: self.time_step,
             state: self.state.clone(),
+            kicked: self.kick.due,
             inputs: self.dynamics.inputs.clone(),
             meter: self.meter.clone(),
             work: self.newton.work,
@@ -288,11 +460,19 @@ impl Stepper {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
         self.clock = snapshot.clock;
+        self.time_step = snapshot.time_step;
         self.state.copy_from(&snapshot.state);
+        self.kick.due = snapshot.kicked;
+        self.before = None;
         self.dynamics.restore(&snapshot.inputs);
         self.dynamics.move_to(self.state.t, &mut self.state);
         self.meter.clone_from(&snapshot.meter);
         self.newton.work = snapshot.work;
         Ok(())
     }
+}
+
+/// The largest modulus of `values`.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |max, x| max.max(x.abs()))
 }

@@ -38,7 +38,7 @@ pub fn chain_unknowns(nodes: usize) -> usize {
 }
 
 /// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries a node: x₀, y₀, x₁, y₁, …
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct State {
     /// Time, s.
     pub t: f64,
@@ -51,12 +51,15 @@ pub struct State {
     /// One a node in the chain form, where they are unknowns of their own and more accurate than what the positions say
     /// of them; none where positions are the only unknowns.
     pub links: Vec<Link>,
+    /// What a method remembers of earlier accelerations, m/s²; none of a method that remembers nothing.
+    pub memory: Vec<f64>,
 }
 
 impl State {
     /// A state of `unknowns` zeros at time zero.
     pub fn zeros(unknowns: usize) -> Self {
-        Self { t: 0.0, q: vec![0.0; unknowns], v: vec![0.0; unknowns], a: vec![0.0; unknowns], links: Vec::new() }
+        let zeros = || vec![0.0; unknowns];
+        Self { q: zeros(), v: zeros(), a: zeros(), ..Self::default() }
     }
 
     /// Copies `other` without allocating.
@@ -66,6 +69,7 @@ impl State {
         self.v.copy_from_slice(&other.v);
         self.a.copy_from_slice(&other.a);
         self.links.clone_from(&other.links);
+        self.memory.clone_from(&other.memory);
     }
 
     /// Moves unknown `i` back by `d` along `direction`.
@@ -119,6 +123,9 @@ pub struct Linearisation<'a> {
 pub trait System {
     /// Number of nodes; there are two unknowns a node.
     fn nodes(&self) -> usize;
+
+    /// The mass of each node, kg.
+    fn masses(&self) -> &[f64];
 
     /// The length that displacements are measured against, m.
     fn length(&self) -> f64;

@@ -11,7 +11,7 @@ use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use caudal::system::{ChainMatrix, Direction, Form, Link, State, System, chain_unknowns};
-use common::{DRAG, Dice, GLYCEROL, SILICONE, SOFT, STUDY, WAVE, largest, run, scene, scene_of};
+use common::{DRAG, Dice, GLYCEROL, SILICONE, SOFT, STUDY, WAVE, largest, run, scene, scene_of, time_step};
 
 /// The static problem.
 const STATIC: Direction = Direction { q: 1.0, v: 0.0, a: 0.0 };
@@ -40,7 +40,7 @@ fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_
     let mut scenes = 0;
     for path in files() {
         for finer in [&[][..], &["rod.nodes=129"]] {
-            let end = format!("solver.duration_s={}", 20.0 * file(&path, &[]).solver.time_step_s.get());
+            let end = format!("solver.duration_s={}", 20.0 * time_step(&file(&path, &[])));
             let changes = [finer, &[&end, "solver.newton_tolerance=1e-12"]].concat();
             let ends = ["positions", "chain"].map(|form| {
                 let form = format!("solver.form={form}");
@@ -361,7 +361,7 @@ fn a_million_nodes() {
 fn positions_fail_on_100_000_nodes_where_the_chain_form_stands() {
     let [positions, chain] = ["positions", "chain"].map(|form| {
         let scene = scene(&[SILICONE, "head.kind=clamped", "rod.nodes=100001", &format!("solver.form={form}")]);
-        let form = scene.solver.form.of(&common::rod(&scene), 1e-3);
+        let form = scene.form(&common::rod(&scene));
         let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
         let mut newton = Newton::with(form, Choice::default(), 100_001, 1e-10).unwrap();
         let mut state = dynamics.first_state_in(form);

@@ -168,10 +168,11 @@ fn a_host_that_gives_values_and_rates_drives_the_head_as_the_scene_does() {
         let own = run(&scene_by(method, 1e-3, &changes));
         let deviation = |host: &Stepper| distance(&host.state().q, &own.state().q);
         let every_step = host_driven(method, &changes, 1).unwrap();
-        // Measured: 1e-19 m and 2.3e-16 J.
-        assert!(deviation(&every_step) < 1e-15, "{:e}", deviation(&every_step));
-        let work = every_step.meter().work.head - own.meter().work.head;
-        assert!(work.abs() < 1e-14, "{work:e}");
+        // Measured: 1e-19 m and 2.3e-16 J; 2e-11 m and 4e-9 J (esdirk3, whose stages ask for times in between).
+        let [apart, work_apart] = if method.adaptive { [1e-10, 1e-8] } else { [1e-15, 1e-14] };
+        assert!(deviation(&every_step) < apart, "{:e}", deviation(&every_step));
+        let work = every_step.meter().totals.work.head - own.meter().totals.work.head;
+        assert!(work.abs() < work_apart, "{work:e}");
         // At 5 and 10 steps a time it is the table's interpolation. Measured: 3.3e-7 m; 4.00, 4.03.
         let [fine, coarse] = [5, 10].map(|parts| deviation(&host_driven(method, &changes, parts).unwrap()));
         assert!(coarse < 1.3e-6, "{coarse:e}");
@@ -187,5 +188,5 @@ fn a_host_takes_a_moving_head_over_without_stopping_it() {
     // Measured: 0 m/s and 2.2e-16 m/s².
     assert!(distance(&state.v, &stepper.state().v) < 1e-15);
     assert!(distance(&state.a, &stepper.state().a) < 1e-12);
-    assert_eq!(meter.work, stepper.meter().work);
+    assert_eq!(meter.totals.work, stepper.meter().totals.work);
 }

@@ -13,7 +13,7 @@ use caudal::newton::Newton;
 use caudal::rod::node;
 use caudal::scene::Scene;
 use caudal::system::{Direction, Linearisation, State, System};
-use common::{Dice, SOFT, largest, scene_of};
+use common::{Dice, SOFT, largest, scene_of, time_step};
 use nalgebra::{DMatrix, Matrix2, Vector2};
 use proptest::prelude::*;
 
@@ -48,7 +48,7 @@ impl Placement {
             q: self.vectors(&state.q, self.shift),
             v: self.vectors(&state.v, still),
             a: self.vectors(&state.a, still),
-            links: Vec::new(),
+            ..State::default()
         }
     }
 
@@ -122,9 +122,10 @@ fn assemble(dynamics: &mut Dynamics, state: &State) -> Assembly {
 }
 
 fn steps(dynamics: &mut Dynamics, scene: &Scene, mut from: State, count: usize) -> State {
-    let integrator = scene.integrator().unwrap();
+    let mut integrator = scene.integrator().unwrap();
+    integrator.begin(&mut from);
     let mut newton = Newton::new(dynamics.nodes(), 1e-13).unwrap();
-    let h = scene.solver.time_step_s.get();
+    let h = time_step(scene);
     let start = from.t;
     let mut to = from.clone();
     for k in 1..=count {

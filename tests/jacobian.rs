@@ -230,7 +230,7 @@ fn whole_case(model: &Arc<Model>, dice: &mut Dice) -> (Dynamics, State) {
         q: dice.chain(nodes, model.rod.spacing),
         v: dice.many(2 * nodes, -1.0, 1.0),
         a: dice.many(2 * nodes, -10.0, 10.0),
-        links: Vec::new(),
+        ..State::default()
     };
     dynamics.move_to(dice.between(0.0, 2.0), &mut state);
     // A held head moves node 0; the rest goes with it, turned so that the first joint is no fold.

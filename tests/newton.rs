@@ -45,6 +45,10 @@ impl System for Forgetful {
         self.dynamics.nodes()
     }
 
+    fn masses(&self) -> &[f64] {
+        self.dynamics.masses()
+    }
+
     fn length(&self) -> f64 {
         self.dynamics.length()
     }
@@ -135,7 +139,7 @@ fn a_step_that_cannot_be_made_is_halved_ten_times_and_refused_with_its_numbers_a
     for number in [time_s.to_string(), format!("{step_s:e}"), format!("{residual_n:e}"), format!("node {node};")] {
         assert!(text.contains(&number), "{number} in: {text}");
     }
-    assert_eq!(stepper.meter().halvings, 10);
+    assert_eq!(stepper.meter().totals.halvings, 10);
     // Eleven step sizes, two guesses each.
     assert!(stepper.work().newton_iterations - iterations <= 11 * 2 * 30);
     assert_eq!(*stepper.state(), state);
@@ -171,9 +175,9 @@ fn halving_carries_a_hard_step_through_and_is_counted() {
     stepper.set("natural_curvature_1_m", &[100.0; 7]).unwrap();
     stepper.do_step(5e-3).unwrap();
     // Measured: 38 halvings.
-    assert!((1..1024).contains(&stepper.meter().halvings));
-    assert_eq!(stepper.get_scalar("step_halvings").unwrap(), stepper.meter().halvings as f64);
-    assert_eq!((stepper.time(), stepper.meter().steps), (4.0 * 5e-3, 4));
+    assert!((1..1024).contains(&stepper.meter().totals.halvings));
+    assert_eq!(stepper.get_scalar("step_halvings").unwrap(), stepper.meter().totals.halvings as f64);
+    assert_eq!((stepper.time(), stepper.meter().totals.steps), (4.0 * 5e-3, 4));
 }
 
 /// The error of one step of the study's tail after `set`, with everything readable before and after it.

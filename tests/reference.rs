@@ -28,7 +28,7 @@ fn every_reference_scene_ends_where_the_independent_implementation_does() {
             (meter.now.com.x, number(&expected["x_com_m"])),
             (meter.now.com.y, number(&expected["y_com_m"])),
             (meter.net_displacement(), number(&expected["net_displacement_m"])),
-            (meter.max_lateral, number(&expected["max_lateral_excursion_m"])),
+            (meter.totals.max_lateral, number(&expected["max_lateral_excursion_m"])),
         ];
         let positions = expected["final_positions_m"].as_array().unwrap();
         assert_eq!(2 * positions.len(), state.q.len());

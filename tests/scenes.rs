@@ -97,11 +97,11 @@ const MISTAKES: &[Mistake] = &[
     ("viscosity_pa_s = 1e-3", "viscosity_pas = 1e-3", 0, "medium.viscosity_pas", "unknown key; allowed: `viscosity_pa_s`, `density_kg_m3`, `flow_m_s`; did you mean `viscosity_pa_s`?"),
     ("viscosity_pa_s = 1e-3", "viscosity_cp = 1", 0, "medium.viscosity_cp", "unknown key; allowed: `viscosity_pa_s`, `density_kg_m3`, `flow_m_s`; did you mean `viscosity_pa_s`?"),
     ("angle_rad = 0.1", "angle_deg = 5", 0, "head.angle_deg", "unknown key; allowed: `kind`, `position_m`, `angle_rad`; did you mean `angle_rad`?"),
-    ("time_step_s = 5e-3", "time_step_ms = 5", 0, "solver.time_step_ms", "unknown key; allowed: `integrator`, `time_step_s`, `duration_s`, `newton_tolerance`, `linear`, `form`, `beta`, `gamma`; did you mean `time_step_s`?"),
-    ("beta = 0.25", "betta = 0.25", 0, "solver.betta", "unknown key; allowed: `integrator`, `time_step_s`, `duration_s`, `newton_tolerance`, `linear`, `form`, `beta`, `gamma`; did you mean `beta`?"),
+    ("time_step_s = 5e-3", "time_step_ms = 5", 0, "solver.time_step_ms", "unknown key; allowed: `integrator`, `time_step_s`, `tolerance`, `duration_s`, `newton_tolerance`, `linear`, `form`, `beta`, `gamma`; did you mean `time_step_s`?"),
+    ("beta = 0.25", "betta = 0.25", 0, "solver.betta", "unknown key; allowed: `integrator`, `time_step_s`, `tolerance`, `duration_s`, `newton_tolerance`, `linear`, `form`, `beta`, `gamma`; did you mean `beta`?"),
     ("force_n = [0.5, 0]", "force = [0.5, 0]", 0, "loads.point.1.force", "unknown key; allowed: `node` or `force_n`; did you mean `force_n`?"),
     ("frequency_hz = 1.0,", "frequency = 1.0,", 0, "head.position_m.1.frequency", "unknown key; allowed: `amplitude`, `frequency_hz`, `phase_rad`, `offset`, `table`; did you mean `frequency_hz`?"),
-    ("every = 1", "each = 1", 0, "record.each", "unknown key; allowed: `every`, `nodes_from_s`, `nodes`, `nodes_table`"),
+    ("every = 1", "each = 1", 0, "record.each", "unknown key; allowed: `every`, `interval_s`, `nodes_from_s`, `nodes`, `nodes_table`"),
     ("[solver]\n", "", 1, "head.beta", "unknown key; allowed: `kind`, `position_m`, `angle_rad`"),
     // numbers out of range
     ("nodes = 9", "nodes = 2", 0, "rod.nodes", "found 2; allowed: a whole number from 3 to 10000000"),
@@ -175,6 +175,9 @@ const MISTAKES: &[Mistake] = &[
     ("\"ramp\"", "\"rampe\"", 0, "start.kind", "found \"rampe\"; allowed: `jump`, `ramp`, `shaped`; did you mean `ramp`?"),
     ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `stokes-like`; did you mean `stokes-like`?"),
     ("\"driven\"", "\"held\"", 0, "head.kind", "found \"held\"; allowed: `free`, `clamped`, `driven`"),
+    ("time_step_s = 5e-3", "time_step_s = 5e-3\ntolerance = 1e-4", 1, "solver.tolerance", "found beside time_step_s; allowed: one of the two"),
+    ("time_step_s = 5e-3", "tolerance = 1e-4", 0, "solver.tolerance", "found with integrator = \"newmark\"; allowed: only with esdirk3"),
+    ("every = 1", "every = 1\ninterval_s = 0.1", 1, "record.interval_s", "found beside every; allowed: one of the two"),
     ("\"newmark\"", "\"newmarc\"", 0, "solver.integrator", "found \"newmarc\"; allowed: implicit-euler, ..."),
     // missing keys: the line is that of their table
     ("length_m = 1.0\n", "", -2, "rod.length_m", "missing; it has no default"),
@@ -184,7 +187,7 @@ const MISTAKES: &[Mistake] = &[
     ("head_length_m = 0.0625\n", "", -4, "drag.head_length_m", "missing; a head_weight other than 1 needs the head's length"),
     ("node = 8\n", "", -1, "loads.point.0.node", "missing; it has no default"),
     ("force_n = [0.5, 0]\n", "", -2, "loads.point.1.force_n", "missing; it has no default"),
-    ("time_step_s = 5e-3\n", "", -4, "solver.time_step_s", "missing; it has no default"),
+    ("time_step_s = 5e-3\n", "", -4, "solver.time_step_s", "missing; integrator = \"newmark\" has no default"),
     // keys that do not go together
     ("stiffness_gradient = 1.0", "stiffness_gradient = 1.0\nstiffness_profile = [[0.0, 1.0]]", 1, "rod.stiffness_profile", "found beside stiffness_gradient; allowed: one of the two"),
     ("kind = \"ramp\"", "kind = \"jump\"", 1, "start.ramp_s", "found without kind = \"ramp\"; allowed: only with it"),
@@ -435,9 +438,9 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
                 [solver]\ntime_step_s = 1e-2\nduration_s = 1.0\n";
     let scene = Document::new("folder/eel.toml", text).scene().unwrap();
     assert_eq!(scene.name, "eel", "the file's name");
-    assert_eq!(scene.solver.integrator, "implicit-euler");
+    assert_eq!(scene.integrator_name(), "implicit-euler");
     assert_eq!(scene.solver.newton_tolerance.get(), 1e-10);
-    assert_eq!(scene.record.every.get(), 1);
+    assert!(scene.record.every.is_none() && scene.record.interval_s.is_none());
     assert_eq!(scene.nodes_table(), caudal::scene::NodesTable::Csv);
     let model = scene.model().unwrap();
     assert!(model.actuation.is_none() && model.drag.is_none() && model.load.is_none() && model.head.is_none());
@@ -456,14 +459,12 @@ fn steps_cover_the_duration_with_a_shorter_last_one_if_need_be() {
     ] {
         let set = [format!("solver.time_step_s={step}"), format!("solver.duration_s={duration:?}")];
         let scene = common::scene_of(SOFT, &[&set[0], &set[1]]);
-        let (found, rest) = scene.steps();
-        assert_eq!(found, whole, "{step} {duration}");
-        match (rest, last) {
-            (None, None) => {}
-            // Measured: 0 and 3e-17 s.
-            (Some(rest), Some(last)) => assert!((rest - last).abs() < 1e-15, "{rest}"),
-            other => panic!("{other:?}"),
-        }
+        assert_eq!(scene.steps(), Some(whole + u64::from(last.is_some())), "{step} {duration}");
+        let spans: Vec<f64> = scene.spans().collect();
+        let wanted: Vec<f64> = (whole > 0).then_some(whole as f64 * step).into_iter().chain(last).collect();
+        // Measured: 0 and 3e-17 s.
+        assert_eq!(spans.len(), wanted.len());
+        assert!(spans.iter().zip(&wanted).all(|(span, wanted)| (span - wanted).abs() < 1e-15), "{spans:?}");
     }
 }
 
@@ -555,13 +556,13 @@ fn survive(text: &str, overrides: &[&str]) -> bool {
         }
     }
     let Ok(scene) = document.scene() else { return false };
-    assert!(scene.steps().0 > 0 || scene.steps().1.is_some());
+    assert!(scene.steps() != Some(0) && scene.spans().count() > 0);
     if scene.rod.nodes.get() > 50 {
         return false;
     }
     let Ok(mut stepper) = Stepper::of(&scene) else { return false };
     let before = stepper.time();
-    match stepper.do_step(scene.solver.time_step_s.get()) {
+    match stepper.do_step(scene.typical_step()) {
         Ok(()) => assert!(stepper.state().q.iter().all(|x| x.is_finite())),
         Err(error) => assert!(!error.to_string().is_empty() && stepper.time() >= before),
     }

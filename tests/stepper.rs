@@ -106,11 +106,11 @@ fn a_step_of_any_length_ends_exactly_at_its_end_in_the_fewest_equal_parts() {
     for _ in 0..100 {
         let mut stepper = stepper_of(SOFT, &["rod.nodes=3"]);
         stepper.do_step(dice.between(1e-4, 5e-3)).unwrap();
-        let (t, before) = (stepper.time(), stepper.meter().steps);
+        let (t, before) = (stepper.time(), stepper.meter().totals.steps);
         let h = 2e-3 * dice.between(0.01, 6.0);
         stepper.do_step(h).unwrap();
         assert_eq!(stepper.time(), t + h, "{h}");
-        assert_eq!((stepper.meter().steps - before) as f64, (h / 2e-3 - 1e-9).ceil(), "{h}");
+        assert_eq!((stepper.meter().totals.steps - before) as f64, (h / 2e-3 - 1e-9).ceil(), "{h}");
     }
 }
 
@@ -367,14 +367,14 @@ fn a_change_of_frequency_keeps_the_phase() {
     for changes in [&[5.0][..], &[0.0, 1.5], &[3.0, 0.25, 40.0]] {
         let mut stepper = stepper_of(SOFT, &[]);
         stepper.do_step(0.237).unwrap();
-        let before = (stepper.get_scalar("bending_energy_j").unwrap(), stepper.meter().work);
+        let before = (stepper.get_scalar("bending_energy_j").unwrap(), stepper.meter().totals.work);
         for frequency in changes {
             stepper.set("actuation_frequency_hz", &[*frequency]).unwrap();
         }
         let after = stepper.get_scalar("bending_energy_j").unwrap();
         // Measured: 0, and 0 for the work.
         assert!((after / before.0 - 1.0).abs() < 1e-13, "{changes:?}: {after} {}", before.0);
-        let work = stepper.meter().work.actuation - before.1.actuation;
+        let work = stepper.meter().totals.work.actuation - before.1.actuation;
         assert!(work.abs() < 1e-13 * before.0, "{changes:?}: {work}");
         // The new frequency drives from now on: power is 2πf times a function of the phase.
         let power = stepper.get_scalar("actuation_power_w").unwrap();

@@ -21,7 +21,7 @@ fn tail(changes: &[&str]) -> Stepper {
 /// Δx of the centre of mass of that run, m.
 fn drift(changes: &[&str]) -> f64 {
     let stepper = tail(changes);
-    assert_eq!(stepper.meter().halvings, 0);
+    assert_eq!(stepper.meter().totals.halvings, 0);
     stepper.meter().net_displacement()
 }
 
@@ -112,6 +112,6 @@ fn the_study_s_newmark_nearly_overlaps_implicit_euler_at_a_tenth_of_a_millisecon
     let long = "solver.time_step_s=0.001";
     let mut stepper = Stepper::of(&study(&[&jump[..], &newmark, &[long]].concat())).unwrap();
     let failure = (0..500).find_map(|_| stepper.do_step(1e-3).err());
-    assert!(failure.is_some() && stepper.meter().halvings > 0, "{failure:?}");
-    assert_eq!(tail(&[&jump[..], &[long]].concat()).meter().halvings, 0);
+    assert!(failure.is_some() && stepper.meter().totals.halvings > 0, "{failure:?}");
+    assert_eq!(tail(&[&jump[..], &[long]].concat()).meter().totals.halvings, 0);
 }

@@ -15,6 +15,9 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{SceneArguments, complain, exit, refuse, say};
 
+/// The length of the bar: the run's duration in parts so small that it moves evenly.
+const PROGRESS: u64 = 100_000;
+
 pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
     let mut stepper = Stepper::of(&scene)?;
@@ -31,10 +34,10 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
         say(&format!("note: {warning}"));
     }
     let interrupted = watch_for_interrupts();
-    let (whole, last) = scene.steps();
-    let bar = progress_bar(whole + u64::from(last.is_some()));
+    let bar = progress_bar();
+    let duration = scene.solver.duration_s.get();
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
-        bar.inc(1);
+        bar.set_position((stepper.time() / duration * PROGRESS as f64) as u64);
         output.step(stepper)?;
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
@@ -87,9 +90,9 @@ pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
 }
 
 /// A bar with the time left on a terminal, nothing elsewhere.
-fn progress_bar(steps: u64) -> ProgressBar {
-    let bar = ProgressBar::new(steps);
-    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  step {pos}/{len}  {eta} left") {
+fn progress_bar() -> ProgressBar {
+    let bar = ProgressBar::new(PROGRESS);
+    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  {eta} left") {
         bar.set_style(style);
     }
     bar

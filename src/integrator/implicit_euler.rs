@@ -1,6 +1,6 @@
 //! Implicit Euler: v = (qⁿ⁺¹−qⁿ)/h, a = (v−vⁿ)/h.
 
-use super::{Integrator, Method, Rule};
+use super::{Method, OneStage, Rule};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -8,18 +8,20 @@ pub static METHOD: Method = Method {
     stability: "L-stable: damps every mode that the step does not resolve, and a little those it does",
     source: "Euler 1768; the source study, section 2.5.1",
     parameters: &[],
+    adaptive: false,
+    implicit: true,
     build: |_| Box::new(ImplicitEuler),
 };
 
 #[derive(Debug)]
 struct ImplicitEuler;
 
-impl Integrator for ImplicitEuler {
+impl OneStage for ImplicitEuler {
     fn order(&self) -> u32 {
         1
     }
 
     fn rule(&self, h: f64) -> Rule {
-        Rule { q_old: 0.0, v_old: 0.0, q_new: h * h, v_new: h }
+        Rule { q_old: 0.0, v_old: 0.0, q_new: h * h, v_new: h, memory: None }
     }
 }

@@ -1,6 +1,6 @@
 //! Newmark's method: q = qⁿ + h vⁿ + h²((½−β)aⁿ + βa), v = vⁿ + h((1−γ)aⁿ + γa).
 
-use super::{Integrator, Method, Parameter, Rule};
+use super::{Method, OneStage, Parameter, Rule};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -11,6 +11,8 @@ pub static METHOD: Method = Method {
         Parameter { name: "beta", default: 0.25, range: [1e-6, 1.0], allowed: "a number from 1e-6 to 1" },
         Parameter { name: "gamma", default: 0.5, range: [0.0, 1.0], allowed: "a number from 0 to 1" },
     ],
+    adaptive: false,
+    implicit: true,
     build: |values| Box::new(Newmark { beta: values[0], gamma: values[1] }),
 };
 
@@ -20,7 +22,7 @@ struct Newmark {
     gamma: f64,
 }
 
-impl Integrator for Newmark {
+impl OneStage for Newmark {
     fn order(&self) -> u32 {
         if self.gamma == 0.5 { 2 } else { 1 }
     }
@@ -31,6 +33,7 @@ impl Integrator for Newmark {
             v_old: (1.0 - self.gamma) * h,
             q_new: self.beta * h * h,
             v_new: self.gamma * h,
+            memory: None,
         }
     }
 }

@@ -11,6 +11,8 @@ use crate::error::{Error, Result};
 use crate::run::Summary;
 use crate::scene::{Document, NodesTable, Scene};
 use crate::stepper::Stepper;
+use crate::system::State;
+use crate::variable::{Variable, View};
 
 /// The output folder of a run in progress.
 #[derive(Debug)]
@@ -19,8 +21,8 @@ pub struct Output {
     trajectory: Csv,
     nodes: Nodes,
     record: Record,
-    every: u64,
-    step: u64,
+    columns: Vec<&'static Variable>,
+    times: Times,
     period: Option<f64>,
 }
 
@@ -31,8 +33,9 @@ impl Output {
     /// [`Error::Write`].
     pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<Self> {
         std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
-        let columns = stepper.variables().iter().filter(|v| v.recorded).map(|v| v.name.to_string());
-        let trajectory = Csv::create(folder.join("trajectory.csv"), columns)?;
+        let columns: Vec<_> = stepper.variables().iter().copied().filter(|v| v.recorded).collect();
+        let header = columns.iter().map(|v| v.name.to_string());
+        let trajectory = Csv::create(folder.join("trajectory.csv"), header)?;
         let nodes = Nodes::create(folder, scene)?;
         let period = scene.actuation.as_ref().map(|a| a.frequency_hz.get()).filter(|f| *f > 0.0).map(|f| 1.0 / f);
         let mut output = Self {
@@ -40,29 +43,46 @@ impl Output {
             trajectory,
             nodes,
             record: Record::start(stepper),
-            every: scene.record.every.get() as u64,
-            step: 0,
+            columns,
+            times: match scene.record.interval_s {
+                Some(interval) => Times::Every(interval.get(), 1),
+                None => Times::Steps(scene.record.every.map_or(1, |every| every.get() as u64), 0),
+            },
             period,
         };
-        output.row(stepper)?;
+        output.row(&stepper.view())?;
         Ok(output)
     }
 
     /// Sees the state after a step.
     ///
     /// # Errors
-    /// [`Error::Write`].
-    pub fn step(&mut self, stepper: &Stepper) -> Result<()> {
-        self.step += 1;
-        self.record.step(stepper);
-        if self.step.is_multiple_of(self.every) { self.row(stepper) } else { Ok(()) }
+    /// [`Error::Write`]; those of [`Stepper::at`].
+    pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
+        match self.times {
+            Times::Steps(every, step) => {
+                self.times = Times::Steps(every, step + 1);
+                self.record.step(&stepper.view());
+                if (step + 1).is_multiple_of(every) { self.row(&stepper.view()) } else { Ok(()) }
+            }
+            Times::Every(interval, mut next) => {
+                while next as f64 * interval <= stepper.time() {
+                    stepper.at(next as f64 * interval, |view| {
+                        self.record.step(view);
+                        self.row(view)
+                    })??;
+                    next += 1;
+                    self.times = Times::Every(interval, next);
+                }
+                Ok(())
+            }
+        }
     }
 
-    fn row(&mut self, stepper: &Stepper) -> Result<()> {
-        let view = stepper.view();
-        let values = stepper.variables().iter().filter(|v| v.recorded).map(|v| v.first(&view));
-        self.trajectory.row(stepper.time(), values)?;
-        self.nodes.row(stepper)
+    fn row(&mut self, view: &View<'_>) -> Result<()> {
+        let values = self.columns.iter().map(|v| v.first(view));
+        self.trajectory.row(view.state.t, values)?;
+        self.nodes.row(view.state)
     }
 
     /// Completes every file with the state at the end and puts them in place; returns their paths.
@@ -77,9 +97,9 @@ impl Output {
         notes: &[String],
     ) -> Result<Vec<PathBuf>> {
         if self.trajectory.last != Some(stepper.time()) {
-            self.row(stepper)?;
+            self.row(&stepper.view())?;
         }
-        self.record.finish(stepper);
+        self.record.finish(&stepper.view());
         let figures = figures::all(&summary.name, &self.record, self.period)
             .into_iter()
             .map(|(file, chart)| Ok((file, chart.svg()?)))
@@ -110,6 +130,15 @@ impl Output {
         }
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
+}
+
+/// Which times are recorded.
+#[derive(Debug)]
+enum Times {
+    /// Every so many steps; the steps so far.
+    Steps(u64, u64),
+    /// The multiples of so many seconds; the next multiple.
+    Every(f64, u64),
 }
 
 /// The names that the table of node positions may have.
@@ -145,8 +174,8 @@ impl Nodes {
         Ok(Self { table, chosen, from })
     }
 
-    fn row(&mut self, stepper: &Stepper) -> Result<()> {
-        let (time, q) = (stepper.time(), &stepper.state().q);
+    fn row(&mut self, state: &State) -> Result<()> {
+        let (time, q) = (state.t, &state.q);
         if time < self.from {
             return Ok(());
         }

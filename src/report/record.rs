@@ -1,7 +1,7 @@
 //! What figures and the page need of a run, thinned so that its size does not grow with the run's.
 
 use crate::stepper::Stepper;
-use crate::variable::Variable;
+use crate::variable::{Variable, View};
 
 /// Between half of this and this many times are kept for a curve.
 const SAMPLES: usize = 2500;
@@ -71,26 +71,27 @@ impl Record {
             frames: Thinned::new(FRAMES),
             step: 0,
         };
-        record.samples.offer(0, || sample(&record.columns, stepper));
-        record.frames.offer(0, || frame(stepper));
+        let view = stepper.view();
+        record.samples.offer(0, || sample(&record.columns, &view));
+        record.frames.offer(0, || frame(&view));
         record
     }
 
-    /// Sees the state after a step.
-    pub fn step(&mut self, stepper: &Stepper) {
+    /// Sees the next state.
+    pub fn step(&mut self, view: &View<'_>) {
         self.step += 1;
-        self.samples.offer(self.step, || sample(&self.columns, stepper));
-        self.frames.offer(self.step, || frame(stepper));
+        self.samples.offer(self.step, || sample(&self.columns, view));
+        self.frames.offer(self.step, || frame(view));
     }
 
     /// Sees the state at the end, unless it is there already.
-    pub fn finish(&mut self, stepper: &Stepper) {
-        let now = Some(stepper.time());
+    pub fn finish(&mut self, view: &View<'_>) {
+        let now = Some(view.state.t);
         if self.samples.kept.last().map(|sample| sample[0]) != now {
-            self.samples.kept.push(sample(&self.columns, stepper));
+            self.samples.kept.push(sample(&self.columns, view));
         }
         if self.frames.kept.last().map(|frame| frame.time) != now {
-            self.frames.kept.push(frame(stepper));
+            self.frames.kept.push(frame(view));
         }
     }
 
@@ -109,17 +110,16 @@ impl Record {
     }
 }
 
-fn sample(columns: &[&Variable], stepper: &Stepper) -> Vec<f64> {
-    let view = stepper.view();
-    columns.iter().map(|variable| variable.first(&view)).collect()
+fn sample(columns: &[&Variable], view: &View<'_>) -> Vec<f64> {
+    columns.iter().map(|variable| variable.first(view)).collect()
 }
 
-fn frame(stepper: &Stepper) -> Frame {
-    let nodes = stepper.model().rod.nodes;
+fn frame(view: &View<'_>) -> Frame {
+    let nodes = view.state.q.len() / 2;
     let points = POINTS.min(nodes);
     let point = |i: usize| {
         let k = i * (nodes - 1) / (points - 1);
-        [stepper.state().q[2 * k], stepper.state().q[2 * k + 1]]
+        [view.state.q[2 * k], view.state.q[2 * k + 1]]
     };
-    Frame { time: stepper.time(), points: (0..points).map(point).collect(), com: stepper.meter().now.com.into() }
+    Frame { time: view.state.t, points: (0..points).map(point).collect(), com: view.meter.now.com.into() }
 }

@@ -17,7 +17,7 @@ use crate::actuation::{Actuation, TravellingWave};
 use crate::drag::{Drag, Fluid, HalfEdges, StokesLike};
 use crate::error::{Error, Result, nearest};
 use crate::head::{Motion, Signal};
-use crate::integrator::{Integrator, METHODS, Method};
+use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear::Choice;
 use crate::model::{Drive, Model, chain};
 use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
@@ -231,11 +231,12 @@ pub enum HeadKind {
 /// `[solver]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct SolverTable {
-    /// Name of the method.
-    #[serde(default = "default_integrator")]
-    pub integrator: String,
+    /// Name of the method; see [`Scene::integrator_name`] for scenes that say nothing.
+    pub integrator: Option<String>,
     /// Step size, s.
-    pub time_step_s: Positive,
+    pub time_step_s: Option<Positive>,
+    /// Largest estimated error of an adaptive step, see [`Pace::Adaptive`].
+    pub tolerance: Option<Tolerance>,
     /// Duration of the run, s.
     pub duration_s: Positive,
     /// Largest displacement increment of Newton's last iteration over the length.
@@ -265,24 +266,14 @@ pub enum FormKey {
     Chain,
 }
 
-impl FormKey {
-    /// The form for `rod` and steps of `time_step` (s).
-    pub fn of(self, rod: &Rod, time_step: f64) -> Form {
-        match self {
-            Self::Auto => chain::form(rod, time_step),
-            Self::Positions => Form::Positions,
-            Self::Chain => Form::Chain,
-        }
-    }
-}
-
 /// `[record]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RecordTable {
-    /// Steps between recorded times; the first and the last time are always recorded.
-    #[serde(default = "every_step")]
-    pub every: Whole<1, 1_000_000_000>,
+    /// Steps between recorded times, 1 where it is not given; the first and the last time are always recorded.
+    pub every: Option<Whole<1, 1_000_000_000>>,
+    /// Time between recorded times, s, whatever the steps.
+    pub interval_s: Option<Positive>,
     /// First time of the table of nodes, s.
     #[serde(default = "from_start")]
     pub nodes_from_s: NotNegative,
@@ -306,12 +297,13 @@ pub enum NodesTable {
 
 impl Default for RecordTable {
     fn default() -> Self {
-        Self { every: every_step(), nodes_from_s: from_start(), nodes: None, nodes_table: None }
+        Self { every: None, interval_s: None, nodes_from_s: from_start(), nodes: None, nodes_table: None }
     }
 }
 
 /// The keys of `[solver]` beside the methods' parameters.
-const SOLVER_KEYS: [&str; 6] = ["integrator", "time_step_s", "duration_s", "newton_tolerance", "linear", "form"];
+const SOLVER_KEYS: [&str; 7] =
+    ["integrator", "time_step_s", "tolerance", "duration_s", "newton_tolerance", "linear", "form"];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
 fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {
@@ -329,9 +321,11 @@ fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<
 /// Up to this many nodes nodes.csv is written unless asked otherwise.
 const NODES_CSV_UP_TO: usize = 200;
 
-fn default_integrator() -> String {
-    "implicit-euler".to_string()
-}
+/// The method of a scene that names none: with a step of its own, and without.
+const DEFAULT_INTEGRATORS: [&str; 2] = ["implicit-euler", "esdirk3"];
+
+/// The tolerance of a scene that gives neither step nor tolerance.
+const DEFAULT_TOLERANCE: f64 = 1e-4;
 
 fn default_tolerance() -> Tolerance {
     Tolerance::constant(1e-10)
@@ -355,10 +349,6 @@ fn still() -> [Finite; 2] {
 
 fn from_start() -> NotNegative {
     NotNegative::constant(0.0)
-}
-
-fn every_step() -> Whole<1, 1_000_000_000> {
-    Whole::LEAST
 }
 
 impl Scene {
@@ -448,22 +438,52 @@ impl Scene {
             }
             _ => {}
         }
-        let (step, duration) = (self.solver.time_step_s.get(), self.solver.duration_s.get());
-        if duration > MOST_STEPS * step {
+        let duration = self.solver.duration_s.get();
+        if let Some(step) = self.solver.time_step_s.map(Positive::get).filter(|step| duration > MOST_STEPS * step) {
             let allowed =
                 format!("at least {:e}, so that duration_s has at most {MOST_STEPS:e} steps", duration / MOST_STEPS);
             return fault("solver.time_step_s", value::refused(format_args!("{step:e}"), allowed));
         }
-        self.method().map(|_| ())
+        if self.record.every.is_some() && self.record.interval_s.is_some() {
+            return fault("record.interval_s", "found beside every; allowed: one of the two".into());
+        }
+        let (method, _) = self.method()?;
+        let adaptive = || METHODS.iter().filter(|other| other.adaptive).map(|other| other.name).collect::<Vec<_>>();
+        match (self.solver.time_step_s, self.solver.tolerance) {
+            (Some(_), Some(_)) => {
+                return fault("solver.tolerance", "found beside time_step_s; allowed: one of the two".into());
+            }
+            (None, Some(_)) if !method.adaptive => {
+                let problem = format!(
+                    "found with integrator = \"{}\"; allowed: only with {}",
+                    method.name,
+                    adaptive().join(", ")
+                );
+                return fault("solver.tolerance", problem);
+            }
+            (None, None) if !method.adaptive => {
+                return fault(
+                    "solver.time_step_s",
+                    format!("missing; integrator = \"{}\" has no default", method.name),
+                );
+            }
+            _ => {}
+        }
+        if self.solver.form == FormKey::Chain && !method.implicit {
+            let problem =
+                format!("found \"chain\" with integrator = \"{}\"; allowed: with implicit methods only", method.name);
+            return fault("solver.form", problem);
+        }
+        Ok(())
     }
 
     /// The method and its parameters.
     fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
         let solver = &self.solver;
         let names = || METHODS.iter().map(|method| method.name);
-        let Some(method) = Method::named(&solver.integrator) else {
+        let Some(method) = Method::named(self.integrator_name()) else {
             let allowed = names().collect::<Vec<_>>().join(", ");
-            let problem = value::refused(format_args!("{:?}", solver.integrator), allowed);
+            let problem = value::refused(format_args!("{:?}", self.integrator_name()), allowed);
             return Err(Fault { key: "solver.integrator".into(), problem });
         };
         for key in solver.parameters.keys() {
@@ -492,6 +512,40 @@ impl Scene {
             values.push(value);
         }
         Ok((method, values))
+    }
+
+    /// The name of its method: a scene that names none takes one that fits the step it gives, or one that chooses steps
+    /// for itself.
+    pub fn integrator_name(&self) -> &str {
+        let [with_step, without] = DEFAULT_INTEGRATORS;
+        let default = if self.solver.time_step_s.is_some() { with_step } else { without };
+        self.solver.integrator.as_deref().unwrap_or(default)
+    }
+
+    /// How its steps are chosen.
+    pub fn pace(&self) -> Pace {
+        match (self.solver.time_step_s, self.solver.tolerance) {
+            (Some(step), _) => Pace::Fixed(step.get()),
+            (None, tolerance) => Pace::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
+        }
+    }
+
+    /// The size of its steps, s; where they are adaptive, about what is usual: a fiftieth of a period or of the run.
+    pub fn typical_step(&self) -> f64 {
+        let period = self.actuation.as_ref().map_or(f64::INFINITY, |actuation| 1.0 / actuation.frequency_hz.get());
+        match self.pace() {
+            Pace::Fixed(step) => step,
+            Pace::Adaptive(_) => period.min(self.solver.duration_s.get()) / 50.0,
+        }
+    }
+
+    /// The form in which `rod`, its own, is solved.
+    pub fn form(&self, rod: &Rod) -> Form {
+        match (self.solver.form, Method::named(self.integrator_name())) {
+            (FormKey::Positions, _) | (_, Some(Method { implicit: false, .. })) => Form::Positions,
+            (FormKey::Chain, _) => Form::Chain,
+            (FormKey::Auto, _) => chain::form(rod, self.typical_step()),
+        }
     }
 
     /// Its integrator.
@@ -601,16 +655,31 @@ impl Scene {
         self.record.nodes_table.unwrap_or(default)
     }
 
-    /// The whole steps of Δt, and the shorter last one (s) if there is one: together the duration.
-    pub fn steps(&self) -> (u64, Option<f64>) {
-        let (duration, step) = (self.solver.duration_s.get(), self.solver.time_step_s.get());
-        let whole = (duration / step).round();
-        if (whole * step - duration).abs() <= 1e-9 * duration {
-            return (whole as u64, None);
-        }
-        let whole = (duration / step).floor();
-        (whole as u64, Some(duration - whole * step))
+    /// The lengths (s) of the calls of `do_step` that make its run: one of whole steps of Δt, and one of the shorter last
+    /// step if there is one; one in all where steps are adaptive.
+    pub fn spans(&self) -> impl Iterator<Item = f64> {
+        let duration = self.solver.duration_s.get();
+        let Pace::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
+        let (whole, last) = whole_steps(duration, step);
+        [(whole > 0).then_some(whole as f64 * step), last].into_iter().flatten()
     }
+
+    /// The number of its steps; none is known before where they are adaptive.
+    pub fn steps(&self) -> Option<u64> {
+        let Pace::Fixed(step) = self.pace() else { return None };
+        let (whole, last) = whole_steps(self.solver.duration_s.get(), step);
+        Some(whole + u64::from(last.is_some()))
+    }
+}
+
+/// The whole steps in `duration` (s), and the shorter last one (s) if there is one: together the duration.
+fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
+    let whole = (duration / step).round();
+    if (whole * step - duration).abs() <= 1e-9 * duration {
+        return (whole as u64, None);
+    }
+    let whole = (duration / step).floor();
+    (whole as u64, Some(duration - whole * step))
 }
 
 impl ActuationTable {

@@ -6,6 +6,7 @@
     reason = "every test file takes what it needs; a failure ends the test"
 )]
 
+use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -126,10 +127,12 @@ pub fn run(scene: &Scene) -> Stepper {
 /// Runs `scene` to its end, with a look at every step.
 pub fn run_with(scene: &Scene, mut look: impl FnMut(&mut Stepper)) -> Stepper {
     let mut stepper = Stepper::of(scene).unwrap();
-    let (whole, last) = scene.steps();
-    for h in std::iter::repeat_n(scene.solver.time_step_s.get(), whole as usize).chain(last) {
-        stepper.do_step(h).unwrap();
-        look(&mut stepper);
+    for span in scene.spans() {
+        let whole = stepper.do_step_with(span, |stepper| {
+            look(stepper);
+            ControlFlow::Continue(())
+        });
+        assert!(whole.unwrap());
     }
     stepper
 }
@@ -192,4 +195,9 @@ impl Dice {
 /// Largest modulus.
 pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
     values.into_iter().fold(0.0, |max, x| if x.is_nan() { f64::NAN } else { f64::max(max, x.abs()) })
+}
+
+/// The step of a scene that gives one, s.
+pub fn time_step(scene: &Scene) -> f64 {
+    scene.solver.time_step_s.unwrap().get()
 }

@@ -1,0 +1,99 @@
+//! ESDIRK3(2): three implicit stages with one matrix, the last of which is the step's end; an embedded method of order 2
+//! estimates the error.
+//!
+//! For q' = v, v' = a a stage is v_i = v* + hγ a_i and q_i = q* + (hγ)² a_i with v* = vⁿ + h Σ_{j<i} a_ij a_j and
+//! q* = qⁿ + h Σ_{j<i} a_ij v_j + hγ v*.
+
+use super::{Foot, Integrator, Method, Stage, StepError};
+use crate::error::Result;
+use crate::newton::Newton;
+use crate::system::{State, System};
+
+/// What is known of it.
+pub static METHOD: Method = Method {
+    name: "esdirk3",
+    stability: "L-stable, and so is its embedded method: damps what the step does not resolve, hardly what it does",
+    source: "A. Kværnø, BIT 44 (2004) 489–502, method 3/2a",
+    parameters: &[],
+    adaptive: true,
+    implicit: true,
+    build: |_| Box::new(Esdirk3::default()),
+};
+
+/// γ, the root of γ³ − 3γ² + 3γ/2 − 1/6 that makes the method L-stable.
+const G: f64 = 0.435_866_521_508_459;
+
+/// Times of the stages in steps.
+const TIMES: [f64; STAGES] = [0.0, 2.0 * G, 1.0, 1.0];
+
+/// Weights a_ij, j < i, of the implicit stages; every a_ii is γ. The last stage is the step, the one before the embedded
+/// step.
+const WEIGHTS: [[f64; STAGES - 1]; STAGES] = {
+    let embedded = [(-4.0 * G * G + 6.0 * G - 1.0) / (4.0 * G), (1.0 - 2.0 * G) / (4.0 * G), 0.0];
+    let last = [
+        (6.0 * G - 1.0) / (12.0 * G),
+        -1.0 / ((24.0 * G - 12.0) * G),
+        (-6.0 * G * G + 6.0 * G - 1.0) / (6.0 * G - 3.0),
+    ];
+    [[0.0; 3], [G, 0.0, 0.0], embedded, last]
+};
+
+const STAGES: usize = 4;
+
+/// The method, and the velocities and accelerations of its first three stages.
+#[derive(Debug, Default)]
+struct Esdirk3 {
+    v: [Vec<f64>; STAGES - 1],
+    a: [Vec<f64>; STAGES - 1],
+}
+
+impl Integrator for Esdirk3 {
+    fn order(&self) -> u32 {
+        3
+    }
+
+    fn begin(&mut self, state: &mut State) {
+        for stage in self.v.iter_mut().chain(&mut self.a) {
+            stage.resize(state.q.len(), 0.0);
+        }
+    }
+
+    fn step(
+        &mut self,
+        system: &mut dyn System,
+        newton: &mut Newton,
+        from: &State,
+        h: f64,
+        to: &mut State,
+    ) -> Result<StepError> {
+        let end = to.t;
+        self.v[0].copy_from_slice(&from.v);
+        self.a[0].copy_from_slice(&from.a);
+        for i in 1..STAGES {
+            to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
+            let Self { v, a } = &*self;
+            let stage = Stage { q_new: (h * G).powi(2), v_new: h * G, h };
+            let weights = WEIGHTS[i].map(|weight| h * weight);
+            stage.solve(system, newton, from, to, |k| {
+                let sum = |of: &[Vec<f64>; STAGES - 1]| -> f64 { (0..i).map(|j| weights[j] * of[j][k]).sum() };
+                let v_star = from.v[k] + sum(a);
+                Foot { dq: sum(v) + h * G * v_star, v: v_star, a: a[i - 1][k] }
+            })?;
+            if i < STAGES - 1 {
+                self.v[i].copy_from_slice(&to.v);
+                self.a[i].copy_from_slice(&to.a);
+            }
+        }
+        let error = |of: &[Vec<f64>; STAGES - 1], last: &[f64]| {
+            let at = |k: usize| {
+                let earlier = (0..STAGES - 1).map(|j| {
+                    let embedded = if j == 2 { G } else { WEIGHTS[2][j] };
+                    (WEIGHTS[3][j] - embedded) * of[j][k]
+                });
+                h * (earlier.sum::<f64>() + G * last[k])
+            };
+            (0..last.len()).map(at).fold(0.0, |max: f64, e| if e.abs() > max { e.abs() } else { max })
+        };
+        Ok(StepError { position: error(&self.v, &to.v), velocity: error(&self.a, &to.a) })
+    }
+}

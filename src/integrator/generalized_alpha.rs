@@ -1,0 +1,60 @@
+//! The generalized-α method: Newmark's step with an auxiliary acceleration w that lags behind the true one,
+//! (1−α_m) wⁿ⁺¹ + α_m wⁿ = (1−α_f) aⁿ⁺¹ + α_f aⁿ, so that the spectral radius at infinite frequency is ρ∞.
+
+use super::{Memory, Method, OneStage, Parameter, Rule};
+
+/// What is known of it.
+pub static METHOD: Method = Method {
+    name: "generalized-alpha",
+    stability: "unconditionally stable on linear systems; modes that the step does not resolve lose the factor rho_inf a step",
+    source: "J. Chung & G. M. Hulbert, J. Appl. Mech. 60 (1993) 371–375; M. Arnold & O. Brüls, Multibody Syst. Dyn. 18 (2007) 185–202",
+    parameters: &[Parameter {
+        name: "rho_inf",
+        default: 0.8,
+        range: [0.0, 1.0],
+        allowed: "a number from 0, unresolved modes vanish at once, to 1, they stay",
+    }],
+    adaptive: false,
+    implicit: true,
+    build: |values| Box::new(GeneralizedAlpha::new(values[0])),
+};
+
+#[derive(Debug)]
+struct GeneralizedAlpha {
+    alpha_m: f64,
+    alpha_f: f64,
+    beta: f64,
+    gamma: f64,
+}
+
+impl GeneralizedAlpha {
+    fn new(rho: f64) -> Self {
+        let (alpha_m, alpha_f) = ((2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0));
+        let gamma = 0.5 - alpha_m + alpha_f;
+        Self { alpha_m, alpha_f, beta: 0.25 * (0.5 + gamma).powi(2), gamma }
+    }
+}
+
+impl OneStage for GeneralizedAlpha {
+    fn order(&self) -> u32 {
+        2
+    }
+
+    fn rule(&self, h: f64) -> Rule {
+        let Self { alpha_m, alpha_f, beta, gamma } = *self;
+        let [new, old, kept] = [1.0 - alpha_f, alpha_f, -alpha_m].map(|weight| weight / (1.0 - alpha_m));
+        Rule {
+            q_old: h * h * beta * old,
+            v_old: h * gamma * old,
+            q_new: h * h * beta * new,
+            v_new: h * gamma * new,
+            memory: Some(Memory {
+                q: h * h * (0.5 - beta + beta * kept),
+                v: h * (1.0 - gamma + gamma * kept),
+                new,
+                old,
+                kept,
+            }),
+        }
+    }
+}

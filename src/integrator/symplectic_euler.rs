@@ -1,0 +1,57 @@
+//! Symplectic Euler: vⁿ⁺¹ = vⁿ + h aⁿ, qⁿ⁺¹ = qⁿ + h vⁿ⁺¹. It solves nothing, and a rod's modes are so fast that it fails at
+//! any step worth taking: the contrast to the implicit methods.
+
+use super::{Integrator, Method, StepError};
+use crate::error::Result;
+use crate::newton::Newton;
+use crate::system::{State, System};
+
+/// What is known of it.
+pub static METHOD: Method = Method {
+    name: "symplectic-euler",
+    stability: "stable for steps below 2/ω_max only, ω_max the highest natural frequency; energies stay bounded there",
+    source: "R. de Vogelaere 1956; E. Hairer, C. Lubich & G. Wanner, Geometric Numerical Integration (2006), section I.1",
+    parameters: &[],
+    adaptive: false,
+    implicit: false,
+    build: |_| Box::new(SymplecticEuler::default()),
+};
+
+#[derive(Debug, Default)]
+struct SymplecticEuler {
+    residual: Vec<f64>,
+}
+
+impl Integrator for SymplecticEuler {
+    fn order(&self) -> u32 {
+        1
+    }
+
+    fn begin(&mut self, state: &mut State) {
+        self.residual.resize(state.q.len(), 0.0);
+    }
+
+    fn step(
+        &mut self,
+        system: &mut dyn System,
+        _: &mut Newton,
+        from: &State,
+        h: f64,
+        to: &mut State,
+    ) -> Result<StepError> {
+        for i in 0..from.q.len() {
+            to.v[i] = from.v[i] + h * from.a[i];
+            to.q[i] = from.q[i] + h * to.v[i];
+        }
+        to.a.copy_from_slice(&from.a);
+        system.move_to(to.t, to);
+        system.assemble(to, &mut self.residual, None)?;
+        for (i, mass) in system.masses().iter().enumerate() {
+            for i in [2 * i, 2 * i + 1] {
+                to.a[i] -= self.residual[i] / mass;
+            }
+        }
+        system.check_step(from, to)?;
+        Ok(StepError::default())
+    }
+}
