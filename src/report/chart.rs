@@ -217,12 +217,13 @@ impl Chart {
             }
         }
         if named > 1 {
+            let corner = emptiest_corner(&occupied, chart.plotting_area().get_pixel_range());
             chart
                 .configure_series_labels()
                 .background_style(WHITE.mix(0.85))
                 .border_style(GREY)
                 .label_font(("sans-serif", 14))
-                .position(emptiest_corner(&occupied, chart.plotting_area().get_pixel_range()))
+                .position(corner)
                 .draw()
                 .map_err(|e| e.to_string())?;
         }

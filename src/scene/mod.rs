@@ -477,8 +477,8 @@ impl Scene {
         Ok(())
     }
 
-    /// The method and its parameters.
-    fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
+    /// The method and the values of its parameters.
+    pub(crate) fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
         let solver = &self.solver;
         let names = || METHODS.iter().map(|method| method.name);
         let Some(method) = Method::named(self.integrator_name()) else {
@@ -636,6 +636,26 @@ impl Scene {
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
         scene.rod.nodes = Whole::nearest(nodes);
+        scene
+    }
+
+    /// The same scene with other steps; only an adaptive method takes a tolerance.
+    pub fn with_pace(&self, pace: Pace) -> Self {
+        let mut scene = self.clone();
+        scene.solver.integrator = Some(self.integrator_name().to_string());
+        (scene.solver.time_step_s, scene.solver.tolerance) = match pace {
+            Pace::Fixed(step) => (Some(Positive::constant(step)), None),
+            Pace::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
+        };
+        scene
+    }
+
+    /// The same scene solved by another method, with `values` for its parameters, in their order.
+    pub fn with_method(&self, method: &Method, values: &[f64]) -> Self {
+        let mut scene = self.clone();
+        scene.solver.integrator = Some(method.name.to_string());
+        let named = method.parameters.iter().zip(values);
+        scene.solver.parameters = named.map(|(p, value)| (p.name.to_string(), toml::Value::Float(*value))).collect();
         scene
     }
 

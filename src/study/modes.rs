@@ -27,7 +27,7 @@ const RESOLVED: f64 = 0.2;
 /// Those of [`Scene::model`] and [`lowest`].
 pub fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let model = scene.model()?;
-    let (rod, step) = (model.rod, scene.solver.time_step_s.get());
+    let (rod, step) = (model.rod, scene.typical_step());
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
     let found = lowest(&rod, count)?;
     let matrices = Matrices::of(&rod, model.drag)?;

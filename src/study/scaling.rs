@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use super::{Desk, Studied, power_law};
 use crate::check::contracts;
 use crate::error::Result;
+use crate::integrator::Pace;
 use crate::model::chain;
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Findings, Table};
@@ -72,7 +73,7 @@ pub fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied
     let mut nodes = asked.nodes.clone();
     nodes.sort_unstable();
     nodes.dedup();
-    let step = scene.solver.time_step_s.get();
+    let step = scene.typical_step();
     let mut cases = Vec::new();
     let mut used = Vec::new();
     for nodes in &nodes {
@@ -94,12 +95,12 @@ pub fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied
 
 fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     let before = memory::reset();
-    let mut scene = scene.with_nodes(case.nodes);
+    let mut scene = scene.with_pace(Pace::Fixed(scene.typical_step())).with_nodes(case.nodes);
     scene.solver.form = match case.form {
         Form::Positions => FormKey::Positions,
         Form::Chain => FormKey::Chain,
     };
-    let step = scene.solver.time_step_s.get();
+    let step = scene.typical_step();
     let failed = |reason: String| Run {
         failure: Some(reason),
         step_s: f64::NAN,
@@ -145,7 +146,7 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         failure: None,
         step_s: best.as_secs_f64() / case.steps as f64,
         iterations: stepper.work().newton_iterations,
-        halvings: stepper.meter().halvings,
+        halvings: stepper.meter().totals.halvings,
         fallbacks: stepper.work().linear_fallbacks,
         memory: peak.zip(before).map(|(peak, before)| peak.saturating_sub(before)),
         tip: [q[2 * last], q[2 * last + 1]],
