@@ -3,10 +3,10 @@
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use caudal::error::Result;
+use caudal::error::Error;
 use caudal::report::Findings;
 use caudal::scene::{Document, NODES, Scene};
-use caudal::study::{self, Desk, Scaling, Studied};
+use caudal::study::{self, Accuracy, Desk, Scaling, Studied};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -35,6 +35,26 @@ pub enum Study {
         #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..))]
         steps: u64,
     },
+    /// Error against cost for every method, step and mesh, and which of them to take
+    Accuracy {
+        #[command(flatten)]
+        common: Common,
+        /// Numbers of nodes, separated by commas [default: the scene's, and twice and four times as many edges]
+        #[arg(long, value_delimiter = ',', value_parser = clap::value_parser!(u64).range(NODES[0]..=NODES[1]))]
+        nodes: Vec<u64>,
+        /// Steps (s), separated by commas [default: eight times the scene's down to a thirty-second]
+        #[arg(long, value_delimiter = ',', value_parser = positive)]
+        steps: Vec<f64>,
+        /// Tolerances of adaptive methods, separated by commas [default: 1e-2 … 1e-7]
+        #[arg(long, value_delimiter = ',', value_parser = positive)]
+        tolerances: Vec<f64>,
+    },
+}
+
+/// A positive number.
+fn positive(text: &str) -> Result<f64, String> {
+    let number: f64 = text.trim().parse().map_err(|e| format!("{e}"))?;
+    if number > 0.0 && number.is_finite() { Ok(number) } else { Err("allowed: a positive number".to_string()) }
 }
 
 #[derive(Debug, Args)]
@@ -46,7 +66,7 @@ pub struct Common {
     out: Option<PathBuf>,
 }
 
-pub fn study(study: &Study) -> Result<ExitCode> {
+pub fn study(study: &Study) -> Result<ExitCode, Error> {
     match study {
         Study::Modes { common, count } => {
             common.study("modes", |scene, _| Ok(Studied::Complete(study::modes(scene, *count as usize)?)))
@@ -56,12 +76,16 @@ pub fn study(study: &Study) -> Result<ExitCode> {
             let asked = Scaling { nodes, steps: *steps };
             common.study("scaling", |scene, desk| study::scaling(scene, &asked, desk))
         }
+        Study::Accuracy { common, nodes, steps, tolerances } => {
+            let asked = Accuracy { nodes: nodes.clone(), steps: steps.clone(), tolerances: tolerances.clone() };
+            common.study("accuracy", |scene, desk| study::accuracy(scene, &asked, desk))
+        }
     }
 }
 
 impl Common {
     /// Makes the study `kind`, with a bar of its runs on a terminal, and writes what it found.
-    fn study(&self, kind: &str, make: impl FnOnce(&Scene, Desk<'_>) -> Result<Studied>) -> Result<ExitCode> {
+    fn study(&self, kind: &str, make: impl FnOnce(&Scene, Desk<'_>) -> Result<Studied, Error>) -> Result<ExitCode, Error> {
         let (document, scene) = self.scene.read()?;
         let default = || PathBuf::from("out").join(format!("{}-study-{kind}", scene.name));
         let folder = self.out.clone().unwrap_or_else(default);
@@ -89,7 +113,7 @@ impl Common {
     }
 }
 
-fn finish(folder: &Path, document: &Document, scene: &Scene, findings: &Findings) -> Result<ExitCode> {
+fn finish(folder: &Path, document: &Document, scene: &Scene, findings: &Findings) -> Result<ExitCode, Error> {
     let files = findings.write(folder, &scene.name, document)?;
     study::forget(folder);
     for answer in &findings.answers {

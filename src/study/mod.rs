@@ -3,8 +3,10 @@
 //! A study is a list of independent runs and what follows from their results. The runs are kept in a journal in its folder
 //! until all are there, so that a study goes on where it was interrupted.
 
+mod accuracy;
 mod modes;
 mod scaling;
+mod trial;
 
 use std::fmt::Debug;
 use std::ops::ControlFlow;
@@ -18,11 +20,12 @@ use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
 use crate::report::Findings;
 use crate::scene::Scene;
+pub use accuracy::{Accuracy, accuracy};
 pub use modes::modes;
 pub use scaling::{Scaling, scaling};
 
-/// Name of the file in which a study keeps its runs until it is complete.
-const JOURNAL: &str = "runs.journal";
+/// Ending of the names of the files in which a study keeps its runs until it is complete.
+const JOURNAL: &str = ".journal";
 
 /// What is known of a study while it goes on, and where its results are kept.
 #[derive(Clone, Copy)]
@@ -45,7 +48,7 @@ pub enum Studied {
 }
 
 impl Desk<'_> {
-    /// Makes every run of `runs` of the study `name` of `scene`, on `threads` threads, or takes it from the journal;
+    /// Makes every run of `runs`, called `name`, of `scene`, on `threads` threads, or takes it from the journal;
     /// results in the order of `runs`. A run that is interrupted returns `None`.
     ///
     /// # Errors
@@ -60,7 +63,7 @@ impl Desk<'_> {
     ) -> Result<std::result::Result<Vec<T>, Studied>> {
         let failed = |e: std::io::Error| Error::Write { path: self.folder.to_path_buf(), reason: e.to_string() };
         std::fs::create_dir_all(self.folder).map_err(failed)?;
-        let path = self.folder.join(JOURNAL);
+        let path = self.folder.join(format!("{name}{JOURNAL}"));
         let job = Job::new(name, format!("{scene:?} {runs:?}").as_bytes(), runs.len());
         if Journal::read(&path).is_ok_and(|journal| job.difference(journal.job()).is_some()) {
             std::fs::remove_file(&path).map_err(failed)?; // of a study that asked for something else
@@ -95,9 +98,13 @@ impl Desk<'_> {
     }
 }
 
-/// Removes the journal of a study whose findings are written.
+/// Removes the journals of a study whose findings are written.
 pub fn forget(folder: &Path) {
-    let _ = std::fs::remove_file(folder.join(JOURNAL)); // of use to nobody, and of no harm
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_name().to_string_lossy().ends_with(JOURNAL) {
+            let _ = std::fs::remove_file(entry.path()); // of use to nobody, and of no harm
+        }
+    }
 }
 
 /// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.

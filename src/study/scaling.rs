@@ -85,7 +85,7 @@ pub fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied
         cases.push(Case { nodes: *nodes, form: Form::Chain, steps: asked.steps });
     }
     // One after the other: they share the memory's speed, and memory is counted for the whole program.
-    let runs = match desk.work("study scaling", scene, &cases, 1, |case| run(scene, case, desk))? {
+    let runs = match desk.work("scaling", scene, &cases, 1, |case| run(scene, case, desk))? {
         Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
     };
