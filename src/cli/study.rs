@@ -85,7 +85,11 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
 
 impl Common {
     /// Makes the study `kind`, with a bar of its runs on a terminal, and writes what it found.
-    fn study(&self, kind: &str, make: impl FnOnce(&Scene, Desk<'_>) -> Result<Studied, Error>) -> Result<ExitCode, Error> {
+    fn study(
+        &self,
+        kind: &str,
+        make: impl FnOnce(&Scene, Desk<'_>) -> Result<Studied, Error>,
+    ) -> Result<ExitCode, Error> {
         let (document, scene) = self.scene.read()?;
         let default = || PathBuf::from("out").join(format!("{}-study-{kind}", scene.name));
         let folder = self.out.clone().unwrap_or_else(default);

@@ -1,7 +1,7 @@
 //! `caudal study accuracy`: which method, step and mesh give which error, at what cost.
 //!
 //! Errors are measured against references that the study computes itself, by two methods that have nothing in common but the
-//! equations: ESDIRK3 with a tight tolerance, and generalized-α with small steps extrapolated to none (Richardson). What they
+//! equations: ESDIRK3 with small steps, and generalized-α with small steps extrapolated to none (Richardson). What they
 //! differ by is the reference's own error; where that is no small part of the result, no reference exists, and the study
 //! measures how fast two runs separate that start a billionth of a length apart.
 
@@ -12,7 +12,6 @@ use super::{Desk, Studied};
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::jobs;
-use crate::model::Model;
 use crate::modes::Modes;
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Findings, Table};
@@ -22,12 +21,12 @@ use crate::scene::Scene;
 const NEWTON: f64 = 1e-12;
 /// The references' steps are this part of the finest of the study, and half of that.
 const FINER: f64 = 0.5;
-/// Tolerances of the adaptive references.
-const TIGHT: [f64; 2] = [1e-9, 1e-10];
 /// From this difference of the references on, relative, there is no reference.
 const NO_REFERENCE: f64 = 1e-2;
 /// An error is shown down to this multiple of the reference's own.
 const TRUSTED: f64 = 2.0;
+/// Two runs that come apart by this factor make a motion that cannot be predicted.
+const CHAOTIC: f64 = 1e4;
 /// Samples of the tip's path.
 const SAMPLES: usize = 500;
 /// The errors that a user is told how to reach.
@@ -50,6 +49,8 @@ pub struct Accuracy {
 
 /// What is compared.
 const QUANTITIES: [&str; 3] = ["net displacement", "tip path", "energy put in"];
+/// The beginnings of the names of their figures.
+const FILES: [&str; 3] = ["displacement", "tip", "energy"];
 
 #[derive(Debug, Clone)]
 struct Case {
@@ -65,11 +66,18 @@ struct Result3 {
     displacement: f64,
     tip: Vec<[f64; 2]>,
     work: f64,
+    /// Largest |work| of the run: what errors of the work are compared with.
+    largest_work: f64,
 }
 
 impl Result3 {
     fn of(trial: &Trial) -> Self {
-        Self { displacement: trial.displacement[0], tip: trial.tip[..=SAMPLES].to_vec(), work: trial.work_in }
+        Self {
+            displacement: trial.displacement[0],
+            tip: trial.tip[..=SAMPLES].to_vec(),
+            work: trial.work_in,
+            largest_work: trial.largest_work_in,
+        }
     }
 
     /// fine + (fine − coarse)/(ratio − 1).
@@ -80,6 +88,7 @@ impl Result3 {
             displacement: to(coarse.displacement, fine.displacement),
             tip: tips.map(|(c, f)| [to(c[0], f[0]), to(c[1], f[1])]).collect(),
             work: to(coarse.work, fine.work),
+            largest_work: fine.largest_work,
         }
     }
 
@@ -89,8 +98,12 @@ impl Result3 {
         let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let travel = reference.tip.iter().map(|tip| distance(tip, &first)).fold(f64::MIN_POSITIVE, f64::max);
         let apart = self.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max);
-        let relative = |x: f64, y: f64| if x == y { 0.0 } else { (x - y).abs() / y.abs() };
-        [relative(self.displacement, reference.displacement), apart / travel, relative(self.work, reference.work)]
+        let relative = |x: f64, y: f64, scale: f64| if x == y { 0.0 } else { (x - y).abs() / scale.abs() };
+        [
+            relative(self.displacement, reference.displacement, reference.displacement),
+            apart / travel,
+            relative(self.work, reference.work, reference.largest_work),
+        ]
     }
 }
 
@@ -119,27 +132,37 @@ pub fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studi
     scene.solver.newton_tolerance = scene.solver.newton_tolerance.at_most(NEWTON);
     let scene = &scene;
     let own = scene.rod.nodes.get() as u64;
-    let meshes = if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };
+    let meshes =
+        if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };
     let steps = if asked.steps.is_empty() {
         let step = scene.typical_step();
         (0..9).map(|i| 8.0 * step / f64::from(1 << i)).filter(|h| *h <= 0.25 * scene.solver.duration_s.get()).collect()
     } else {
         asked.steps.clone()
     };
-    let tolerances =
-        if asked.tolerances.is_empty() { (4..=14).map(|i| 10.0_f64.powf(-0.5 * f64::from(i))).collect() } else { asked.tolerances.clone() };
+    let tolerances = if asked.tolerances.is_empty() {
+        (4..=14).map(|i| 10.0_f64.powf(-0.5 * f64::from(i))).collect()
+    } else {
+        asked.tolerances.clone()
+    };
     let Some((esdirk, alpha)) = esdirk().zip(alpha()) else { return Ok(Studied::Complete(Findings::default())) };
 
     let finest = FINER * steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let reference = |nodes: u64, recipe: &Recipe, pace: Pace, pushed: bool| Case { recipe: recipe.clone(), pace, nodes, pushed };
+    let reference = |nodes: u64, recipe: &Recipe, step: f64, pushed: bool| Case {
+        recipe: recipe.clone(),
+        pace: Pace::Fixed(step),
+        nodes,
+        pushed,
+    };
     let mut cases: Vec<Case> = Vec::new();
     for nodes in &meshes {
-        cases.extend(TIGHT.map(|tolerance| reference(*nodes, &esdirk, Pace::Adaptive(tolerance), false)));
-        cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, &alpha, Pace::Fixed(step), false)));
+        for recipe in [&esdirk, &alpha] {
+            cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, recipe, step, false)));
+        }
     }
     // The scene's own mesh once more, pushed.
     let mesh = meshes.first().copied().unwrap_or(own);
-    cases.push(reference(mesh, &alpha, Pace::Fixed(finest), true));
+    cases.push(reference(mesh, &alpha, finest, true));
     let run = |case: &Case| {
         let scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes);
         Trial::of(&scene, Manner { pushed: case.pushed, ..MANNER }, desk.interrupted)
@@ -152,7 +175,7 @@ pub fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studi
     let mut references = Vec::new();
     for (nodes, four) in meshes.iter().zip(trials.chunks(4)) {
         match Reference::of(four) {
-            Some(reference) if reference.errors.iter().all(|e| *e < NO_REFERENCE) => references.push(reference),
+            Some(reference) if reference.errors[..2].iter().all(|e| *e < NO_REFERENCE) => references.push(reference),
             other => {
                 let findings = without_reference(scene, *nodes, finest, four, other.as_ref(), (&trials[2], pushed))?;
                 return Ok(Studied::Complete(findings));
@@ -165,7 +188,9 @@ pub fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studi
         Ok(trials) => trials,
         Err(interrupted) => return Ok(interrupted),
     };
-    Ok(Studied::Complete(Report { scene, meshes: &meshes, references: &references, cases: &cases, trials: &trials }.findings()?))
+    Ok(Studied::Complete(
+        Report { scene, meshes: &meshes, references: &references, cases: &cases, trials: &trials }.findings()?,
+    ))
 }
 
 /// Every method on every mesh with every step or tolerance.
@@ -189,17 +214,17 @@ fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> R
 }
 
 impl Reference {
-    /// From runs at two tolerances and two steps; `None` where one of them failed.
+    /// From runs of both methods with two steps each; `None` where one of them failed.
     fn of(trials: &[Trial]) -> Option<Self> {
-        let [loose, tight, coarse, fine] = trials else { return None };
+        let [first, second, coarse, fine] = trials else { return None };
         if !trials.iter().all(|trial| trial.is_complete(MANNER)) {
             return None;
         }
-        let [loose, tight, coarse, fine] = [loose, tight, coarse, fine].map(Result3::of);
+        let [first, second, coarse, fine] = [first, second, coarse, fine].map(Result3::of);
         let other = Result3::extrapolated(&coarse, &fine, 4.0);
-        let [own, others] = [loose.errors(&tight), other.errors(&tight)];
+        let [own, others] = [first.errors(&second), other.errors(&second)];
         let errors = std::array::from_fn(|i| f64::max(own[i], others[i]));
-        Some(Self { result: tight, errors })
+        Some(Self { result: second, errors })
     }
 }
 
@@ -216,11 +241,16 @@ fn without_reference(
     let why = match reference {
         Some(Reference { errors, .. }) => {
             let [displacement, tip, work] = errors.map(|e| 100.0 * e);
-            format!("two references that have only the equations in common, ESDIRK3 with a tolerance of {:e} and generalized-α extrapolated from steps of {step:e} s, differ by {displacement:.1} % in displacement, {tip:.1} % in the tip's path, {work:.1} % in the energy put in", TIGHT[1])
+            format!(
+                "two references that have only the equations in common, ESDIRK3 and generalized-α extrapolated, with steps from {step:e} s down, differ by {displacement:.1} % in displacement, {tip:.1} % in the tip's path, {work:.1} % in the energy put in"
+            )
         }
         None => {
-            let failures: Vec<_> =
-                four.iter().filter_map(|trial| trial.failure.as_ref()).map(|(_, t, reason)| format!("at t = {t:.4} s: {reason}")).collect();
+            let failures: Vec<_> = four
+                .iter()
+                .filter_map(|trial| trial.failure.as_ref())
+                .map(|(_, t, reason)| format!("at t = {t:.4} s: {reason}"))
+                .collect();
             format!("a run meant as reference failed {}", failures.first().map_or("", String::as_str))
         }
     };
@@ -237,13 +267,16 @@ fn without_reference(
     let length = scene.rod.length_m.get();
     if let Some((rate, end)) = growth(&apart, length) {
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
-        findings.answers.push(if rate * duration > 5.0 {
+        let widest = apart.iter().map(|p| p.1).fold(0.0, f64::max);
+        findings.answers.push(if widest > CHAOTIC * PUSH * length {
             format!(
-                "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s), up to {end:.4} s: no error that small stays small, and no method or step has an accuracy here. Averages over many runs or long times may still mean something."
+                "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s) until {end:.4} s, to {:.1e} of the length in the end: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.",
+                widest / length
             )
         } else {
             format!(
-                "Two runs that start {PUSH:e} of the length apart hardly separate (as e^({rate:.3} t/s)): the motion is not chaotic but not resolved; smaller --steps may find a reference."
+                "Two runs that start {PUSH:e} of the length apart come to {:.1e} of it (as e^({rate:.3} t/s)): the motion is not chaotic but not resolved; smaller --steps may find a reference.",
+                widest / length
             )
         });
     }
@@ -319,9 +352,15 @@ fn milliseconds(seconds: f64) -> String {
 }
 
 impl Report<'_> {
+    /// Nodes of the first mesh: the scene's own unless others were asked for.
+    fn nodes(&self) -> u64 {
+        self.meshes.first().copied().unwrap_or_default()
+    }
+
     fn findings(&self) -> Result<Findings> {
         let limit = self.mesh_limit();
-        let rows: Vec<Row<'_>> = self.cases.iter().zip(self.trials).map(|(case, trial)| self.row(case, trial, limit.as_ref())).collect();
+        let rows: Vec<Row<'_>> =
+            self.cases.iter().zip(self.trials).map(|(case, trial)| self.row(case, trial, limit.as_ref())).collect();
         let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
         self.references_in_words(&mut findings);
         self.own_setting(&rows, &mut findings);
@@ -384,7 +423,7 @@ impl Report<'_> {
     fn own_setting(&self, rows: &[Row<'_>], findings: &mut Findings) {
         let Ok((method, values)) = self.scene.method() else { return };
         let (own, pace) = (Recipe { method, values }, self.scene.pace());
-        let nodes = self.scene.rod.nodes.get() as u64;
+        let nodes = self.nodes();
         let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
@@ -395,7 +434,12 @@ impl Report<'_> {
     }
 
     /// The cheapest row whose error of the quantity is at most `target`, and stays so at finer steps of the same method.
-    fn cheapest<'r, 's>(&self, rows: impl Iterator<Item = &'r Row<'s>>, error: impl Fn(&Row<'s>) -> Option<f64>, target: f64) -> Option<&'r Row<'s>>
+    fn cheapest<'r, 's>(
+        &self,
+        rows: impl Iterator<Item = &'r Row<'s>>,
+        error: impl Fn(&Row<'s>) -> Option<f64>,
+        target: f64,
+    ) -> Option<&'r Row<'s>>
     where
         's: 'r,
     {
@@ -407,14 +451,18 @@ impl Report<'_> {
             error(row).is_some_and(|e| e <= target)
                 && rows
                     .iter()
-                    .filter(|other| other.case.nodes == row.case.nodes && other.curve() == row.curve() && fineness(other) < fineness(row))
+                    .filter(|other| {
+                        other.case.nodes == row.case.nodes
+                            && other.curve() == row.curve()
+                            && fineness(other) < fineness(row)
+                    })
                     .all(|other| error(other).is_some_and(|e| e <= target))
         };
         rows.iter().filter(holds).min_by(|a, b| a.trial.wall_s.total_cmp(&b.trial.wall_s)).copied()
     }
 
     fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
-        let nodes = self.scene.rod.nodes.get() as u64;
+        let nodes = self.nodes();
         for (i, quantity) in QUANTITIES.iter().enumerate().take(2) {
             for target in TARGETS {
                 let percent = 100.0 * target;
@@ -430,7 +478,9 @@ impl Report<'_> {
                 if let Some(row) = total {
                     findings.answers.push(format!(
                         "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
-                        row.setting(), row.case.nodes, milliseconds(row.trial.wall_s)
+                        row.setting(),
+                        row.case.nodes,
+                        milliseconds(row.trial.wall_s)
                     ));
                 }
                 findings.numbers.insert(
@@ -459,7 +509,7 @@ impl Report<'_> {
 
     /// For every method the cheapest step to each target on the scene's own mesh.
     fn recommended(&self, rows: &[Row<'_>]) -> Table {
-        let nodes = self.scene.rod.nodes.get() as u64;
+        let nodes = self.nodes();
         let mut curves: Vec<String> = Vec::new();
         for row in self.on(rows, nodes) {
             if !curves.contains(&row.curve()) {
@@ -516,16 +566,34 @@ impl Report<'_> {
                 error(row.total, 0),
                 error(row.total, 1),
                 error(row.total, 2),
-                trial.failure.as_ref().map_or_else(|| if done { Value::Null } else { json!("its energy grew without bound") }, |(_, _, reason)| json!(reason)),
+                trial.failure.as_ref().map_or_else(
+                    || if done { Value::Null } else { json!("its energy grew without bound") },
+                    |(_, _, reason)| json!(reason),
+                ),
             ]
         };
         Table {
             file: "accuracy.csv",
             title: "All runs",
             columns: [
-                "integrator", "time_step_s", "tolerance", "nodes", "steps", "newton_iterations", "linear_solves", "step_halvings",
-                "wall_s", "net_displacement_m", "energy_put_in_j", "time_error_displacement", "time_error_tip", "time_error_energy",
-                "total_error_displacement", "total_error_tip", "total_error_energy", "failure",
+                "integrator",
+                "time_step_s",
+                "tolerance",
+                "nodes",
+                "steps",
+                "newton_iterations",
+                "linear_solves",
+                "step_halvings",
+                "wall_s",
+                "net_displacement_m",
+                "energy_put_in_j",
+                "time_error_displacement",
+                "time_error_tip",
+                "time_error_energy",
+                "total_error_displacement",
+                "total_error_tip",
+                "total_error_energy",
+                "failure",
             ]
             .map(str::to_string)
             .to_vec(),
@@ -533,8 +601,13 @@ impl Report<'_> {
         }
     }
 
-    fn charts(&self, rows: &[Row<'_>], limit: Option<&(Result3, [f64; 3], f64)>, findings: &mut Findings) -> Result<()> {
-        let nodes = self.scene.rod.nodes.get() as u64;
+    fn charts(
+        &self,
+        rows: &[Row<'_>],
+        limit: Option<&(Result3, [f64; 3], f64)>,
+        findings: &mut Findings,
+    ) -> Result<()> {
+        let nodes = self.nodes();
         let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
         type Cost = fn(&Trial) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
@@ -553,8 +626,7 @@ impl Report<'_> {
                         None => series.push(Series::new(row.curve(), vec![point], Mark::Dotted)),
                     }
                 }
-                series.extend(order_triangles(&series));
-                let what = quantity.split(' ').next_back().unwrap_or(quantity);
+                series.extend(order_lines(&series));
                 let chart = Chart {
                     title: format!("{}: error of the {quantity}, {nodes} nodes", self.scene.name),
                     x: (*label).into(),
@@ -562,7 +634,7 @@ impl Report<'_> {
                     scale: Scale::LogLog,
                     series,
                 };
-                findings.figures.push((format!("{what}-{file}.svg"), chart.svg()?));
+                findings.figures.push((format!("{}-{file}.svg", FILES[i]), chart.svg()?));
             }
         }
         if let Some((limit, ..)) = limit {
@@ -573,7 +645,7 @@ impl Report<'_> {
 
     /// Error of the displacement by the steps, one line a method, and by each mesh, as level lines.
     fn decomposition(&self, rows: &[Row<'_>], limit: &Result3) -> Chart {
-        let nodes = self.scene.rod.nodes.get() as u64;
+        let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
             let (Pace::Fixed(step), Some(errors)) = (row.case.pace, row.time) else { continue };
@@ -601,8 +673,8 @@ impl Report<'_> {
     }
 }
 
-/// Triangles of slopes −1, −2 and −3 at the lower left of a chart of errors against work.
-fn order_triangles(series: &[Series]) -> Vec<Series> {
+/// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.
+fn order_lines(series: &[Series]) -> Vec<Series> {
     let points = || series.iter().flat_map(|series| &series.points).filter(|p| p.0 > 0.0 && p.1 > 0.0);
     let x = points().map(|p| p.0).fold(f64::INFINITY, f64::min);
     let [low, high] = [f64::min, f64::max].map(|of| points().map(|p| p.1).reduce(of).unwrap_or(1.0));
@@ -611,9 +683,8 @@ fn order_triangles(series: &[Series]) -> Vec<Series> {
     }
     let top = low.powf(0.75) * high.powf(0.25); // three quarters down
     let triangle = |order: i32| {
-        let (left, right) = (x, 2.0 * x);
-        let bottom = top * 0.5_f64.powi(order);
-        Series::new(format!("orders 1, {order}"), vec![(left, top), (right, bottom)], Mark::Slope)
+        let corners = vec![(x, top), (2.0 * x, top * 0.5_f64.powi(order))];
+        Series::new(order.to_string(), corners, Mark::Slope)
     };
-    (1..=3).map(|order| Series { label: order.to_string(), ..triangle(order) }).collect()
+    (1..=3).map(triangle).collect()
 }

@@ -9,12 +9,13 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::integrator::{METHODS, Method};
+use crate::metrics::Power;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
-/// A run shorter than this is repeated up to so often; the fastest counts.
-const SHORT: Duration = Duration::from_millis(100);
-const REPETITIONS: u32 = 5;
+/// A run is repeated until all repetitions took so long together, or there are so many; the fastest counts.
+const LONG_ENOUGH: Duration = Duration::from_millis(100);
+const REPETITIONS: u32 = 30;
 
 /// Part of the length by which the tip of a disturbed run is pushed at its start.
 pub const PUSH: f64 = 1e-9;
@@ -123,6 +124,8 @@ pub struct Trial {
     pub displacement: [f64; 2],
     /// Energy put in by actuation, loads, head and flow, J.
     pub work_in: f64,
+    /// The largest size of that during the run: more than at the end, where most of it comes back.
+    pub largest_work_in: f64,
     /// Tip (m) at the start and at equal times, up to the end or the failure.
     pub tip: Vec<[f64; 2]>,
     /// Energy from nowhere over the largest energy or work so far, at the same times: the largest since the time before.
@@ -146,10 +149,11 @@ impl Trial {
     /// Runs `scene`; `None` if it was interrupted.
     pub fn of(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
         let mut trial = Self::once(scene, manner, interrupted)?;
-        let mut repetitions = 1;
-        while manner.timed && trial.wall_s < SHORT.as_secs_f64() && repetitions < REPETITIONS {
-            trial.wall_s = trial.wall_s.min(Self::once(scene, manner, interrupted)?.wall_s);
-            repetitions += 1;
+        let (mut total, mut repetitions) = (trial.wall_s, 1);
+        while manner.timed && total < LONG_ENOUGH.as_secs_f64() && repetitions < REPETITIONS {
+            let again = Self::once(scene, manner, interrupted)?.wall_s;
+            trial.wall_s = trial.wall_s.min(again);
+            (total, repetitions) = (total + again, repetitions + 1);
         }
         Some(trial)
     }
@@ -164,6 +168,7 @@ impl Trial {
             wall_s: 0.0,
             displacement: [f64::NAN; 2],
             work_in: f64::NAN,
+            largest_work_in: 0.0,
             tip: Vec::with_capacity(manner.samples + 1),
             created: Vec::with_capacity(manner.samples + 1),
         };
@@ -189,8 +194,7 @@ impl Trial {
         trial.iterations = work.newton_iterations;
         trial.factorisations = work.factorisations;
         trial.displacement = (meter.now.com - meter.first.1).into();
-        let power = meter.totals.work;
-        trial.work_in = power.actuation + power.load + power.head + power.flow;
+        trial.work_in = put_in(&meter.totals.work);
         Some(trial)
     }
 
@@ -211,7 +215,8 @@ impl Trial {
         }
         let mut stopped = false;
         let mut failed = None;
-        let spans: Vec<f64> = if stepper.time() > 0.0 { vec![duration - stepper.time()] } else { scene.spans().collect() };
+        let spans: Vec<f64> =
+            if stepper.time() > 0.0 { vec![duration - stepper.time()] } else { scene.spans().collect() };
         for span in spans {
             let outcome = stepper.do_step_with(span, |stepper| {
                 stopped = interrupted.load(Ordering::Relaxed);
@@ -219,6 +224,7 @@ impl Trial {
                 let work = meter.totals.work;
                 let parts = [work.actuation, work.viscous, work.load, work.head, work.flow];
                 scale = parts.iter().fold(scale, |max, x| max.max(x.abs()));
+                self.largest_work_in = self.largest_work_in.max(put_in(&work).abs());
                 let excess = -meter.numerical_dissipation();
                 if excess > 0.0 {
                     largest = largest.max(excess / scale.max(f64::MIN_POSITIVE));
@@ -268,11 +274,11 @@ impl Trial {
     pub fn is_complete(&self, manner: Manner) -> bool {
         self.failure.is_none() && self.tip.len() > manner.samples
     }
+}
 
-    /// Largest energy from nowhere over the largest energy or work.
-    pub fn largest_created(&self) -> f64 {
-        self.created.iter().copied().fold(0.0, f64::max)
-    }
+/// What actuation, loads, head and flow put in.
+fn put_in(work: &Power) -> f64 {
+    work.actuation + work.load + work.head + work.flow
 }
 
 /// Pushes the tip by about [`PUSH`] of the length across the rod, within a short first step.
