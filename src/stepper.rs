@@ -298,7 +298,7 @@ impl Stepper {
                 wanted if 2.0 * wanted > left => (0.5 * left, self.state.t + 0.5 * left),
                 wanted => (wanted, self.state.t + wanted),
             };
-            if to <= self.state.t {
+            if h < left && end + h <= end {
                 return Err(Error::Tolerance { time_s: self.state.t, step_s: h, tolerance });
             }
             match self.step(to, h) {

@@ -51,6 +51,26 @@ fn text(bytes: &[u8]) -> &str {
 }
 
 #[test]
+fn adaptive_steps_are_recorded_at_the_times_asked_for_and_do_not_depend_on_them() {
+    let ends = ["0.05", "0.013"].map(|interval| {
+        let folder = tempfile::tempdir().unwrap();
+        let more = ["solver.tolerance=1e-3", "solver.integrator=esdirk3", "solver.duration_s=1"];
+        let interval_key = format!("record.interval_s={interval}");
+        let sets = more.into_iter().chain([interval_key.as_str()]).flat_map(|set| ["--set", set]).collect::<Vec<_>>();
+        let output = run("models/baseline-smooth.toml", folder.path(), &sets);
+        assert!(output.status.success(), "{output:?}");
+        let trajectory = rows(folder.path().join("trajectory.csv"));
+        let step: f64 = interval.parse().unwrap();
+        let times: Vec<f64> = trajectory.iter().map(|row| row[0]).collect();
+        let wanted: Vec<f64> = (0..).map(|i| f64::from(i) * step).take_while(|t| *t <= 1.0).collect();
+        assert_eq!(times[..wanted.len()], wanted);
+        assert_eq!(*times.last().unwrap(), 1.0);
+        trajectory.last().unwrap().clone()
+    });
+    assert_eq!(ends[0], ends[1]);
+}
+
+#[test]
 fn the_baseline_runs_to_the_numbers_of_the_independent_implementation() {
     let folder = tempfile::tempdir().unwrap();
     let output = run("models/baseline.toml", folder.path(), &[]);

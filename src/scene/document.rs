@@ -10,6 +10,7 @@ use toml::de::{DeTable, DeValue};
 use super::Scene;
 use super::value::refused;
 use crate::error::{Error, Result, nearest};
+use crate::integrator::METHODS;
 
 /// A larger file is no scene.
 const LARGEST: u64 = 16 << 20;
@@ -65,7 +66,8 @@ impl Document {
         &self.overrides
     }
 
-    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string.
+    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string. What the key takes the place
+    /// of goes: a tolerance that of a time step, a method that of another method's parameters.
     ///
     /// # Errors
     /// [`Error::Scene`] where it has not that form.
@@ -172,8 +174,22 @@ impl Document {
     }
 }
 
+/// Keys of which a table has one at most.
+const ALTERNATIVES: [[&str; 2]; 3] =
+    [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
+
+/// The keys that make no sense any more where `key` is overridden.
+fn outdated(key: &str) -> impl Iterator<Item = &'static str> {
+    let alternatives = ALTERNATIVES.iter().filter(move |pair| pair.contains(&key)).flatten().copied();
+    let parameters = METHODS.iter().filter(move |_| key == "integrator").flat_map(|method| method.parameters);
+    alternatives.filter(move |other| *other != key).chain(parameters.map(|parameter| parameter.name))
+}
+
 /// Puts `over` on top of `base`, table by table.
 fn merge<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
+    for other in over.keys().flat_map(|key| outdated(key.get_ref())) {
+        base.remove(other);
+    }
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
             (Some(DeValue::Table(base)), (DeValue::Table(over), _)) => merge(base, over),
