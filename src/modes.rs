@@ -260,6 +260,7 @@ fn at_rest(rod: &Rod, drag: Option<(Box<dyn Drag>, Fluid)>) -> Dynamics {
         drag: drag.map(|(drag, fluid)| (drag, Fluid { flow: nalgebra::Vector2::zeros(), ..fluid })),
         load: None,
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
+        spin: 0.0,
     }))
 }
 

@@ -7,7 +7,7 @@
 
 use serde_json::{Value, json};
 
-use super::trial::{Manner, PUSH, Recipe, Trial};
+use super::trial::{Manner, Recipe, Trial};
 use super::{Desk, Studied};
 use crate::error::Result;
 use crate::integrator::Pace;
@@ -25,8 +25,15 @@ const FINER: f64 = 0.5;
 const NO_REFERENCE: f64 = 1e-2;
 /// An error is shown down to this multiple of the reference's own.
 const TRUSTED: f64 = 2.0;
+/// Part of the length that two runs start apart to see whether they separate.
+const PUSH: f64 = 1e-9;
 /// Two runs that come apart by this factor make a motion that cannot be predicted.
 const CHAOTIC: f64 = 1e4;
+/// The growth is followed up to this part of the length, over windows of these parts of the duration, in the longest that
+/// shows so many samples of it.
+const GROWN: f64 = 1e-3;
+const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
+const FOLLOWED: usize = 100;
 /// Samples of the tip's path.
 const SAMPLES: usize = 500;
 /// The errors that a user is told how to reach.
@@ -57,7 +64,9 @@ struct Case {
     recipe: Recipe,
     pace: Pace,
     nodes: u64,
-    pushed: bool,
+    /// Part of the scene's duration.
+    part: f64,
+    push: Option<f64>,
 }
 
 /// The quantities of a run: displacement, tip, energy put in.
@@ -113,7 +122,7 @@ struct Reference {
     errors: [f64; 3],
 }
 
-const MANNER: Manner = Manner { samples: SAMPLES, pushed: false, halving: true, timed: true };
+const MANNER: Manner = Manner { samples: SAMPLES, push: None, halving: true, timed: true };
 
 fn esdirk() -> Option<Recipe> {
     Recipe::named("esdirk3")
@@ -148,36 +157,49 @@ pub fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studi
     let Some((esdirk, alpha)) = esdirk().zip(alpha()) else { return Ok(Studied::Complete(Findings::default())) };
 
     let finest = FINER * steps.iter().copied().fold(f64::INFINITY, f64::min);
-    let reference = |nodes: u64, recipe: &Recipe, step: f64, pushed: bool| Case {
+    let reference = |nodes: u64, recipe: &Recipe, step: f64| Case {
         recipe: recipe.clone(),
         pace: Pace::Fixed(step),
         nodes,
-        pushed,
+        part: 1.0,
+        push: None,
     };
     let mut cases: Vec<Case> = Vec::new();
     for nodes in &meshes {
         for recipe in [&esdirk, &alpha] {
-            cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, recipe, step, false)));
+            cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, recipe, step)));
         }
     }
-    // The scene's own mesh once more, pushed.
-    let mesh = meshes.first().copied().unwrap_or(own);
-    cases.push(reference(mesh, &alpha, finest, true));
     let run = |case: &Case| {
-        let scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes);
-        Trial::of(&scene, Manner { pushed: case.pushed, ..MANNER }, desk.interrupted)
+        let duration = case.part * scene.solver.duration_s.get();
+        let scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
+        Trial::of(&scene, Manner { push: case.push, ..MANNER }, desk.interrupted)
     };
     let trials = match desk.work("references", scene, &cases, jobs::cores(), run)? {
         Ok(trials) => trials,
         Err(interrupted) => return Ok(interrupted),
     };
-    let pushed = trials.last();
     let mut references = Vec::new();
     for (nodes, four) in meshes.iter().zip(trials.chunks(4)) {
         match Reference::of(four) {
             Some(reference) if reference.errors[..2].iter().all(|e| *e < NO_REFERENCE) => references.push(reference),
             other => {
-                let findings = without_reference(scene, *nodes, finest, four, other.as_ref(), (&trials[2], pushed))?;
+                // Pairs of runs, one of each pushed, over times from the whole duration to a thousandth: by the method that
+                // damps nothing, where its limit is known.
+                let explicit = match (Recipe::named("symplectic-euler"), limit_step(scene, *nodes)?) {
+                    (Some(recipe), Some(limit)) => Some((recipe, BELOW_LIMIT * limit)),
+                    _ => None,
+                };
+                let (recipe, step) = explicit.unwrap_or((alpha.clone(), finest));
+                let pair = |part: f64| {
+                    [0.0, PUSH].map(|push| Case { part, push: Some(push), ..reference(*nodes, &recipe, step) })
+                };
+                let pairs: Vec<Case> = WINDOWS.into_iter().flat_map(pair).collect();
+                let pairs = match desk.work("pairs", scene, &pairs, jobs::cores(), run)? {
+                    Ok(pairs) => pairs,
+                    Err(interrupted) => return Ok(interrupted),
+                };
+                let findings = without_reference(scene, *nodes, finest, four, other.as_ref(), &pairs)?;
                 return Ok(Studied::Complete(findings));
             }
         }
@@ -198,11 +220,10 @@ fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> R
     let mut cases = Vec::new();
     for nodes in meshes {
         for recipe in Recipe::all(scene) {
-            let case = |pace: Pace| Case { recipe: recipe.clone(), pace, nodes: *nodes, pushed: false };
+            let case = |pace: Pace| Case { recipe: recipe.clone(), pace, nodes: *nodes, part: 1.0, push: None };
             if recipe.method.implicit {
                 cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
-            } else if *nodes <= MODES_UP_TO {
-                let limit = 2.0 / Modes::of(&scene.with_nodes(*nodes).model()?.rod)?.highest();
+            } else if let Some(limit) = limit_step(scene, *nodes)? {
                 cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(Pace::Fixed(part * limit))));
             }
             if recipe.method.adaptive {
@@ -211,6 +232,14 @@ fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> R
         }
     }
     Ok(cases)
+}
+
+/// The step (s) from which on explicit methods fail, 2/ω_max, where it is computed.
+fn limit_step(scene: &Scene, nodes: u64) -> Result<Option<f64>> {
+    if nodes > MODES_UP_TO {
+        return Ok(None);
+    }
+    Ok(Some(2.0 / Modes::of(&scene.with_nodes(nodes).model()?.rod)?.highest()))
 }
 
 impl Reference {
@@ -235,7 +264,7 @@ fn without_reference(
     step: f64,
     four: &[Trial],
     reference: Option<&Reference>,
-    (run, pushed): (&Trial, Option<&Trial>),
+    pairs: &[Trial],
 ) -> Result<Findings> {
     let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
     let why = match reference {
@@ -256,37 +285,39 @@ fn without_reference(
     };
     findings.answers.push(format!("No trajectory reference exists on {nodes} nodes: {why}."));
     findings.numbers.insert("reference_exists".into(), json!(false));
-    let duration = scene.solver.duration_s.get();
-    let apart: Vec<(f64, f64)> = pushed
-        .iter()
-        .flat_map(|pushed| run.tip.iter().zip(&pushed.tip))
-        .enumerate()
-        .map(|(i, (a, b))| (duration * i as f64 / SAMPLES as f64, (a[0] - b[0]).hypot(a[1] - b[1])))
-        .skip(1)
-        .collect();
-    let length = scene.rod.length_m.get();
+    let (duration, length) = (scene.solver.duration_s.get(), scene.rod.length_m.get());
+    let distances = |(pair, part): (&[Trial], f64)| -> Vec<(f64, f64)> {
+        let apart = pair[0].tip.iter().zip(&pair[1].tip).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
+        apart.enumerate().map(|(i, d)| (part * duration * i as f64 / SAMPLES as f64, d)).skip(1).collect()
+    };
+    let windows: Vec<_> = pairs.chunks(2).zip(WINDOWS).map(distances).collect();
+    let widest = windows.iter().flatten().map(|p| p.1).fold(0.0, f64::max);
+    // The longest window in which the growth can be followed.
+    let followed = |apart: &&Vec<(f64, f64)>| apart.iter().take_while(|p| p.1 < GROWN * length).count() >= FOLLOWED;
+    let apart = windows.iter().find(followed).or(windows.last()).cloned().unwrap_or_default();
     if let Some((rate, end)) = growth(&apart, length) {
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
-        let widest = apart.iter().map(|p| p.1).fold(0.0, f64::max);
+        let common = format!(
+            "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
+            widest / length
+        );
         findings.answers.push(if widest > CHAOTIC * PUSH * length {
-            format!(
-                "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s) until {end:.4} s, to {:.1e} of the length in the end: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.",
-                widest / length
-            )
+            format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
         } else {
-            format!(
-                "Two runs that start {PUSH:e} of the length apart come to {:.1e} of it (as e^({rate:.3} t/s)): the motion is not chaotic but not resolved; smaller --steps may find a reference.",
-                widest / length
-            )
+            format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
         });
     }
     findings.answers.push("No errors are given, because there is nothing to measure them against.".to_string());
-    let series = vec![Series::new("distance of the tips", apart, Mark::Line)];
+    let over = |(apart, part): (&Vec<(f64, f64)>, f64)| {
+        let since_start = |p: &(f64, f64)| (p.0, p.1 / length);
+        Series::new(format!("over {} s", part * duration), apart.iter().map(since_start).collect(), Mark::Line)
+    };
+    let series = windows.iter().zip(WINDOWS).map(over).collect();
     let chart = Chart {
         title: format!("{}: two runs that start {PUSH:e} of a length apart", scene.name),
         x: "time (s)".into(),
-        y: "distance of their tips (m)".into(),
-        scale: Scale::LogY(14),
+        y: "distance of their tips over the length".into(),
+        scale: Scale::LogLog,
         series,
     };
     findings.figures.push(("separation.svg".into(), chart.svg()?));
@@ -296,7 +327,7 @@ fn without_reference(
 /// Rate (1/s) at which a distance grows by least squares of its logarithm, up to the time (s, also returned) where it is a
 /// thousandth of `length`, or the end.
 fn growth(apart: &[(f64, f64)], length: f64) -> Option<(f64, f64)> {
-    let until = apart.iter().position(|p| p.1 > 1e-3 * length).unwrap_or(apart.len()).max(3).min(apart.len());
+    let until = apart.iter().position(|p| p.1 > GROWN * length).unwrap_or(apart.len()).max(3).min(apart.len());
     let logs: Vec<_> = apart[..until].iter().filter(|p| p.1 > 0.0).map(|p| (p.0, p.1.ln())).collect();
     let count = logs.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;

@@ -17,9 +17,6 @@ use crate::stepper::Stepper;
 const LONG_ENOUGH: Duration = Duration::from_millis(100);
 const REPETITIONS: u32 = 30;
 
-/// Part of the length by which the tip of a disturbed run is pushed at its start.
-pub const PUSH: f64 = 1e-9;
-
 /// Energy from nowhere, over the largest energy or work, from which on a run is given up: it only grows.
 const EXPLODED: f64 = 1e3;
 
@@ -137,8 +134,9 @@ pub struct Trial {
 pub struct Manner {
     /// Equal parts of the duration at whose ends tip and energy are noted.
     pub samples: usize,
-    /// True if the tip is pushed by [`PUSH`] at the start.
-    pub pushed: bool,
+    /// The part of the length by which the tip is pushed at the start, if it is; zero for a run to compare with, which has
+    /// the same steps.
+    pub push: Option<f64>,
     /// True if a step that fails is halved, false if it ends the run.
     pub halving: bool,
     /// True if a short run is repeated for its time.
@@ -210,8 +208,8 @@ impl Trial {
         self.tip.push(tip(&stepper.state().q));
         self.created.push(0.0);
         let (mut scale, mut largest) = (stepper.meter().first_energy, 0.0_f64);
-        if manner.pushed {
-            push(stepper, scene)?;
+        if let Some(part) = manner.push {
+            push(stepper, scene, part)?;
         }
         let mut stopped = false;
         let mut failed = None;
@@ -281,14 +279,19 @@ fn put_in(work: &Power) -> f64 {
     work.actuation + work.load + work.head + work.flow
 }
 
-/// Pushes the tip by about [`PUSH`] of the length across the rod, within a short first step.
-fn push(stepper: &mut Stepper, scene: &Scene) -> Result<()> {
+/// Moves the tip across the rod by about this part of the length: pushes and stops it within two short steps, so that no
+/// momentum is left that would carry it off.
+fn push(stepper: &mut Stepper, scene: &Scene, part: f64) -> Result<()> {
     let rod = &stepper.model().rod;
     let step = 0.01 * scene.typical_step().min(0.01 * scene.solver.duration_s.get());
+    let last = rod.nodes - 1;
     let mut force = vec![0.0; rod.nodes];
-    force[rod.nodes - 1] = 2.0 * PUSH * rod.length * rod.mass[rod.nodes - 1] / (step * step);
-    stepper.set("force_y_n", &force)?;
-    stepper.do_step(step)?;
+    let size = part * rod.length * rod.mass[last] / (step * step);
+    for size in [size, -size] {
+        force[last] = size;
+        stepper.set("force_y_n", &force)?;
+        stepper.do_step(step)?;
+    }
     force.fill(0.0);
     stepper.set("force_y_n", &force)
 }
