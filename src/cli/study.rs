@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use caudal::error::Error;
 use caudal::report::Findings;
 use caudal::scene::{Document, NODES, Scene};
-use caudal::study::{self, Accuracy, Desk, Scaling, Studied};
+use caudal::study::{self, Accuracy, Desk, Scaling, Stability, Studied, Vary};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -49,6 +49,43 @@ pub enum Study {
         #[arg(long, value_delimiter = ',', value_parser = positive)]
         tolerances: Vec<f64>,
     },
+    /// What every method does at every step, over a parameter: accurate, wrong, growing, failing
+    Stability {
+        #[command(flatten)]
+        common: Common,
+        /// What varies: modulus, amplitude, nodes or spin
+        #[arg(long, default_value = "modulus", value_parser = vary)]
+        vary: Vary,
+        /// Its smallest and largest value [default: around the scene's]
+        #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
+        range: Option<[f64; 2]>,
+        /// Smallest and largest step, s [default: a hundredth to four times the scene's]
+        #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
+        steps: Option<[f64; 2]>,
+        /// How many values and how many steps
+        #[arg(long, default_value_t = 12, value_parser = clap::value_parser!(u32).range(2..=200))]
+        points: u32,
+        /// Error of the tip's path up to which a run is accurate, relative to how far the tip goes
+        #[arg(long, default_value_t = 0.05, value_parser = positive)]
+        accurate: f64,
+    },
+}
+
+fn vary(text: &str) -> Result<Vary, String> {
+    let names = || Vary::ALL.map(|(name, _)| name).join(", ");
+    Vary::ALL
+        .into_iter()
+        .find(|(name, _)| *name == text)
+        .map(|(_, vary)| vary)
+        .ok_or_else(|| format!("allowed: {}", names()))
+}
+
+/// Two rising positive numbers.
+fn low_high(text: &str) -> Result<[f64; 2], String> {
+    let refused = || "allowed: two positive numbers, the smaller first, as 1e-5,1e-2".to_string();
+    let (low, high) = text.split_once(',').ok_or_else(refused)?;
+    let (low, high) = (positive(low)?, positive(high)?);
+    if low < high { Ok([low, high]) } else { Err(refused()) }
 }
 
 /// A positive number.
@@ -79,6 +116,11 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
         Study::Accuracy { common, nodes, steps, tolerances } => {
             let asked = Accuracy { nodes: nodes.clone(), steps: steps.clone(), tolerances: tolerances.clone() };
             common.study("accuracy", |scene, desk| study::accuracy(scene, &asked, desk))
+        }
+        Study::Stability { common, vary, range, steps, points, accurate } => {
+            let (vary, points, accurate) = (*vary, *points as usize, *accurate);
+            let asked = Stability { vary, range: *range, steps: *steps, points, accurate };
+            common.study("stability", |scene, desk| study::stability(scene, &asked, desk))
         }
     }
 }

@@ -6,6 +6,7 @@
 mod accuracy;
 mod modes;
 mod scaling;
+mod stability;
 mod trial;
 
 use std::fmt::Debug;
@@ -23,6 +24,7 @@ use crate::scene::Scene;
 pub use accuracy::{Accuracy, accuracy};
 pub use modes::modes;
 pub use scaling::{Scaling, scaling};
+pub use stability::{Stability, Vary, stability};
 
 /// Ending of the names of the files in which a study keeps its runs until it is complete.
 const JOURNAL: &str = ".journal";
