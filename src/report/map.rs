@@ -8,7 +8,9 @@ use crate::error::{Error, Result};
 
 /// Size of a panel and of the strip for the legend, px.
 const PANEL: (u32, u32) = (390, 300);
-const LEGEND: u32 = 40;
+const LEGEND: u32 = 50;
+/// About the width of a letter in the legend, px.
+const PER_LETTER: f64 = 6.4;
 
 /// What a cell may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -120,23 +122,22 @@ impl Map {
     }
 
     fn legend(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Drawn {
-        const PER_LETTER: f64 = 6.6; // px, of the sans-serif letters below
-        let mut left = 14;
-        let text = |area: &DrawingArea<SVGBackend<'_>, Shift>, label: &str, left: &mut i32| {
+        let bounded = self.panels.iter().any(|panel| !panel.boundary.is_empty());
+        let colours =
+            self.categories.iter().map(|Category { label, colour: [r, g, b] }| (*label, RGBColor(*r, *g, *b)));
+        let entries = colours.chain(bounded.then_some((self.boundary.as_str(), BLACK)));
+        let (mut left, mut top) = (14, 4);
+        for (label, colour) in entries {
+            let width = 34 + (PER_LETTER * label.chars().count() as f64) as i32;
+            if left + width > area.dim_in_pixel().0 as i32 {
+                (left, top) = (14, top + 20);
+            }
+            let height = if colour == BLACK { [6, 8] } else { [0, 14] }; // of a line, of a field
+            let corners = [(left, top + height[0]), (left + 14, top + height[1])];
+            area.draw(&Rectangle::new(corners, colour.filled())).map_err(|e| e.to_string())?;
             let style = ("sans-serif", 13).into_font().color(&DARK);
-            area.draw(&Text::new(label.to_string(), (*left + 20, 10), style)).map_err(|e| e.to_string())?;
-            *left += 34 + (PER_LETTER * label.chars().count() as f64) as i32;
-            Ok::<(), String>(())
-        };
-        for Category { label, colour: [r, g, b] } in &self.categories {
-            let corners = [(left, 10), (left + 14, 24)];
-            area.draw(&Rectangle::new(corners, RGBColor(*r, *g, *b).filled())).map_err(|e| e.to_string())?;
-            text(area, label, &mut left)?;
-        }
-        if self.panels.iter().any(|panel| !panel.boundary.is_empty()) {
-            let line = PathElement::new([(left, 17), (left + 16, 17)], BLACK.stroke_width(2));
-            area.draw(&line).map_err(|e| e.to_string())?;
-            text(area, &self.boundary, &mut left)?;
+            area.draw(&Text::new(label.to_string(), (left + 20, top), style)).map_err(|e| e.to_string())?;
+            left += width;
         }
         Ok(())
     }

@@ -150,12 +150,15 @@ impl Outcome {
     }
 }
 
-/// True if the method makes energy: until it was given up, until it failed, or still at the end.
+/// True if the method makes energy: so much that the run was given up or failed by it, or more and more up to the end.
 fn grows(trial: &Trial) -> bool {
     let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     let (middle, last) = (trial.created.len() / 2, trial.created.len() * 3 / 4);
+    if trial.failure.is_some() || trial.tip.len() <= SAMPLES {
+        return largest(&trial.created) > 1.0;
+    }
     let (early, end) = (largest(&trial.created[..middle]), largest(&trial.created[last..]));
-    if trial.failure.is_some() { end > 1.0 } else { end > GROWN && end > GROWTH * early }
+    end > GROWN && end > GROWTH * early
 }
 
 /// Largest distance of two tips over how far the second goes.
