@@ -145,11 +145,10 @@ impl Map {
 
 /// The borders of cells around `values`: midway between them, and as far out at the ends.
 fn edges(values: &[f64], linear: bool) -> Vec<f64> {
-    let (to, from): (fn(f64) -> f64, fn(f64) -> f64) = if linear { (|x| x, |x| x) } else { (f64::ln, f64::exp) };
-    let v: Vec<f64> = values.iter().map(|x| to(*x)).collect();
+    let v: Vec<f64> = values.iter().map(|x| if linear { *x } else { x.ln() }).collect();
     let step = |i: usize| if v.len() < 2 { 0.5 } else { 0.5 * (v[i + 1] - v[i]) };
     let last = v.len() - 1;
     let inner = (0..last).map(|i| v[i] + step(i));
     let all = [v[0] - step(0)].into_iter().chain(inner).chain([v[last] + step(last.saturating_sub(1))]);
-    all.map(from).collect()
+    all.map(|x| if linear { x } else { x.exp() }).collect()
 }
