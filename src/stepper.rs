@@ -45,6 +45,8 @@ pub struct Stepper {
     clock: Clock,
     /// The next internal step that the pace wants, s.
     time_step: f64,
+    /// How often a failing step is halved.
+    max_halvings: u32,
     state: State,
     kick: Kick,
     meter: Meter,
@@ -119,6 +121,7 @@ impl Stepper {
             pace,
             clock: Clock { origin: state.t, count: 0 },
             time_step,
+            max_halvings: MAX_HALVINGS,
             kick: Kick::default(),
             before: None,
             dense: None,
@@ -140,6 +143,11 @@ impl Stepper {
         let form = scene.form(&model.rod);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
         Self::init(model, scene.integrator()?, newton, scene.pace())
+    }
+
+    /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
+    pub fn halve_failing_steps(&mut self, yes: bool) {
+        self.max_halvings = if yes { MAX_HALVINGS } else { 0 };
     }
 
     /// Time now, s.
@@ -309,7 +317,7 @@ impl Stepper {
                     self.meter.totals.rejections += 1;
                     self.time_step = h * factor;
                 }
-                Err(error) if error.is_cured_by_smaller_step() && failures < MAX_HALVINGS => {
+                Err(error) if error.is_cured_by_smaller_step() && failures < self.max_halvings => {
                     failures += 1;
                     self.meter.totals.halvings += 1;
                     self.time_step = 0.5 * h;
@@ -358,7 +366,7 @@ impl Stepper {
         look: &mut impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
         match self.step(end, h).and_then(|_| self.accept()) {
-            Err(error) if error.is_cured_by_smaller_step() && depth < MAX_HALVINGS => {
+            Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
                 self.meter.totals.halvings += 1;
                 if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
                     return Ok(ControlFlow::Break(()));

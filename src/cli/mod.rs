@@ -2,6 +2,7 @@
 
 mod check;
 mod run;
+mod study;
 mod sweep;
 mod variables;
 
@@ -52,6 +53,9 @@ enum Command {
         #[command(flatten)]
         scene: SceneArguments,
     },
+    /// Study a scene: its natural modes, and how speed, accuracy and stability depend on method, step and mesh
+    #[command(subcommand)]
+    Study(study::Study),
     /// List the variables a host can get and set: all, or those of a scene with their sizes
     Variables {
         /// The scene [default: every variable there is]
@@ -84,6 +88,7 @@ pub fn main() -> ExitCode {
         Command::Run { scene, out } => run::run(&scene, out),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
+        Command::Study(study) => study::study(&study),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };
     outcome.unwrap_or_else(|error| {
