@@ -9,6 +9,7 @@ use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
@@ -113,6 +114,18 @@ impl Journal {
         let end = journal.end;
         journal.file.set_len(end).map_err(failed)?;
         Ok(journal)
+    }
+
+    /// Removes the journal at `path`, so that the next one begins anew.
+    ///
+    /// # Errors
+    /// [`Error::Journal`] where it is none or another program is at work on it; [`Error::Read`], [`Error::Write`].
+    pub fn clear(path: &Path) -> Result<()> {
+        let journal = Self::read(path)?;
+        if let Err(TryLockError::WouldBlock) = journal.file.try_lock() {
+            return Err(refused(path, "another program is at work on it".to_string()));
+        }
+        std::fs::remove_file(path).map_err(|e| write_error(path, &e))
     }
 
     /// Opens a finished or unfinished journal to read its results.
@@ -250,6 +263,45 @@ fn refused(path: &Path, problem: String) -> Error {
     Error::Journal { path: path.to_path_buf(), problem }
 }
 
+/// The numbers below `size` in an order that looks random and never changes, so that any part of it is a fair one.
+pub fn shuffled(size: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by_cached_key(|index| XxHash3_64::oneshot(&(*index as u64).to_le_bytes()));
+    order
+}
+
+/// One of several equal parts of a job, each for a program of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    /// Which, from 1.
+    pub number: usize,
+    /// Of how many.
+    pub of: usize,
+}
+
+impl Shard {
+    /// Its indices of a job of `size`, rising. Shards are disjoint and together whole, none has two more than another,
+    /// and dear and cheap indices are spread over them by chance.
+    pub fn indices(self, size: usize) -> Vec<usize> {
+        let mut own: Vec<usize> = shuffled(size).into_iter().skip(self.number - 1).step_by(self.of).collect();
+        own.sort_unstable();
+        own
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    /// From `2/8`.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+        match parts {
+            Some((number, of)) if 1 <= number && number <= of => Ok(Self { number, of }),
+            _ => Err("allowed: i/n with i from 1 to n, such as 1/8".to_string()),
+        }
+    }
+}
+
 /// The number of threads that this machine's cores are for.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
@@ -352,6 +404,21 @@ mod tests {
         std::fs::write(&path, "precious notes\n").unwrap();
         assert!(Journal::open(&path, &job).is_err());
         assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious notes\n");
+    }
+
+    #[test]
+    fn shards_are_disjoint_whole_and_of_like_size() {
+        for (size, of) in [(192, 5), (7, 7), (3, 8), (1000, 1)] {
+            let shards: Vec<_> = (1..=of).map(|number| Shard { number, of }.indices(size)).collect();
+            assert!(shards.iter().all(|shard| (size / of..=size.div_ceil(of)).contains(&shard.len())));
+            let mut all = shards.concat();
+            all.sort_unstable();
+            assert_eq!(all, (0..size).collect::<Vec<_>>());
+        }
+        // The order is part of what a journal of a shard means: it stays.
+        assert_eq!(Shard { number: 1, of: 4 }.indices(12), [3, 8, 9]);
+        assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
+        assert!(["0/2", "3/2", "2", "a/b", "-1/2"].iter().all(|text| text.parse::<Shard>().is_err()));
     }
 
     #[test]

@@ -86,4 +86,6 @@ pub mod report;
 pub mod run;
 pub mod study;
 
+pub mod sweep;
+
 pub use error::{Error, Result};

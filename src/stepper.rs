@@ -57,7 +57,6 @@ pub struct Stepper {
     // Room to work in.
     next: State,
     reading: Reading,
-    scratch: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
@@ -102,7 +101,6 @@ impl Stepper {
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
         let mut state = dynamics.first_state_in(newton.form());
-        let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
         newton.iterate(&mut dynamics, &mut state, ACCELERATIONS)?;
         newton.work = Work::default();
@@ -115,7 +113,7 @@ impl Stepper {
                 if acceleration > 0.0 { (tolerance * dynamics.length() / acceleration).sqrt() } else { AT_REST }
             }
         };
-        let meter = Meter::start(&mut dynamics, &state, &mut scratch)?;
+        let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         Ok(Self {
             integrator,
@@ -132,7 +130,6 @@ impl Stepper {
             meter,
             state,
             variables,
-            scratch,
             dynamics,
         })
     }
@@ -208,7 +205,8 @@ impl Stepper {
         self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
     }
 
-    /// The same, with a look at every internal step; a look that breaks ends the step there. True if it came to t + h.
+    /// The same, with a look at every internal step, the halves of failed ones included; a look that breaks ends the step
+    /// there. True if it came to t + h.
     ///
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
@@ -266,15 +264,14 @@ impl Stepper {
         self.set_out(end_of(clock, parts))?;
         for count in 1..=parts {
             let end = end_of(clock, count);
-            let outcome = self.advance(end, part, 0);
+            let outcome = self.advance(end, part, 0, true, &mut look);
+            let complete = self.state.t == end;
             self.clock = match outcome {
-                Ok(()) if multiple => Clock { origin: clock.origin, count: clock.count + count },
+                Ok(_) if multiple && complete => Clock { origin: clock.origin, count: clock.count + count },
                 _ if self.state.t == start => clock,
                 _ => Clock { origin: self.state.t, count: 0 },
             };
-            outcome?;
-            self.meter.totals.steps += 1;
-            if look(self).is_break() && count < parts {
+            if outcome?.is_break() && !(complete && count == parts) {
                 return Ok(false);
             }
         }
@@ -358,15 +355,28 @@ impl Stepper {
         Ok(())
     }
 
-    /// One step of `h` to time `end`, in halves where it fails.
-    fn advance(&mut self, end: f64, h: f64, depth: u32) -> Result<()> {
+    /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
+    /// first half of one.
+    fn advance(
+        &mut self,
+        end: f64,
+        h: f64,
+        depth: u32,
+        whole: bool,
+        look: &mut impl FnMut(&mut Self) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
         match self.step(end, h).and_then(|_| self.accept()) {
             Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
                 self.meter.totals.halvings += 1;
-                self.advance(end - 0.5 * h, 0.5 * h, depth + 1)?;
-                self.advance(end, 0.5 * h, depth + 1)
+                if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
+                    return Ok(ControlFlow::Break(()));
+                }
+                self.advance(end, 0.5 * h, depth + 1, whole, look)
             }
-            outcome => outcome,
+            outcome => outcome.map(|()| {
+                self.meter.totals.steps += u64::from(whole);
+                look(self)
+            }),
         }
     }
 
@@ -379,7 +389,7 @@ impl Stepper {
 
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
-        self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
+        self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work(&self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
         self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
@@ -435,7 +445,7 @@ impl Stepper {
         variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
         self.dynamics.move_to(self.state.t, &mut self.state);
         self.before = None;
-        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
+        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
             self.dynamics.restore(&before);
             self.dynamics.move_to(self.state.t, &mut self.state);
             return Err(error);

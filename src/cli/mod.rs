@@ -3,6 +3,7 @@
 mod check;
 mod run;
 mod study;
+mod sweep;
 mod variables;
 
 use std::io::Write;
@@ -45,6 +46,8 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
+    /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
+    Sweep(sweep::Arguments),
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
         #[command(flatten)]
@@ -83,6 +86,7 @@ impl SceneArguments {
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out } => run::run(&scene, out),
+        Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
         Command::Study(study) => study::study(&study),
         Command::Variables { scene } => variables::variables(scene.as_deref()),

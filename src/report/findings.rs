@@ -1,16 +1,13 @@
 //! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use minijinja::value::Serde;
-use minijinja::{AutoEscape, Environment};
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::chart::number;
-use super::page::STYLE;
-use super::tables::{beside, put_in_place, write_error};
+use super::page::render;
+use super::tables::{put_in_place, text_file, write_error};
 use crate::error::{Error, Result};
 use crate::scene::Document;
 
@@ -77,34 +74,26 @@ impl Findings {
         for table in &self.tables {
             texts.push((table.file.to_string(), table.csv().map_err(|e| Error::Page { reason: e.to_string() })?));
         }
-        let mut files = Vec::new();
-        for (name, text) in texts.iter().chain(&self.figures).chain(&self.files) {
-            let path = folder.join(name);
-            let mut file = beside(&path)?;
-            file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
-            files.push((file, path));
-        }
+        let files = texts.iter().chain(&self.figures).chain(&self.files);
+        let files = files.map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
 
     fn page(&self, name: &str, document: &Document) -> Result<String> {
-        let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
-        let mut environment = Environment::new();
-        environment.set_auto_escape_callback(|_| AutoEscape::Html);
-        environment.add_template("findings", include_str!("findings.html")).map_err(failed)?;
         let tables: Vec<_> = self.tables.iter().map(Table::on_page).collect();
-        let content = json!({
-            "style": STYLE,
-            "name": name,
-            "subject": self.subject,
-            "version": env!("CARGO_PKG_VERSION"),
-            "answers": self.answers,
-            "figures": self.figures,
-            "tables": tables,
-            "scene": document.text(),
-            "overrides": document.overrides(),
-        });
-        environment.get_template("findings").and_then(|page| page.render(Serde(&content))).map_err(failed)
+        render(
+            include_str!("findings.html"),
+            &json!({
+                "name": name,
+                "subject": self.subject,
+                "version": env!("CARGO_PKG_VERSION"),
+                "answers": self.answers,
+                "figures": self.figures,
+                "tables": tables,
+                "scene": document.text(),
+                "overrides": document.overrides(),
+            }),
+        )
     }
 }
 

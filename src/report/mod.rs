@@ -1,5 +1,6 @@
 //! What a run or a study leaves behind: tables, figures, numbers and a page, in one folder.
 
+pub mod cases;
 pub mod chart;
 mod figures;
 mod findings;
@@ -7,7 +8,8 @@ pub mod map;
 mod output;
 mod page;
 mod record;
-mod tables;
+pub(crate) mod tables;
 
 pub use findings::{Findings, Table};
 pub use output::Output;
+pub use record::Frame;

@@ -638,6 +638,17 @@ impl Scene {
         })
     }
 
+    /// The files beside it that it reads.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let position = self.head.position_m.iter().flat_map(|position| &position.0);
+        let wanted = position.chain(self.head.angle_rad.iter().map(|angle| &angle.0));
+        let table = |wanted: &Wanted| match wanted {
+            Wanted::Table(file) => Some(self.folder.join(file)),
+            Wanted::Formula(_) => None,
+        };
+        wanted.filter_map(table).collect()
+    }
+
     /// The same scene on another number of nodes.
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
