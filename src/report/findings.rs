@@ -1,6 +1,5 @@
 //! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -8,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::chart::number;
 use super::page::render;
-use super::tables::{beside, put_in_place, write_error};
+use super::tables::{put_in_place, text_file, write_error};
 use crate::error::{Error, Result};
 use crate::scene::Document;
 
@@ -75,13 +74,8 @@ impl Findings {
         for table in &self.tables {
             texts.push((table.file.to_string(), table.csv().map_err(|e| Error::Page { reason: e.to_string() })?));
         }
-        let mut files = Vec::new();
-        for (name, text) in texts.iter().chain(&self.figures).chain(&self.files) {
-            let path = folder.join(name);
-            let mut file = beside(&path)?;
-            file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
-            files.push((file, path));
-        }
+        let files = texts.iter().chain(&self.figures).chain(&self.files);
+        let files = files.map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
 
