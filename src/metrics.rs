@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::head::{Row, hermite};
-use crate::model::Dynamics;
+use crate::model::{Dynamics, Mechanics};
 use crate::rod::{Edge, bend, node, stretch};
 use crate::system::{Link, State, System};
 
@@ -88,7 +88,7 @@ pub struct Reading {
     pub kappa: Vec<f64>,
     /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry a node.
     pub moment: Vec<f64>,
-    /// κ̄_k.
+    /// κ̄_k; of a rod that takes it as its shape, the κ_k it has taken.
     natural: Vec<f64>,
 }
 
@@ -110,22 +110,34 @@ impl Reading {
         dynamics.shape(state)?;
         let rod = &dynamics.model.rod;
         self.kappa.copy_from_slice(dynamics.kappa());
+        let mut holding = None;
+        if dynamics.mechanics == Mechanics::Shape {
+            holding = Some(dynamics.balance(state, scratch, &mut self.moment));
+            self.natural.copy_from_slice(&self.kappa);
+        } else {
+            for k in rod.joints() {
+                let deviation = self.kappa[k] - dynamics.natural[k];
+                self.moment[k] = rod.joint[k] * deviation;
+                energy.bending += 0.5 * self.moment[k] * deviation;
+            }
+            self.natural.copy_from_slice(&dynamics.natural);
+        }
         for k in rod.joints() {
-            let deviation = self.kappa[k] - dynamics.natural[k];
-            self.moment[k] = rod.joint[k] * deviation;
-            energy.bending += 0.5 * self.moment[k] * deviation;
             power.actuation -= self.moment[k] * dynamics.natural_rate[k];
         }
-        self.natural.copy_from_slice(&dynamics.natural);
-        for (k, mass) in rod.mass.iter().enumerate() {
-            energy.kinetic += 0.5 * mass * node(&state.v, k).norm_squared();
+        if dynamics.mechanics != Mechanics::Overdamped {
+            for (k, mass) in rod.mass.iter().enumerate() {
+                energy.kinetic += 0.5 * mass * node(&state.v, k).norm_squared();
+            }
         }
         if dynamics.is_loaded() {
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
         self.com = rod.mean(&state.q);
         let edges = dynamics.edges();
-        energy.stretching = if state.links.is_empty() {
+        energy.stretching = if holding.is_some() {
+            0.0
+        } else if state.links.is_empty() {
             edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum()
         } else {
             let tension = |(edge, link): (&Edge, &Link)| edge.t.dot(&Vector2::from(link.force));
@@ -135,12 +147,14 @@ impl Reading {
             [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
         }
         if let Some([_, _, angle]) = dynamics.held {
-            let (mass, moment) = (rod.mass[0], self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            let held = if state.links.is_empty() {
-                dynamics.unconstrained(state, scratch, None)?;
-                node(scratch, 0)
-            } else {
-                dynamics.reaction(state)?
+            let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
+            let held = match holding {
+                Some(force) => force,
+                None if state.links.is_empty() => {
+                    dynamics.unconstrained(state, scratch, None)?;
+                    node(scratch, 0)
+                }
+                None => dynamics.reaction(state)?,
             };
             self.head_force = -held;
             self.head_moment = moment;
@@ -272,6 +286,14 @@ impl Meter {
         totals.energy_time.add(&next.energy, half_time);
         totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
         totals.path += (next.com - self.now.com).norm();
+        std::mem::swap(&mut self.now, next);
+    }
+
+    /// Counts what a shape that changed at once did, its reading in `next`: the actuation gives what the kinetic energy
+    /// gains.
+    pub fn count_jump(&mut self, next: &mut Reading) {
+        self.totals.work.actuation += next.energy.total() - self.now.energy.total();
+        self.totals.max_lateral = self.totals.max_lateral.max(next.com.y.abs());
         std::mem::swap(&mut self.now, next);
     }
 
