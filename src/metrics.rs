@@ -88,74 +88,76 @@ pub struct Reading {
     pub kappa: Vec<f64>,
     /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry a node.
     pub moment: Vec<f64>,
+    /// Largest |ℓ/ΔL − 1| of an edge.
+    pub strain: f64,
     /// κ̄_k; of a rod that takes it as its shape, the κ_k it has taken.
     natural: Vec<f64>,
+    /// Unit tangent of each edge.
+    tangent: Vec<Vector2<f64>>,
 }
 
 impl Reading {
     /// An empty reading for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
         let zeros = || vec![0.0; nodes];
-        Self { kappa: zeros(), moment: zeros(), natural: zeros(), ..Self::default() }
+        let tangent = vec![Vector2::zeros(); nodes - 1];
+        Self { kappa: zeros(), moment: zeros(), natural: zeros(), tangent, ..Self::default() }
     }
 
-    /// Measures `state`, whose time `dynamics` was last moved to. `scratch` holds two entries a node.
+    /// Measures `state`, whose time `dynamics` was last moved to.
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
-    pub fn take(&mut self, dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<()> {
+    pub fn take(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
         self.time = state.t;
         let mut energy = Energy::default();
         let mut power = Power::default();
         dynamics.shape(state)?;
-        let rod = &dynamics.model.rod;
         self.kappa.copy_from_slice(dynamics.kappa());
-        let mut holding = None;
-        if dynamics.mechanics == Mechanics::Shape {
-            holding = Some(dynamics.balance(state, scratch, &mut self.moment));
-            self.natural.copy_from_slice(&self.kappa);
-        } else {
-            for k in rod.joints() {
+        let taken = dynamics.mechanics == Mechanics::Shape;
+        self.natural.copy_from_slice(if taken { &self.kappa } else { &dynamics.natural });
+        let holding = taken.then(|| dynamics.balance(state, &mut self.moment));
+        let rod = &dynamics.model.rod;
+        for k in rod.joints() {
+            if !taken {
                 let deviation = self.kappa[k] - dynamics.natural[k];
                 self.moment[k] = rod.joint[k] * deviation;
                 energy.bending += 0.5 * self.moment[k] * deviation;
             }
-            self.natural.copy_from_slice(&dynamics.natural);
-        }
-        for k in rod.joints() {
             power.actuation -= self.moment[k] * dynamics.natural_rate[k];
         }
-        if dynamics.mechanics != Mechanics::Overdamped {
-            for (k, mass) in rod.mass.iter().enumerate() {
-                energy.kinetic += 0.5 * mass * node(&state.v, k).norm_squared();
-            }
+        let mut moment_of_mass = Vector2::zeros();
+        for ((mass, q), v) in rod.mass.iter().zip(state.q.as_chunks().0).zip(state.v.as_chunks().0) {
+            moment_of_mass += Vector2::from(*q) * *mass;
+            energy.kinetic += 0.5 * mass * Vector2::from(*v).norm_squared();
+        }
+        self.com = moment_of_mass / rod.total_mass();
+        if dynamics.mechanics == Mechanics::Overdamped {
+            energy.kinetic = 0.0;
         }
         if dynamics.is_loaded() {
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
-        self.com = rod.mean(&state.q);
         let edges = dynamics.edges();
-        energy.stretching = if holding.is_some() {
-            0.0
-        } else if state.links.is_empty() {
-            edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum()
-        } else {
+        let mut stretch: f64 = 0.0;
+        for (tangent, edge) in self.tangent.iter_mut().zip(edges) {
+            *tangent = edge.t;
+            let excess = edge.length - rod.spacing;
+            stretch = stretch.max(excess.abs());
+            energy.stretching += stretch::energy(edge, rod.ea, rod.spacing);
+        }
+        self.strain = stretch / rod.spacing;
+        if !state.links.is_empty() {
             let tension = |(edge, link): (&Edge, &Link)| edge.t.dot(&Vector2::from(link.force));
-            0.5 * rod.spacing / rod.ea * edges.iter().zip(&state.links).map(tension).map(|f| f * f).sum::<f64>()
-        };
+            energy.stretching =
+                0.5 * rod.spacing / rod.ea * edges.iter().zip(&state.links).map(tension).map(|f| f * f).sum::<f64>();
+        }
         if let Some((drag, fluid)) = dynamics.drag() {
             [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
         }
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            let held = match holding {
-                Some(force) => force,
-                None if state.links.is_empty() => {
-                    dynamics.unconstrained(state, scratch, None)?;
-                    node(scratch, 0)
-                }
-                None => dynamics.reaction(state)?,
-            };
+            let held = holding.unwrap_or_else(|| dynamics.reaction(state));
             self.head_force = -held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;
@@ -169,6 +171,27 @@ impl Reading {
         }
         (self.energy, self.power) = (energy, power);
         Ok(())
+    }
+
+    /// Largest rotation (rad) of an edge since `before`.
+    fn rotation_since(&self, before: &Self) -> f64 {
+        let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();
+        let largest = self.tangent.iter().zip(&before.tangent).map(chord).fold(0.0, f64::max);
+        2.0 * (0.5 * largest.sqrt()).min(1.0).asin()
+    }
+
+    /// Work (J) from `before` to here, over which the loads did `load`: Simpson's rule of the powers with those in the
+    /// `middle`, where that is known.
+    fn smooth_work_since(&self, before: &Self, middle: &Self, load: f64) -> Power {
+        let sixth = (self.time - before.time) / 6.0;
+        let work = |of: fn(&Power) -> f64| sixth * (of(&before.power) + 4.0 * of(&middle.power) + of(&self.power));
+        Power {
+            actuation: work(|p| p.actuation),
+            viscous: work(|p| p.viscous),
+            load,
+            head: work(|p| p.head),
+            flow: work(|p| p.flow),
+        }
     }
 
     /// Work (J) from `before` to here, over which the loads did `load`: trapezoidal in time for viscosity and flow, in
@@ -203,6 +226,10 @@ pub struct Totals {
     pub max_lateral: f64,
     /// Length of the path of the centre of mass, m.
     pub path: f64,
+    /// Largest |ℓ/ΔL − 1| of any edge at any step.
+    pub max_strain: f64,
+    /// Largest rotation (rad) of any edge within a step.
+    pub max_rotation: f64,
     /// Steps made.
     pub steps: u64,
     /// Times that a step was halved.
@@ -263,11 +290,11 @@ impl Meter {
     ///
     /// # Errors
     /// Those of [`Reading::take`].
-    pub fn start(dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<Self> {
+    pub fn start(dynamics: &mut Dynamics, state: &State) -> Result<Self> {
         let mut now = Reading::new(dynamics.nodes());
-        now.take(dynamics, state, scratch)?;
+        now.take(dynamics, state)?;
         Ok(Self {
-            totals: Totals { max_lateral: now.com.y.abs(), ..Totals::default() },
+            totals: Totals { max_lateral: now.com.y.abs(), max_strain: now.strain, ..Totals::default() },
             first_energy: now.energy.total(),
             first: (now.time, now.com),
             first_positions: state.q.clone(),
@@ -276,16 +303,24 @@ impl Meter {
     }
 
     /// Counts the step to `next`, over which the loads did the work `load` (J), and keeps the old reading in `next`.
-    /// A reading at the same time counts what an input changed at once.
-    pub fn count(&mut self, next: &mut Reading, load: f64, head_mass: f64) {
-        let work = next.work_since(&self.now, load, head_mass);
+    /// A reading at the same time counts what an input changed at once. `middle` is the reading in the middle of the step,
+    /// where the method knows it as well as the end.
+    pub fn count(&mut self, next: &mut Reading, middle: Option<&Reading>, load: f64, head_mass: f64) {
+        let work = match middle {
+            Some(middle) => next.smooth_work_since(&self.now, middle, load),
+            None => next.work_since(&self.now, load, head_mass),
+        };
         let half_time = 0.5 * (next.time - self.now.time);
         let totals = &mut self.totals;
         totals.work.add(&work);
         totals.energy_time.add(&self.now.energy, half_time);
         totals.energy_time.add(&next.energy, half_time);
         totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
-        totals.path += (next.com - self.now.com).norm();
+        let middle = middle.map_or(next.com, |middle| middle.com);
+        totals.max_lateral = totals.max_lateral.max(middle.y.abs());
+        totals.path += (middle - self.now.com).norm() + (next.com - middle).norm();
+        totals.max_strain = totals.max_strain.max(next.strain);
+        totals.max_rotation = totals.max_rotation.max(next.rotation_since(&self.now));
         std::mem::swap(&mut self.now, next);
     }
 

@@ -4,7 +4,7 @@
 
 pub mod chain;
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use nalgebra::Vector2;
@@ -14,7 +14,7 @@ use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::bend::{self, Joint};
-use crate::rod::{Edge, Rod, elastic, node};
+use crate::rod::{Edge, Rod, elastic, node, stretch};
 use crate::start::Start;
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
@@ -180,6 +180,8 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
+    /// Room for drag and loads.
+    applied: Vec<f64>,
 }
 
 impl Dynamics {
@@ -195,6 +197,7 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
+            applied: Vec::new(),
             model,
         };
         dynamics.evaluate(0.0);
@@ -368,6 +371,25 @@ impl Dynamics {
         (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
     }
 
+    /// M a − F at node 0 of `state`, whose [`shape`](Self::shape) was taken last: the force (N) that a held head must exert.
+    pub fn reaction(&self, state: &State) -> Vector2<f64> {
+        let Model { rod, .. } = &*self.model;
+        let edge = &self.edges[0];
+        let carried = match state.links.first() {
+            Some(link) => Vector2::from(link.force),
+            None => elastic::force(edge, stretch::tension(edge, rod.ea, rod.spacing), &self.joints[0], &self.joints[1]),
+        };
+        let mut force = node(&state.a, 0) * rod.mass[0] - self.load(0) - carried;
+        if let Some((drag, fluid)) = self.drag() {
+            drag.for_half_edges(&self.edges[..1], &state.v, fluid, &mut |k, _, half| {
+                if k == 0 {
+                    force += half.force;
+                }
+            });
+        }
+        force
+    }
+
     /// Drag and the fluid it is in now.
     pub fn drag(&self) -> Option<(&dyn Drag, Fluid)> {
         self.model.drag.as_ref().map(|(drag, _)| (&**drag, self.inputs.fluid))
@@ -381,9 +403,11 @@ impl Dynamics {
     /// The moments m_k (N m) that hold the rod in the shape it has, from balance alone: the nodes j beyond joint k need
     /// m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F drag and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
     /// the force (N) that a held head must exert, zero for a free one. Edges and curvatures are those of the last
-    /// [`shape`](Self::shape); `scratch` holds two entries a node.
-    pub fn balance(&self, state: &State, scratch: &mut [f64], moment: &mut [f64]) -> Vector2<f64> {
-        self.applied(&self.edges, &state.v, scratch);
+    /// [`shape`](Self::shape).
+    pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Vector2<f64> {
+        let mut applied = std::mem::take(&mut self.applied);
+        applied.resize(state.q.len(), 0.0);
+        self.write_applied(&self.edges, &state.v, &mut applied);
         let rod = &self.model.rod;
         let (mut force, mut turning) = (Vector2::zeros(), 0.0);
         for k in (0..rod.nodes).rev() {
@@ -395,13 +419,14 @@ impl Dynamics {
             } else {
                 0.0
             };
-            force += node(&state.a, k) * rod.mass[k] + node(scratch, k);
+            force += node(&state.a, k) * rod.mass[k] + node(&applied, k);
         }
+        self.applied = applied;
         force
     }
 
     /// Writes the forces (N) that oppose the motion, drag less loads, to `out`, two entries a node.
-    pub fn applied(&self, edges: &[Edge], v: &[f64], out: &mut [f64]) {
+    pub fn write_applied(&self, edges: &[Edge], v: &[f64], out: &mut [f64]) {
         out.fill(0.0);
         for force in [&self.model.load, &self.inputs.force].into_iter().flatten() {
             out.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
@@ -485,34 +510,60 @@ impl System for Dynamics {
         self.move_links_back(increment, &mut state.links);
     }
 
+    /// In positions every edge keeps its length, where the step does not resolve the slowest stretching mode: a guess that
+    /// turns edges too far stretches them, and that tension, as large as what bends the rod, costs Newton's method an
+    /// iteration or two.
+    fn better_guess(&self, from: &State, direction: Direction, to: &mut State) {
+        to.guess_links(from);
+        let rod = &self.model.rod;
+        let resolved = PI * PI * rod.ea * direction.q < rod.total_mass() * rod.length * direction.a;
+        if !to.links.is_empty() || resolved {
+            return;
+        }
+        let (mut moved, mut mean) = (Vector2::zeros(), Vector2::zeros());
+        let (mut old, mut guessed) = (node(&from.q, 0), node(&to.q, 0));
+        for (k, mass) in rod.mass.iter().enumerate().skip(1) {
+            let (old_before, before) = (old, guessed);
+            (old, guessed) = (node(&from.q, k), node(&to.q, k));
+            let edge = guessed - before;
+            let ratio = ((old - old_before).norm_squared() / edge.norm_squared()).sqrt();
+            if ratio.is_finite() {
+                moved += edge * (ratio - 1.0);
+            }
+            mean += moved * *mass;
+            to.move_node(k, direction, moved / direction.q);
+        }
+        if self.held.is_none() {
+            // The centre of mass stays.
+            let mean = mean / (rod.total_mass() * direction.q);
+            (0..rod.nodes).for_each(|k| to.move_node(k, direction, -mean));
+        }
+    }
+
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
         let rod = &self.model.rod;
-        let edge = |q: &[f64], k: usize| node(q, k + 1) - node(q, k);
+        let wall = self.wall().map(|wall| [wall.t; 2]);
+        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], wall.unwrap_or_default()];
+        let mut folded = None;
         for k in 0..rod.nodes - 1 {
-            let (old, new) = (edge(&before.q, k), edge(&after.q, k));
-            let dot = old.dot(&new);
-            if dot < 0.0 && dot < REVERSED * old.norm() * new.norm() {
+            let next = [node(&before.q, k + 1), node(&after.q, k + 1)];
+            let [old, new] = [next[0] - nodes[0], next[1] - nodes[1]];
+            let turned = old.dot(&new);
+            if turned < 0.0 && turned < REVERSED * old.norm() * new.norm() {
                 return Err(Error::EdgeCollapse { time_s: after.t, node: k, length_m: new.norm() });
             }
-        }
-        let wall = self.wall();
-        // cos and sin of the turning at node k, times a positive number.
-        let turning = |q: &[f64], k: usize| {
-            let f = edge(q, k);
-            let e = match &wall {
-                Some(wall) if k == 0 => wall.t,
-                _ => edge(q, k - 1),
-            };
-            [e.dot(&f), e.perp(&f)]
-        };
-        for k in rod.joints() {
-            let ([c0, s0], [c1, s1]) = (turning(&before.q, k), turning(&after.q, k));
-            // From one side to the other, and the way over ±180° is the shorter one.
-            if s0 * s1 < 0.0 && c0 / c0.hypot(s0) + c1 / c1.hypot(s1) < 0.0 {
-                return Err(Error::FoldOver { time_s: after.t, node: k });
+            // cos of the turning at node k, times a positive number; zero where there is no edge before.
+            let cos = [edges[0].dot(&old), edges[1].dot(&new)];
+            if cos[0].min(cos[1]) < 0.0 && folded.is_none() {
+                let sin = [edges[0].perp(&old), edges[1].perp(&new)];
+                // From one side to the other, and the way over ±180° is the shorter one.
+                if sin[0] * sin[1] < 0.0 && cos[0] / cos[0].hypot(sin[0]) + cos[1] / cos[1].hypot(sin[1]) < 0.0 {
+                    folded = Some(k);
+                }
             }
+            (nodes, edges) = (next, [old, new]);
         }
-        Ok(())
+        folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: after.t, node }))
     }
 
     fn residual_floor(&self, state: &State) -> f64 {

@@ -188,6 +188,7 @@ impl Summary {
             newton_iterations: work.newton_iterations,
             factorisations: work.factorisations,
             linear_solver: match (stepper.form(), scene.solver.linear) {
+                _ if !stepper.choice().is_none_or(|choice| choice.rung.elastic) => "none",
                 (Form::Chain, _) => "pivoted-band",
                 (Form::Positions, Choice::FaerLu) => "faer-lu",
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",

@@ -54,7 +54,6 @@ pub struct Stepper {
     // Room to work in.
     next: State,
     reading: Reading,
-    scratch: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
@@ -100,7 +99,6 @@ impl Stepper {
         let (mut dynamics, mut mover) = (Dynamics::new(model.into()), mover.into());
         dynamics.mechanics = mover.mechanics();
         let mut state = dynamics.first_state_in(newton.form());
-        let mut scratch = vec![0.0; state.q.len()];
         mover.begin(&mut dynamics, &mut newton, &mut state)?;
         newton.work = Work::default();
         let pace = pace.into();
@@ -111,7 +109,7 @@ impl Stepper {
                 if acceleration > 0.0 { (tolerance * dynamics.length() / acceleration).sqrt() } else { AT_REST }
             }
         };
-        let meter = Meter::start(&mut dynamics, &state, &mut scratch)?;
+        let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         Ok(Self {
             mover,
@@ -128,7 +126,6 @@ impl Stepper {
             meter,
             state,
             variables,
-            scratch,
             dynamics,
         })
     }
@@ -351,7 +348,7 @@ impl Stepper {
             self.kick.before.copy_from(&self.state);
             self.mover.settle(&mut self.dynamics, &mut self.newton, &mut self.state)?;
             if self.state.q != self.kick.before.q {
-                self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch)?;
+                self.reading.take(&mut self.dynamics, &self.state)?;
                 self.meter.count_jump(&mut self.reading);
             }
             self.kick.due = false;
@@ -387,10 +384,12 @@ impl Stepper {
 
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
-        self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
+        let middle = if self.mover.knows_between() { Some(self.middle()?) } else { None };
+        self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work(&self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
-        self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
+        let middle = middle.and(self.dense.as_ref()).map(Dense::reading);
+        self.meter.count(&mut self.reading, middle, load, self.dynamics.head_mass());
         std::mem::swap(&mut self.state, &mut self.next);
         Ok(())
     }
@@ -443,13 +442,13 @@ impl Stepper {
         variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
         self.dynamics.move_to(self.state.t, &mut self.state);
         self.before = None;
-        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
+        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
             self.dynamics.restore(&before);
             self.dynamics.move_to(self.state.t, &mut self.state);
             return Err(error);
         }
         self.kick.due |= !self.dynamics.inputs.act_as(&before);
-        self.meter.count(&mut self.reading, 0.0, self.dynamics.model.rod.mass[0]);
+        self.meter.count(&mut self.reading, None, 0.0, self.dynamics.head_mass());
         Ok(())
     }
 

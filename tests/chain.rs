@@ -2,7 +2,7 @@
 
 mod common;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use caudal::linear::Choice;
@@ -25,20 +25,10 @@ fn file(path: &Path, changes: &[&str]) -> Scene {
     document.scene().unwrap()
 }
 
-fn files() -> Vec<PathBuf> {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let paths =
-        ["models", "tests/reference"].into_iter().flat_map(|folder| std::fs::read_dir(root.join(folder)).unwrap());
-    let mut files: Vec<_> = paths.map(|entry| entry.unwrap().path()).collect();
-    files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
-    files.sort();
-    files
-}
-
 #[test]
 fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_and_at_129_nodes() {
     let mut scenes = 0;
-    for path in files() {
+    for path in common::scene_files() {
         for finer in [&[][..], &["rod.nodes=129"]] {
             let end = format!("solver.duration_s={}", 20.0 * time_step(&file(&path, &[])));
             let changes = [finer, &[&end, "solver.newton_tolerance=1e-12"]].concat();

@@ -271,7 +271,7 @@ impl Stage {
                 to.a[i] = self.new.a * u;
             }
             system.move_to(time, to);
-            to.guess_links(from);
+            system.better_guess(from, self.new, to);
             newton.solve(system, to, self.new)?;
             system.check_step(from, to)
         };

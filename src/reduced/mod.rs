@@ -125,6 +125,11 @@ pub trait Mover: std::fmt::Debug + Send {
         to: &mut State,
     ) -> Result<StepError>;
 
+    /// True where it knows the state in the middle of a step as well as at its end: work is read there too.
+    fn knows_between(&self) -> bool {
+        false
+    }
+
     /// Writes the state at time `t` (s) of the last step, from `from` to `to`, to `out`.
     fn between(&mut self, _dynamics: &mut Dynamics, from: &State, to: &State, t: f64, out: &mut State) {
         interpolate(from, to, t, out);

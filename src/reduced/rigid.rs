@@ -146,7 +146,7 @@ impl Chain {
             let v = node(&self.v, k) + Vector2::new(vx, vy) + perpendicular(node(&self.x, k)) * spin;
             put(&mut self.moving, k, v);
         }
-        dynamics.applied(&self.edges, &self.moving, &mut self.force);
+        dynamics.write_applied(&self.edges, &self.moving, &mut self.force);
         let (mut force, mut moment) = (Vector2::zeros(), 0.0);
         for k in 0..dynamics.model.rod.nodes {
             let f = node(&self.force, k);

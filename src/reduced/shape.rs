@@ -29,7 +29,7 @@ pub static RUNG: Rung = Rung {
 };
 
 /// Fewest steps in a period of what drives the rod, or in a ramp.
-const STEPS_A_PERIOD: f64 = 20.0;
+const STEPS_A_PERIOD: f64 = 16.0;
 
 /// Largest error of a step over the length.
 const LIMIT: f64 = 1e-8;
@@ -154,6 +154,10 @@ impl Mover for Shape {
         to.memory.extend(end.iter().chain(&rates));
         self.place(dynamics, to.t, Some([&end, &rates]), to);
         Ok(error)
+    }
+
+    fn knows_between(&self) -> bool {
+        true
     }
 
     fn between(&mut self, dynamics: &mut Dynamics, from: &State, _: &State, t: f64, out: &mut State) {

@@ -519,10 +519,10 @@ impl Scene {
     /// How far the cheaper models of it are from the whole one; of a fine mesh, on a coarser one.
     ///
     /// # Errors
-    /// Those of [`model`](Self::model) and [`Estimates::of`].
+    /// Those of [`model`](Self::model).
     pub fn estimates(&self) -> Result<Estimates> {
         let nodes = (self.rod.nodes.get() as u64).min(ESTIMATES_UP_TO);
-        Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), self.solver.duration_s.get())
+        Ok(Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), self.solver.duration_s.get()))
     }
 
     /// The rung that it names, or the cheapest one that is accurate enough.

@@ -4,7 +4,7 @@
 
 use super::Stepper;
 use crate::error::{Error, Result};
-use crate::metrics::Meter;
+use crate::metrics::{Meter, Reading};
 use crate::system::{State, System};
 use crate::variable::View;
 
@@ -15,7 +15,26 @@ pub(super) struct Dense {
     meter: Meter,
 }
 
+impl Dense {
+    /// What was read last.
+    pub(super) fn reading(&self) -> &Reading {
+        &self.meter.now
+    }
+}
+
 impl Stepper {
+    /// Reads the middle of the step from the state to the next, into the room of [`Dense`].
+    pub(super) fn middle(&mut self) -> Result<()> {
+        let (from, to) = (&self.state, &self.next);
+        let t = 0.5 * (from.t + to.t);
+        let dense = self.dense.get_or_insert_with(|| Dense { state: from.clone(), meter: self.meter.clone() });
+        self.mover.between(&mut self.dynamics, from, to, t, &mut dense.state);
+        self.dynamics.move_to(t, &mut dense.state);
+        dense.meter.now.take(&mut self.dynamics, &dense.state)?;
+        self.dynamics.move_to(self.next.t, &mut self.next);
+        Ok(())
+    }
+
     /// What `look` reads at time `t` (s) of the last internal step.
     ///
     /// # Errors
@@ -33,7 +52,7 @@ impl Stepper {
         let dense = self.dense.get_or_insert_with(|| Dense { state: self.state.clone(), meter: self.meter.clone() });
         self.mover.between(&mut self.dynamics, from, &self.state, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
-        let reading = dense.meter.now.take(&mut self.dynamics, &dense.state, &mut self.scratch);
+        let reading = dense.meter.now.take(&mut self.dynamics, &dense.state);
         let outcome = reading.map(|()| {
             dense.meter.totals = totals.until(&self.meter.totals, [&self.reading, &self.meter.now], &dense.meter.now);
             look(&View {

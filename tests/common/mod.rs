@@ -7,7 +7,7 @@
 )]
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use caudal::integrator::Method;
@@ -117,6 +117,17 @@ pub fn rod(scene: &Scene) -> Rod {
 pub fn scene_by(method: &Method, time_step: f64, changes: &[&str]) -> Scene {
     let (method, step) = (format!("solver.integrator={}", method.name), format!("solver.time_step_s={time_step:e}"));
     scene(&[changes, &[&method, &step]].concat())
+}
+
+/// The scene files of `models/` and `tests/reference/`.
+pub fn scene_files() -> Vec<PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let folders = ["models", "tests/reference"].into_iter();
+    let paths = folders.flat_map(|folder| std::fs::read_dir(root.join(folder)).unwrap());
+    let mut files: Vec<_> = paths.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    files.sort();
+    files
 }
 
 /// Runs `scene` to its end.
