@@ -43,6 +43,9 @@ enum Command {
         /// Folder for the results [default: out/<name of the scene>]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Run the whole model beside it (esdirk3, small steps), and report the difference
+        #[arg(long)]
+        verify: bool,
     },
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
@@ -78,7 +81,7 @@ impl SceneArguments {
 
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
-        Command::Run { scene, out } => run::run(&scene, out),
+        Command::Run { scene, out, verify } => run::run(&scene, out, verify),
         Command::Check { scene } => check::check(&scene),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };

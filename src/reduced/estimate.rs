@@ -38,7 +38,7 @@ pub const PATH: f64 = 0.01;
 const TOLERANCE: f64 = 1e-7;
 
 /// Most steps of one of the motions followed.
-const MOST_STEPS: u32 = 20_000;
+const MOST_STEPS: u32 = 5_000;
 
 /// Total deviation (rad) up to which the displacement is linear in it.
 const LINEAR: f64 = 0.1;

@@ -341,6 +341,9 @@ const DEFAULT_INTEGRATORS: [&str; 2] = ["implicit-euler", "esdirk3"];
 /// The tolerance of a scene that gives neither step nor tolerance.
 const DEFAULT_TOLERANCE: f64 = 1e-4;
 
+/// The tolerance of [`Scene::whole`].
+const WHOLE_TOLERANCE: f64 = 1e-6;
+
 fn full() -> String {
     "full".to_string()
 }
@@ -702,6 +705,20 @@ impl Scene {
             let node = load.node.rem_euclid(old as i64) as f64;
             load.node = (node * (new - 1) as f64 / (old - 1) as f64).round() as i64;
         }
+        scene
+    }
+
+    /// The same scene by the whole model, with steps whose error is small: what cheaper models are compared with.
+    pub fn whole(&self) -> Self {
+        let mut scene = self.clone();
+        scene.solver = SolverTable {
+            integrator: Some(DEFAULT_INTEGRATORS[1].to_string()),
+            model: full(),
+            time_step_s: None,
+            tolerance: Some(Tolerance::constant(WHOLE_TOLERANCE)),
+            parameters: BTreeMap::new(),
+            ..scene.solver
+        };
         scene
     }
 
