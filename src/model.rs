@@ -414,11 +414,8 @@ impl Dynamics {
             if k + 1 < rod.nodes {
                 turning += (node(&state.q, k + 1) - node(&state.q, k)).perp(&force);
             }
-            moment[k] = if rod.joints().contains(&k) {
-                -turning / bend::curvature_per_turning(self.kappa[k])
-            } else {
-                0.0
-            };
+            moment[k] =
+                if rod.joints().contains(&k) { -turning / bend::curvature_per_turning(self.kappa[k]) } else { 0.0 };
             force += node(&state.a, k) * rod.mass[k] + node(&applied, k);
         }
         self.applied = applied;

@@ -46,7 +46,8 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
     let mut summary = Summary::of(&scene, &stepper, &outcome);
     if verify && outcome.ending == Ending::Complete {
         // A comparison that fails, or is interrupted, takes nothing from the run.
-        let raised = || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        let raised =
+            || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
         match Verification::of(&scene, &stepper, |_| raised()) {
             Ok(verification) => summary.verification = verification,
             Err(error) => summary.notes.push(format!("the whole model could not be run beside it: {error}")),

@@ -8,6 +8,8 @@
 
 use std::sync::Arc;
 
+use nalgebra::Vector2;
+
 use crate::error::Result;
 use crate::model::{Dynamics, Model};
 use crate::start::Start;
@@ -43,28 +45,22 @@ const MOST_STEPS: u32 = 5_000;
 /// Total deviation (rad) up to which the displacement is linear in it.
 const LINEAR: f64 = 0.1;
 
-/// The estimates are this many times the differences found: these are right to a few per cent where the deviation is small,
-/// and fall short by up to a factor of 12 beyond [`BENT`] (rad) of it, for which the margin grows to as many times more
-/// (measured over moduli of 1 MPa … 70 GPa and viscosities of 1 mPa s … 10 Pa s).
-const MARGIN: f64 = 2.0;
+/// The estimates are this many times the differences found. Those are right to a few per cent where the deviation is small;
+/// a rod that rings, as none of the motions followed does, is off by up to twice as much. Beyond [`BENT`] (rad) of deviation
+/// they fall short by up to a factor of 12, for which the margin grows to [`MOST`] times as much (measured over moduli of
+/// 1 MPa … 70 GPa and viscosities of 1 mPa s … 10 Pa s).
+const MARGIN: f64 = 4.0;
 const BENT: f64 = 0.25;
-const MOST: f64 = 8.0;
+const MOST: f64 = 4.0;
 
 /// Part of the longest step over which rates of moments are differences.
 const DIFFERENCE: f64 = 1e-4;
 
-/// A motion that is followed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Kind {
-    inertia: bool,
-    /// Factor of δκ.
-    deviation: f64,
-}
-
-/// What came of it.
+/// What came of a motion of the prescribed shape and, beside it, of the same shape with part of its deviation.
 #[derive(Debug, Clone, Copy, Default)]
 struct Outcome {
-    displacement: f64,
+    /// Net displacements of both, m.
+    displacement: [f64; 2],
     path: f64,
     deviation: f64,
     time: f64,
@@ -75,23 +71,29 @@ impl Estimates {
     pub fn of(model: &Arc<Model>, duration: f64) -> Self {
         let unknown = f64::INFINITY;
         // A motion that cannot be followed says nothing about the errors.
-        Self::found(model, duration).unwrap_or(Self { shape: unknown, overdamped: unknown, deviation: unknown, time: 0.0 })
+        Self::found(model, duration).unwrap_or(Self {
+            shape: unknown,
+            overdamped: unknown,
+            deviation: unknown,
+            time: 0.0,
+        })
     }
 
     fn found(model: &Arc<Model>, duration: f64) -> Result<Self> {
         let mut walk = Walk::new(model, duration);
-        let plain = walk.follow(Kind { inertia: true, deviation: 0.0 })?;
+        let plain = walk.follow(true, 0.0)?;
         let scale = (LINEAR / plain.deviation).min(1.0);
-        let bent = walk.follow(Kind { inertia: true, deviation: scale })?;
-        let by_elasticity = (bent.displacement - plain.displacement) / scale;
+        let mut displacements = |inertia: bool| -> Result<[f64; 2]> {
+            let [plain, bent] = walk.follow(inertia, scale)?.displacement;
+            Ok([plain, (bent - plain) / scale])
+        };
+        let [with, by_elasticity] = displacements(true)?;
         let mut by_inertia = f64::INFINITY;
         if model.drag.is_some() {
-            let drift = walk.follow(Kind { inertia: false, deviation: 0.0 })?;
-            let bent_drift = walk.follow(Kind { inertia: false, deviation: scale })?;
-            let drift_by_elasticity = (bent_drift.displacement - drift.displacement) / scale;
-            by_inertia = (plain.displacement - drift.displacement).abs() + (by_elasticity - drift_by_elasticity).abs();
+            let [without, drift_by_elasticity] = displacements(false)?;
+            by_inertia = (with - without).abs() + (by_elasticity - drift_by_elasticity).abs();
         }
-        let size = plain.displacement.abs().max(PATH * plain.path);
+        let size = plain.displacement[0].abs().max(PATH * plain.path);
         let margin = MARGIN * (1.0 + (plain.deviation / BENT).powi(2)).min(MOST);
         let estimate = |error: f64| {
             let estimate = margin * error.abs() / size;
@@ -126,7 +128,7 @@ impl Walk {
         Self {
             dynamics: Dynamics::new(Arc::clone(model)),
             duration,
-            chain: Chain::new(nodes),
+            chain: Chain::new(&model.rod),
             state: State::zeros(2 * nodes),
             acceleration: zeros(),
             moments: [zeros(), zeros(), zeros()],
@@ -140,15 +142,23 @@ impl Walk {
         self.dynamics.natural.iter().any(|k| *k != 0.0)
     }
 
-    fn follow(&mut self, kind: Kind) -> Result<Outcome> {
+    /// The longest step, s.
+    fn longest(&self) -> f64 {
+        longest_step(&self.dynamics).min(self.duration / 20.0)
+    }
+
+    /// Follows the prescribed shape and, beside it, `scale` times its deviation on top, with inertia or without.
+    fn follow(&mut self, inertia: bool, scale: f64) -> Result<Outcome> {
         let first = self.dynamics.first_state();
-        let longest = longest_step(&self.dynamics).min(self.duration / 20.0);
+        let longest = self.longest();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
-        let mut rigid = self.chain.fit(&self.dynamics.model.rod, natural, &first);
+        let rigid = self.chain.fit(&self.dynamics.model.rod, natural, &first);
+        let mut both = [0.0; 2 * RIGID];
+        both.as_chunks_mut().0.fill(rigid);
         let mut outcome = Outcome::default();
-        let mut rates = self.rates(kind, 0.0, &rigid)?;
-        let mut com = self.com(kind, 0.0, &rigid)?;
-        let start = com;
+        let mut rates = self.rates(inertia, scale, 0.0, &both)?;
+        let start = self.com(inertia, scale, 0.0, &both)?;
+        let mut com = start;
         let length = self.dynamics.model.rod.length;
         let (mut t, mut h) = (0.0, 0.05 * longest);
         for _ in 0..MOST_STEPS {
@@ -157,43 +167,42 @@ impl Walk {
             }
             h = h.min(longest).min(self.duration - t);
             let mut failure = None;
-            let step = Step::new(t, rigid, rates, h, |t, rigid| {
-                self.rates(kind, t, rigid).unwrap_or_else(|error| {
+            let step = Step::new(t, both, rates, h, |t, both| {
+                self.rates(inertia, scale, t, both).unwrap_or_else(|error| {
                     failure.get_or_insert(error);
-                    [f64::NAN; RIGID]
+                    [f64::NAN; 2 * RIGID]
                 })
             });
-            let [x, y, turn, ..] = step.error().map(f64::abs);
-            let error = (x.max(y) + length * turn) / (length * TOLERANCE);
             if let Some(failure) = failure {
                 return Err(failure);
             }
+            let error = |[x, y, turn, ..]: &Rigid| x.abs().max(y.abs()) + length * turn.abs();
+            let error = step.error().as_chunks().0.iter().map(error).fold(0.0, f64::max) / (length * TOLERANCE);
+            let factor = 0.9 * error.powf(-1.0 / f64::from(ORDER));
             if error > 1.0 {
-                h *= (0.9 * error.powf(-1.0 / f64::from(ORDER))).max(0.1);
+                h *= factor.max(0.1);
                 continue;
             }
-            let last = t + h >= self.duration;
-            t = if last { self.duration } else { t + h };
-            (rigid, rates) = (step.end, step.rate());
-            h *= (0.9 * error.powf(-1.0 / f64::from(ORDER))).clamp(0.2, 5.0);
-            let here = self.com(kind, t, &rigid)?;
-            outcome.path += (here[0] - com[0]).hypot(here[1] - com[1]);
+            t = if t + h >= self.duration { self.duration } else { t + h };
+            (both, rates) = (step.end, step.rate());
+            h *= factor.clamp(0.2, 5.0);
+            let here = self.com(inertia, scale, t, &both)?;
+            outcome.path += (here[0] - com[0]).norm();
             com = here;
-            if kind.deviation == 0.0 {
-                self.moments(0, kind, t, &rigid)?;
-                let joint = &self.dynamics.model.rod.joint;
-                let joints = self.dynamics.model.rod.joints();
-                let bend: f64 = joints.map(|k| (self.moments[0][k] / joint[k]).abs()).sum();
+            if scale == 0.0 {
+                self.moments(0, inertia, t, plain(&both))?;
+                let rod = &self.dynamics.model.rod;
+                let bend = rod.joints().map(|k| (self.moments[0][k] / rod.joint[k]).abs()).sum();
                 outcome.deviation = outcome.deviation.max(bend);
             }
         }
-        outcome.displacement = com[0] - start[0];
+        outcome.displacement = [0, 1].map(|i| com[i].x - start[i].x);
         outcome.time = t;
         Ok(outcome)
     }
 
-    /// Writes the moments that hold the prescribed shape at time `t` to slot `i`; leaves the motion in `state`.
-    fn moments(&mut self, i: usize, kind: Kind, t: f64, rigid: &Rigid) -> Result<()> {
+    /// Writes the moments that hold the prescribed shape at time `t` to slot `i`.
+    fn moments(&mut self, i: usize, inertia: bool, t: f64, rigid: &Rigid) -> Result<()> {
         let dynamics = &mut self.dynamics;
         dynamics.look_at(t);
         dynamics.natural_acceleration(t, &mut self.acceleration);
@@ -203,14 +212,9 @@ impl Walk {
             Some(pose) => self.chain.hang(rod, natural, pose),
             None => {
                 let shape = [natural[0], natural[1]];
+                let rates = rates_of(&mut self.chain, dynamics, inertia, shape, rigid);
                 let mut rigid = *rigid;
-                let rates = if kind.inertia {
-                    self.chain.rates(dynamics, shape, &rigid)
-                } else {
-                    let rates = self.chain.rates_without_inertia(dynamics, shape, &rigid);
-                    (rigid[3], rigid[4]) = (rates[0], rates[1]);
-                    rates
-                };
+                (rigid[3], rigid[4]) = (rates[0], rates[1]);
                 self.chain.place(rod, natural, &rigid, &rates);
             }
         }
@@ -218,7 +222,7 @@ impl Walk {
         self.state.q.copy_from_slice(&self.chain.x);
         self.state.v.copy_from_slice(&self.chain.v);
         self.state.a.copy_from_slice(&self.chain.a);
-        if !kind.inertia {
+        if !inertia {
             self.state.a.fill(0.0);
         }
         dynamics.shape(&self.state)?;
@@ -226,63 +230,71 @@ impl Walk {
         Ok(())
     }
 
-    /// Writes the curvatures of `kind` at time `t` and their rates.
-    fn bend(&mut self, kind: Kind, t: f64, rigid: &Rigid) -> Result<()> {
-        if kind.deviation != 0.0 {
-            let d = DIFFERENCE * longest_step(&self.dynamics).min(self.duration / 20.0);
-            self.moments(0, kind, t, rigid)?;
-            let rates = self.plain_rates(kind, rigid);
-            for (i, d) in [(1, -d), (2, d)] {
-                let moved = std::array::from_fn(|j| rigid[j] + d * rates[j]);
-                self.moments(i, kind, t + d, &moved)?;
-            }
-            self.dynamics.look_at(t);
-            let rod = &self.dynamics.model.rod;
-            for k in rod.joints() {
-                let flexibility = kind.deviation / rod.joint[k];
-                let [here, before, after] = [0, 1, 2].map(|i| self.moments[i][k]);
-                self.curvature[0][k] = self.dynamics.natural[k] + flexibility * here;
-                self.curvature[1][k] = self.dynamics.natural_rate[k] + flexibility * (after - before) / (2.0 * d);
-            }
-        } else {
-            self.dynamics.look_at(t);
-            self.curvature[0].copy_from_slice(&self.dynamics.natural);
-            self.curvature[1].copy_from_slice(&self.dynamics.natural_rate);
+    /// Writes the natural curvatures at time `t` and their rates, with `scale` times the deviation that the motion `rigid`
+    /// of the prescribed shape, with `rates`, makes. The rod starts without it, so it grows over the longest step.
+    fn bend(&mut self, inertia: bool, scale: f64, t: f64, rigid: &Rigid, rates: &Rigid) -> Result<()> {
+        let longest = self.longest();
+        let d = DIFFERENCE * longest;
+        let moved = |d: f64| std::array::from_fn(|j| rigid[j] + d * rates[j]);
+        for (i, d) in [(0, 0.0), (1, -d), (2, d)] {
+            self.moments(i, inertia, t + d, &moved(d))?;
+        }
+        self.dynamics.look_at(t);
+        let [grown, growing] = Start::Ramp { duration: longest }.gain(t);
+        let rod = &self.dynamics.model.rod;
+        for k in rod.joints() {
+            let flexibility = scale / rod.joint[k];
+            let [here, before, after] = [0, 1, 2].map(|i| flexibility * self.moments[i][k]);
+            self.curvature[0][k] = self.dynamics.natural[k] + grown * here;
+            self.curvature[1][k] =
+                self.dynamics.natural_rate[k] + grown * (after - before) / (2.0 * d) + growing * here;
         }
         Ok(())
     }
 
-    fn plain_rates(&mut self, kind: Kind, rigid: &Rigid) -> Rigid {
-        let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
-        if kind.inertia {
-            self.chain.rates(&self.dynamics, natural, rigid)
-        } else {
-            self.chain.rates_without_inertia(&self.dynamics, natural, rigid)
-        }
-    }
-
-    fn rates(&mut self, kind: Kind, t: f64, rigid: &Rigid) -> Result<Rigid> {
+    /// The rates of both motions.
+    fn rates(&mut self, inertia: bool, scale: f64, t: f64, both: &Both) -> Result<Both> {
+        let mut rates = [0.0; 2 * RIGID];
         if self.dynamics.model.head.is_some() {
-            return Ok([0.0; RIGID]);
+            return Ok(rates);
         }
-        self.bend(kind, t, rigid)?;
-        let shape = [&self.curvature[0][..], &self.curvature[1]];
-        Ok(if kind.inertia {
-            self.chain.rates(&self.dynamics, shape, rigid)
-        } else {
-            self.chain.rates_without_inertia(&self.dynamics, shape, rigid)
-        })
+        self.dynamics.look_at(t);
+        let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
+        let of_plain = rates_of(&mut self.chain, &self.dynamics, inertia, natural, plain(both));
+        rates[..RIGID].copy_from_slice(&of_plain);
+        if scale != 0.0 {
+            self.bend(inertia, scale, t, plain(both), &of_plain)?;
+            let bent = [&self.curvature[0][..], &self.curvature[1]];
+            let rigid = both.last_chunk().unwrap_or(&[0.0; RIGID]);
+            rates[RIGID..].copy_from_slice(&rates_of(&mut self.chain, &self.dynamics, inertia, bent, rigid));
+        }
+        Ok(rates)
     }
 
-    /// The centre of mass at time `t`.
-    fn com(&mut self, kind: Kind, t: f64, rigid: &Rigid) -> Result<[f64; 2]> {
-        if self.dynamics.model.head.is_none() {
-            return Ok([rigid[0], rigid[1]]);
+    /// The centres of mass of both at time `t`.
+    fn com(&mut self, inertia: bool, scale: f64, t: f64, both: &Both) -> Result<[Vector2<f64>; 2]> {
+        let Some(_) = self.dynamics.model.head else {
+            return Ok([Vector2::new(both[0], both[1]), Vector2::new(both[RIGID], both[RIGID + 1])]);
+        };
+        let mut com = [Vector2::zeros(); 2];
+        for (com, scale) in com.iter_mut().zip([0.0, scale]) {
+            self.bend(inertia, scale, t, plain(both), &[0.0; RIGID])?;
+            let rod = &self.dynamics.model.rod;
+            let pose = self.dynamics.held.unwrap_or_default();
+            self.chain.hang(rod, [&self.curvature[0], &self.curvature[1], &self.acceleration], &pose);
+            *com = rod.mean(&self.chain.x);
         }
-        self.bend(kind, t, rigid)?;
-        let rod = &self.dynamics.model.rod;
-        let pose = self.dynamics.held.unwrap_or_default();
-        self.chain.hang(rod, [&self.curvature[0], &self.curvature[1], &self.acceleration], &pose);
-        Ok(rod.mean(&self.chain.x).into())
+        Ok(com)
     }
+}
+
+/// The rigid motions of the prescribed shape and of the one that deviates from it.
+type Both = [f64; 2 * RIGID];
+
+fn plain(both: &Both) -> &Rigid {
+    both.first_chunk().unwrap_or(&[0.0; RIGID])
+}
+
+fn rates_of(chain: &mut Chain, dynamics: &Dynamics, inertia: bool, shape: [&[f64]; 2], rigid: &Rigid) -> Rigid {
+    if inertia { chain.rates(dynamics, shape, rigid) } else { chain.rates_without_inertia(dynamics, shape, rigid) }
 }

@@ -23,6 +23,8 @@ type Base = (Vector2<f64>, f64, f64);
 /// An inextensible chain with room for its motion.
 #[derive(Debug, Default)]
 pub struct Chain {
+    /// Of the rod, kg.
+    mass: f64,
     edges: Vec<Edge>,
     /// Positions, two entries a node, m.
     pub x: Vec<f64>,
@@ -38,11 +40,12 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// Room for `nodes` nodes.
-    pub fn new(nodes: usize) -> Self {
-        let zeros = || vec![0.0; 2 * nodes];
+    /// Room for the nodes of `rod`.
+    pub fn new(rod: &Rod) -> Self {
+        let zeros = || vec![0.0; 2 * rod.nodes];
         Self {
-            edges: vec![Edge::along(Vector2::x(), 1.0); nodes - 1],
+            mass: rod.total_mass(),
+            edges: vec![Edge::along(Vector2::x(), rod.spacing); rod.nodes - 1],
             x: zeros(),
             v: zeros(),
             a: zeros(),
@@ -52,14 +55,23 @@ impl Chain {
         }
     }
 
-    /// Lays the chain of curvatures κ, their rates and, if asked for, second rates, from node 0 at rest at the origin.
-    fn lay<const ACCELERATIONS: bool>(&mut self, rod: &Rod, [kappa, rate, second]: [&[f64]; 3], base: Base) {
+    /// Lays the chain of curvatures κ, their rates and, if asked for, second rates, from node 0 at rest at the origin;
+    /// returns the means of positions, velocities and accelerations.
+    fn lay<const ACCELERATIONS: bool>(
+        &mut self,
+        rod: &Rod,
+        [kappa, rate, second]: [&[f64]; 3],
+        base: Base,
+    ) -> [Vector2<f64>; 3] {
         let (mut t, mut spin, mut twist) = base;
-        let (mut x, mut v, mut a) = (Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
-        put(&mut self.x, 0, x);
-        put(&mut self.v, 0, v);
-        put(&mut self.a, 0, a);
-        for e in 0..rod.nodes - 1 {
+        let mut here = [Vector2::zeros(); 3];
+        let mut mean = [Vector2::zeros(); 3];
+        let nodes = rod.nodes;
+        let (kappa, rate) = (&kappa[..nodes], &rate[..nodes]);
+        let [x, v, a] = [&mut self.x, &mut self.v, &mut self.a].map(|values| values.as_chunks_mut::<2>().0);
+        (x[0], v[0], a[0]) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        let rows = x[1..].iter_mut().zip(&mut v[1..]).zip(&mut a[1..]).zip(&mut self.edges).zip(&rod.mass[1..]);
+        for (e, ((((x, v), a), edge), mass)) in rows.enumerate() {
             if e >= rod.first_joint {
                 let (kappa, rate) = (kappa[e], rate[e]);
                 // cos θ = (1 − κ²/4)/s, sin θ = κ/s, θ' = κ'/s with s = 1 + κ²/4.
@@ -73,26 +85,29 @@ impl Chain {
                 }
             }
             let n = perpendicular(t);
-            x += t * rod.spacing;
-            v += n * (rod.spacing * spin);
-            put(&mut self.x, e + 1, x);
-            put(&mut self.v, e + 1, v);
+            here[0] += t * rod.spacing;
+            here[1] += n * (rod.spacing * spin);
+            (*x, *v) = (here[0].into(), here[1].into());
+            mean[0] += here[0] * *mass;
+            mean[1] += here[1] * *mass;
             if ACCELERATIONS {
-                a += (n * twist - t * (spin * spin)) * rod.spacing;
-                put(&mut self.a, e + 1, a);
+                here[2] += (n * twist - t * (spin * spin)) * rod.spacing;
+                *a = here[2].into();
+                mean[2] += here[2] * *mass;
             }
-            self.edges[e] = Edge::along(t, rod.spacing);
+            edge.t = t;
         }
+        mean.map(|sum| sum / self.mass)
     }
 
-    /// Moves positions and velocities to their mean; returns the angular momentum about it, and keeps the inertia.
-    fn centre(&mut self, rod: &Rod) -> f64 {
-        let (x, v) = (rod.mean(&self.x), rod.mean(&self.v));
+    /// Moves positions and velocities by their means `x` and `v`; returns the angular momentum about it, and keeps the
+    /// moment of inertia.
+    fn centre(&mut self, rod: &Rod, [x, v, _]: [Vector2<f64>; 3]) -> f64 {
         let (mut inertia, mut momentum) = (0.0, 0.0);
-        for (k, m) in rod.mass.iter().enumerate() {
-            let (r, w) = (node(&self.x, k) - x, node(&self.v, k) - v);
-            put(&mut self.x, k, r);
-            put(&mut self.v, k, w);
+        let rows = self.x.as_chunks_mut::<2>().0.iter_mut().zip(self.v.as_chunks_mut::<2>().0).zip(&rod.mass);
+        for ((here, moving), m) in rows {
+            let (r, w) = (Vector2::from(*here) - x, Vector2::from(*moving) - v);
+            (*here, *moving) = (r.into(), w.into());
             inertia += m * r.norm_squared();
             momentum += m * r.perp(&w);
         }
@@ -104,12 +119,11 @@ impl Chain {
     pub fn rates(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &Rigid) -> Rigid {
         let &[_, _, angle, vx, vy, momentum] = rigid;
         let rod = &dynamics.model.rod;
-        self.lay::<false>(rod, [kappa, rate, &[]], (direction(angle), 0.0, 0.0));
-        let of_shape = self.centre(rod);
+        let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(angle), 0.0, 0.0));
+        let of_shape = self.centre(rod, means);
         let spin = (momentum - of_shape) / self.inertia;
         let [fx, fy, moment] = self.applied(dynamics, [vx, vy, spin]);
-        let mass = rod.total_mass();
-        [vx, vy, spin, fx / mass, fy / mass, moment]
+        [vx, vy, spin, fx / self.mass, fy / self.mass, moment]
     }
 
     /// The same without inertia: V and Λ play no part.
@@ -117,8 +131,8 @@ impl Chain {
         /// Newton iterations; one is exact for a drag linear in velocity.
         const ITERATIONS: u32 = 2;
         let rod = &dynamics.model.rod;
-        self.lay::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
-        self.centre(rod);
+        let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
+        self.centre(rod, means);
         let mut motion = Vector3::zeros();
         for _ in 0..ITERATIONS {
             let here = Vector3::from(self.applied(dynamics, motion.into()));
@@ -142,16 +156,16 @@ impl Chain {
         if dynamics.drag().is_none() && !dynamics.is_loaded() {
             return [0.0; 3];
         }
-        for k in 0..dynamics.model.rod.nodes {
-            let v = node(&self.v, k) + Vector2::new(vx, vy) + perpendicular(node(&self.x, k)) * spin;
-            put(&mut self.moving, k, v);
+        let rows = self.moving.as_chunks_mut::<2>().0.iter_mut().zip(self.x.as_chunks::<2>().0);
+        for ((moving, x), v) in rows.zip(self.v.as_chunks::<2>().0) {
+            *moving = [v[0] + vx - spin * x[1], v[1] + vy + spin * x[0]];
         }
         dynamics.write_applied(&self.edges, &self.moving, &mut self.force);
         let (mut force, mut moment) = (Vector2::zeros(), 0.0);
-        for k in 0..dynamics.model.rod.nodes {
-            let f = node(&self.force, k);
+        for (f, x) in self.force.as_chunks::<2>().0.iter().zip(self.x.as_chunks::<2>().0) {
+            let f = Vector2::from(*f);
             force -= f;
-            moment -= node(&self.x, k).perp(&f);
+            moment -= Vector2::from(*x).perp(&f);
         }
         [force.x, force.y, moment]
     }
@@ -160,9 +174,9 @@ impl Chain {
     pub fn place(&mut self, rod: &Rod, natural: [&[f64]; 3], rigid: &Rigid, rates: &Rigid) {
         let &[x, y, angle, vx, vy, _] = rigid;
         let &[.., spin, ax, ay, moment] = rates;
-        self.lay::<true>(rod, natural, (direction(angle), spin, 0.0));
-        self.centre(rod);
-        let mean = rod.mean(&self.a);
+        let means = self.lay::<true>(rod, natural, (direction(angle), spin, 0.0));
+        self.centre(rod, means);
+        let [_, _, mean] = means;
         let mut change = 0.0;
         for (k, m) in rod.mass.iter().enumerate() {
             let a = node(&self.a, k) - mean;
@@ -197,8 +211,8 @@ impl Chain {
 
     /// The rigid motion that fits the chain of curvatures κ to `state` best, with the centre of mass and the momenta of it.
     pub fn fit(&mut self, rod: &Rod, [kappa, rate]: [&[f64]; 2], state: &State) -> Rigid {
-        self.lay::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
-        self.centre(rod);
+        let means = self.lay::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
+        self.centre(rod, means);
         let (x, v) = (rod.mean(&state.q), rod.mean(&state.v));
         let (mut cross, mut dot, mut momentum) = (0.0, 0.0, 0.0);
         for (k, m) in rod.mass.iter().enumerate() {

@@ -106,7 +106,7 @@ impl Mover for Shape {
     }
 
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
-        self.chain = Chain::new(dynamics.model.rod.nodes);
+        self.chain = Chain::new(&dynamics.model.rod);
         self.acceleration.resize(dynamics.model.rod.nodes, 0.0);
         self.settle(dynamics, newton, state)
     }

@@ -514,7 +514,10 @@ impl Scene {
         let rung = Rung::named(model);
         if rung.is_none() && model != AUTO {
             let allowed = RUNGS.iter().map(|rung| rung.name).chain([AUTO]).collect::<Vec<_>>().join(", ");
-            return Err(Fault { key: "solver.model".into(), problem: value::refused(format_args!("{model:?}"), allowed) });
+            return Err(Fault {
+                key: "solver.model".into(),
+                problem: value::refused(format_args!("{model:?}"), allowed),
+            });
         }
         Ok(rung)
     }
@@ -535,9 +538,7 @@ impl Scene {
     pub fn choice(&self) -> Result<reduced::Choice> {
         match self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))? {
             Some(rung) => Ok(reduced::Choice::asked(rung)),
-            None => {
-                Ok(reduced::Choice::of(&self.estimates()?, self.solver.accuracy.get(), self.drag.is_some()))
-            }
+            None => Ok(reduced::Choice::of(&self.estimates()?, self.solver.accuracy.get(), self.drag.is_some())),
         }
     }
 
