@@ -68,7 +68,7 @@ struct Clock {
 struct Kick {
     /// They have changed since the state settled.
     due: bool,
-    /// The state before.
+    /// The state before; there once inputs have changed.
     before: State,
 }
 
@@ -111,6 +111,7 @@ impl Stepper {
         };
         let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
+        let dense = mover.knows_between().then(|| Dense::new(&state, &meter));
         Ok(Self {
             mover,
             choice: None,
@@ -118,9 +119,9 @@ impl Stepper {
             pace,
             clock: Clock { origin: state.t, count: 0 },
             time_step,
-            kick: Kick { due: false, before: state.clone() },
+            kick: Kick { due: false, before: State::default() },
             before: None,
-            dense: None,
+            dense,
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,

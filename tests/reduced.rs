@@ -16,7 +16,7 @@ use caudal::reduced::{Choice, Estimates, RUNGS};
 use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
-use common::{GLYCEROL, SILICONE, SOFT, STUDY, distance, largest, order, scene_of};
+use common::{SOFT, STUDY, distance, largest, order, scene_of};
 
 const SMOOTH: &str = include_str!("../models/baseline-smooth.toml");
 const DRIVEN: &str = include_str!("../models/driven-head.toml");
@@ -313,7 +313,7 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                 }
                 let mut tail =
                     Stepper::init(model, (rung.build)((euler.build)(&euler.defaults())), newton, 1e-3).unwrap();
-                [&law, &kind].map(|count| count.store(0, Ordering::Relaxed));
+                [&law, &kind].iter().for_each(|count| count.store(0, Ordering::Relaxed));
                 tail.do_step(STEPS as f64 * 1e-3).unwrap();
                 let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
                 [count(&law), count(&kind), tail.work().newton_iterations]

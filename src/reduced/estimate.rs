@@ -95,18 +95,13 @@ impl Estimates {
         }
         let size = plain.displacement[0].abs().max(PATH * plain.path);
         let margin = MARGIN * (1.0 + (plain.deviation / BENT).powi(2)).min(MOST);
-        let estimate = |error: f64| {
-            let estimate = margin * error.abs() / size;
-            if estimate.is_finite() { estimate } else { f64::INFINITY }
-        };
-        // A rod released into its natural curvature rings, which the prescribed shape knows nothing of.
+        // A rod released into its natural curvature rings, which the motions followed know nothing of.
         let released = model.start == Start::Jump && walk.strained();
-        Ok(Self {
-            shape: if released { f64::INFINITY } else { estimate(by_elasticity) },
-            overdamped: estimate(by_inertia),
-            deviation: plain.deviation,
-            time: plain.time,
-        })
+        let of = |error: f64| {
+            let estimate = margin * error.abs() / size;
+            if released || !estimate.is_finite() { f64::INFINITY } else { estimate }
+        };
+        Ok(Self { shape: of(by_elasticity), overdamped: of(by_inertia), deviation: plain.deviation, time: plain.time })
     }
 }
 

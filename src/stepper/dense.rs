@@ -16,6 +16,11 @@ pub(super) struct Dense {
 }
 
 impl Dense {
+    /// Room for states like `state`.
+    pub(super) fn new(state: &State, meter: &Meter) -> Self {
+        Self { state: state.clone(), meter: meter.clone() }
+    }
+
     /// What was read last.
     pub(super) fn reading(&self) -> &Reading {
         &self.meter.now
@@ -27,7 +32,7 @@ impl Stepper {
     pub(super) fn middle(&mut self) -> Result<()> {
         let (from, to) = (&self.state, &self.next);
         let t = 0.5 * (from.t + to.t);
-        let dense = self.dense.get_or_insert_with(|| Dense { state: from.clone(), meter: self.meter.clone() });
+        let dense = self.dense.get_or_insert_with(|| Dense::new(from, &self.meter));
         self.mover.between(&mut self.dynamics, from, to, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
         dense.meter.now.take(&mut self.dynamics, &dense.state)?;
@@ -49,7 +54,7 @@ impl Stepper {
         if !(from.t..self.state.t).contains(&t) {
             return outside(from.t);
         }
-        let dense = self.dense.get_or_insert_with(|| Dense { state: self.state.clone(), meter: self.meter.clone() });
+        let dense = self.dense.get_or_insert_with(|| Dense::new(&self.state, &self.meter));
         self.mover.between(&mut self.dynamics, from, &self.state, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
         let reading = dense.meter.now.take(&mut self.dynamics, &dense.state);
