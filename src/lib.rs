@@ -80,8 +80,12 @@ pub mod variable;
 
 pub mod stepper;
 
+pub mod jobs;
+
 pub mod check;
 pub mod report;
 pub mod run;
+
+pub mod sweep;
 
 pub use error::{Error, Result};

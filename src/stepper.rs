@@ -209,7 +209,8 @@ impl Stepper {
         self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
     }
 
-    /// The same, with a look at every internal step; a look that breaks ends the step there. True if it came to t + h.
+    /// The same, with a look at every internal step, the halves of failed ones included; a look that breaks ends the step
+    /// there. True if it came to t + h.
     ///
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
@@ -265,15 +266,14 @@ impl Stepper {
         self.set_out(end_of(clock, parts))?;
         for count in 1..=parts {
             let end = end_of(clock, count);
-            let outcome = self.advance(end, part, 0);
+            let outcome = self.advance(end, part, 0, true, &mut look);
+            let complete = self.state.t == end;
             self.clock = match outcome {
-                Ok(()) if multiple => Clock { origin: clock.origin, count: clock.count + count },
+                Ok(_) if multiple && complete => Clock { origin: clock.origin, count: clock.count + count },
                 _ if self.state.t == start => clock,
                 _ => Clock { origin: self.state.t, count: 0 },
             };
-            outcome?;
-            self.meter.totals.steps += 1;
-            if look(self).is_break() && count < parts {
+            if outcome?.is_break() && !(complete && count == parts) {
                 return Ok(false);
             }
         }
@@ -357,8 +357,16 @@ impl Stepper {
         Ok(())
     }
 
-    /// One step of `h` to time `end`, in halves where it fails.
-    fn advance(&mut self, end: f64, h: f64, depth: u32) -> Result<()> {
+    /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
+    /// first half of one.
+    fn advance(
+        &mut self,
+        end: f64,
+        h: f64,
+        depth: u32,
+        whole: bool,
+        look: &mut impl FnMut(&mut Self) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
         let limit = self.mover.limit();
         let step = self.step(end, h).and_then(|error| {
             if error.position > limit * self.dynamics.length() {
@@ -369,10 +377,15 @@ impl Stepper {
         match step {
             Err(error) if error.is_cured_by_smaller_step() && depth < MAX_HALVINGS => {
                 self.meter.totals.halvings += 1;
-                self.advance(end - 0.5 * h, 0.5 * h, depth + 1)?;
-                self.advance(end, 0.5 * h, depth + 1)
+                if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
+                    return Ok(ControlFlow::Break(()));
+                }
+                self.advance(end, 0.5 * h, depth + 1, whole, look)
             }
-            outcome => outcome,
+            outcome => outcome.map(|()| {
+                self.meter.totals.steps += u64::from(whole);
+                look(self)
+            }),
         }
     }
 

@@ -1,5 +1,7 @@
 //! The command does what its contract says: files, exit codes, and nothing half-written.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
@@ -101,11 +103,7 @@ fn the_baseline_runs_to_the_numbers_of_the_independent_implementation() {
 #[test]
 fn every_scene_of_models_runs_and_is_checked() {
     let mut scenes = 0;
-    for entry in std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("models")).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_none_or(|extension| extension != "toml") {
-            continue;
-        }
+    for path in common::scene_files("models") {
         let folder = tempfile::tempdir().unwrap();
         let output = run(path.to_str().unwrap(), folder.path(), &["--set", "solver.duration_s=0.1"]);
         assert_eq!(output.status.code(), Some(0), "{}: {}", path.display(), text(&output.stderr));

@@ -112,7 +112,7 @@ fn direction(scene: &Scene) -> Direction {
 fn an_iteration_that_is_spared_for_the_rate_of_convergence_would_have_moved_less_than_the_tolerance() {
     let mut worst: f64 = 0.0;
     let mut steps = 0;
-    for path in common::scene_files() {
+    for path in common::all_scene_files() {
         for (nodes, step, tolerance) in [
             (9, 5e-3, 1e-10),
             (33, 1e-3, 1e-9),

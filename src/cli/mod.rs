@@ -2,6 +2,7 @@
 
 mod check;
 mod run;
+mod sweep;
 mod variables;
 
 use std::io::Write;
@@ -47,6 +48,8 @@ enum Command {
         #[arg(long)]
         verify: bool,
     },
+    /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
+    Sweep(sweep::Arguments),
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
         #[command(flatten)]
@@ -82,6 +85,7 @@ impl SceneArguments {
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out, verify } => run::run(&scene, out, verify),
+        Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };

@@ -1,10 +1,12 @@
 //! What a run leaves behind: tables, figures, summary and an animated page, in one folder.
 
+pub mod cases;
 pub mod chart;
 mod figures;
 mod output;
 mod page;
 mod record;
-mod tables;
+pub(crate) mod tables;
 
 pub use output::Output;
+pub use record::Frame;

@@ -3,7 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -33,6 +33,8 @@ pub struct Document {
     path: PathBuf,
     text: String,
     overrides: Vec<String>,
+    /// Who made each override, as errors name it.
+    makers: Vec<String>,
 }
 
 impl Document {
@@ -53,7 +55,7 @@ impl Document {
 
     /// A scene from text; `path` is shown in errors, and tables are looked for beside it.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        Self { path: path.into(), text: text.into(), overrides: Vec::new() }
+        Self { path: path.into(), text: text.into(), overrides: Vec::new(), makers: Vec::new() }
     }
 
     /// Its text, without overrides.
@@ -83,8 +85,32 @@ impl Document {
         let quoted = || format!("{key}={}", toml::Value::String(value.to_string()));
         let text = if DeTable::parse(&as_is).is_ok() { as_is } else { quoted() };
         DeTable::parse(&text).map_err(|e| refuse(e.message()))?;
+        self.makers.push(format!("--set {text}"));
         self.overrides.push(text);
         Ok(())
+    }
+
+    /// Overrides a dotted key by `value`; errors name `maker` as the place.
+    pub fn put(&mut self, maker: &str, key: &str, value: &toml::Value) {
+        self.makers.push(maker.to_string());
+        self.overrides.push(format!("{key}={value}"));
+    }
+
+    /// Text and overrides as another kind of file than a scene, or as mere tables.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with file, line and key.
+    pub fn read_as<T: DeserializeOwned>(&self) -> Result<T> {
+        self.with_root(|root| self.deserialized(root))
+    }
+
+    /// Where `keys` stand in the text, one number each, rising from its beginning to its end.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] where it is not TOML.
+    pub fn positions(&self, keys: &[String]) -> Result<Vec<usize>> {
+        let position = |root: &DeTable<'_>, key: &String| span_of(root, key).map_or(0, |span| span.start);
+        self.with_root(|root| Ok(keys.iter().map(|key| position(root.get_ref(), key)).collect()))
     }
 
     /// The scene, checked.
@@ -99,6 +125,14 @@ impl Document {
     pub fn refuse(&self, fault: &Fault) -> Error {
         let at = |root: &Spanned<DeTable<'_>>| Ok(self.error(root, span_of(root.get_ref(), &fault.key), fault));
         self.with_root(at).unwrap_or_else(|error| error)
+    }
+
+    /// The place of a key as errors name it.
+    pub fn place_of(&self, key: &str) -> String {
+        match self.refuse(&Fault { key: key.to_string(), problem: String::new() }) {
+            Error::Scene { place, .. } => place,
+            _ => self.path.display().to_string(),
+        }
     }
 
     /// Parses text and overrides.
@@ -123,19 +157,23 @@ impl Document {
 
     fn scene_of(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
-        let mut scene = Scene::deserialize(toml::Deserializer::from(root.clone())).map_err(|e| {
-            let span = e.span().filter(|span| *span != root.span());
-            let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
-            let found = span.as_ref().and_then(|span| self.source(span));
-            let (key, problem) = reworded(key, e.message(), found);
-            self.error(root, span, &Fault { key, problem })
-        })?;
+        let mut scene: Scene = self.deserialized(root)?;
         if scene.name.is_empty() {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
         scene.folder = self.path.parent().map(Path::to_path_buf).unwrap_or_default();
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         Ok(scene)
+    }
+
+    fn deserialized<T: DeserializeOwned>(&self, root: &Spanned<DeTable<'_>>) -> Result<T> {
+        T::deserialize(toml::Deserializer::from(root.clone())).map_err(|e| {
+            let span = e.span().filter(|span| *span != root.span());
+            let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
+            let found = span.as_ref().and_then(|span| self.source(span));
+            let (key, problem) = reworded(key, e.message(), found);
+            self.error(root, span, &Fault { key, problem })
+        })
     }
 
     fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &Fault) -> Error {
@@ -164,9 +202,9 @@ impl Document {
     fn place(&self, span: Option<Range<usize>>) -> String {
         let start = span.map_or(0, |span| span.start);
         if start > self.text.len() {
-            let mut overrides = self.overrides.iter().zip(self.starts());
-            if let Some((text, _)) = overrides.find(|(text, at)| (*at..=at + text.len()).contains(&start)) {
-                return format!("--set {text}");
+            let mut overrides = self.overrides.iter().zip(self.starts()).zip(&self.makers);
+            if let Some((_, maker)) = overrides.find(|((text, at), _)| (*at..=at + text.len()).contains(&start)) {
+                return maker.clone();
             }
         }
         let before = &self.text.as_bytes()[..start.min(self.text.len())];

@@ -311,7 +311,7 @@ impl Default for RecordTable {
 
 /// The keys of `[solver]` beside the methods' parameters.
 const SOLVER_KEYS: [&str; 9] =
-    ["integrator", "model", "accuracy", "time_step_s", "tolerance", "duration_s", "newton_tolerance", "linear", "form"];
+    ["integrator", "time_step_s", "tolerance", "duration_s", "newton_tolerance", "linear", "form", "model", "accuracy"];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
 fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {
@@ -695,6 +695,17 @@ impl Scene {
             Wanted::Formula(signal) => signal.clone(),
             Wanted::Table(file) => table::read(&self.folder.join(file), column, columns, self.solver.duration_s.get())?,
         })
+    }
+
+    /// The files beside it that it reads.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let position = self.head.position_m.iter().flat_map(|position| &position.0);
+        let wanted = position.chain(self.head.angle_rad.iter().map(|angle| &angle.0));
+        let table = |wanted: &Wanted| match wanted {
+            Wanted::Table(file) => Some(self.folder.join(file)),
+            Wanted::Formula(_) => None,
+        };
+        wanted.filter_map(table).collect()
     }
 
     /// The same scene on another number of nodes; point loads go to the nearest.
