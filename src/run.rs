@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
+use crate::model::Mechanics;
 use crate::reduced::estimate::PATH;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -258,7 +259,7 @@ impl Summary {
             newton_iterations: work.newton_iterations,
             factorisations: work.factorisations,
             linear_solver: match (stepper.form(), scene.solver.linear) {
-                _ if !stepper.choice().is_none_or(|choice| choice.rung.elastic) => "none",
+                _ if stepper.view().dynamics.mechanics == Mechanics::Shape => "none",
                 (Form::Chain, _) => "pivoted-band",
                 (Form::Positions, Choice::FaerLu) => "faer-lu",
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",

@@ -10,7 +10,7 @@ use dense::Dense;
 use crate::error::{Error, Result, nearest};
 use crate::integrator::{Pace, StepError};
 use crate::metrics::{Meter, Reading, Totals};
-use crate::model::{Dynamics, Inputs, Model};
+use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
 use crate::reduced::{Choice, Mover};
 use crate::scene::Scene;
@@ -138,9 +138,10 @@ impl Stepper {
     pub fn of(scene: &Scene) -> Result<Self> {
         let (solver, model) = (&scene.solver, scene.model()?);
         let choice = scene.choice()?;
-        let form = if choice.rung.elastic { scene.form(&model.rod) } else { Form::Positions };
-        let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
         let mover = (choice.rung.build)(scene.integrator()?);
+        let solved = mover.mechanics() != Mechanics::Shape;
+        let form = if solved { scene.form(&model.rod) } else { Form::Positions };
+        let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
         Ok(Self { choice: Some(choice), ..Self::init(model, mover, newton, scene.pace())? })
     }
 

@@ -13,7 +13,6 @@ pub static RUNG: Rung = Rung {
     meaning: "elasticity, inertia and drag",
     method: None,
     needs_drag: false,
-    elastic: true,
     error: |_| 0.0,
     build: |integrator| Box::new(Full { integrator, accelerations: Vec::new() }),
 };

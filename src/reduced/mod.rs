@@ -32,8 +32,6 @@ pub struct Rung {
     pub method: Option<&'static str>,
     /// True where it makes no sense without drag.
     pub needs_drag: bool,
-    /// True where edges and joints bend and stretch.
-    pub elastic: bool,
     /// Its estimated error of the net displacement, relative.
     pub error: fn(&Estimates) -> f64,
     /// The rung, for a scene with that integrator.

@@ -17,7 +17,6 @@ pub static RUNG: Rung = Rung {
     meaning: "elasticity and drag, without inertia",
     method: Some("esdirk3 of first order"),
     needs_drag: true,
-    elastic: true,
     error: |estimates| estimates.overdamped,
     build: |_| Box::new(Overdamped::default()),
 };

@@ -23,7 +23,6 @@ pub static RUNG: Rung = Rung {
     meaning: "the rigid motion of the prescribed shape: inertia and drag, without elasticity",
     method: Some("Dormand-Prince 5(4)"),
     needs_drag: false,
-    elastic: false,
     error: |estimates| estimates.shape,
     build: |_| Box::new(Shape::default()),
 };
