@@ -10,7 +10,7 @@ use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
 use crate::reduced::RUNGS;
-use crate::rod::bend;
+use crate::rod::{Rod, bend};
 use crate::scene::{Fault, NodesTable, Scene, StartKind};
 use crate::start::Start;
 use crate::stepper::Stepper;
@@ -27,6 +27,11 @@ const RESOLVED: f64 = 0.2;
 /// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
 /// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
 const WALL: [f64; 2] = [2e-4, 5e-5];
+
+/// True where Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
+pub fn contracts(rod: &Rod, time_step: f64) -> bool {
+    rod.spacing >= WALL[0] * chain::bent_length(rod, time_step)
+}
 
 /// A line of the assessment.
 #[derive(Debug, Clone, PartialEq)]

@@ -85,6 +85,7 @@ pub mod jobs;
 pub mod check;
 pub mod report;
 pub mod run;
+pub mod study;
 
 pub mod sweep;
 

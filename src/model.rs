@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::bend::{self, Joint};
 use crate::rod::{Edge, Rod, elastic, node, stretch};
-use crate::start::Start;
+use crate::start::{Start, add_spin};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
@@ -61,6 +61,8 @@ pub struct Model {
     pub load: Option<Vec<f64>>,
     /// Motion of a held head; `None` is a free head.
     pub head: Option<Motion>,
+    /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
+    pub spin: f64,
 }
 
 /// What a host may set while it runs; starts as the scene has it.
@@ -212,8 +214,11 @@ impl Dynamics {
     /// Places `state` at the start.
     fn place(&mut self, state: &mut State) {
         self.evaluate(0.0);
-        let Model { rod, start, .. } = &*self.model;
+        let Model { rod, start, spin, .. } = &*self.model;
         start.place(rod, &self.natural, &self.natural_rate, self.held.as_ref(), state);
+        if *spin != 0.0 {
+            add_spin(rod, *spin, state);
+        }
         self.move_to(0.0, state);
     }
 

@@ -134,9 +134,15 @@ fn rest(rod: &Rod, state: &mut State) {
         momentum += m * r.perp(&(node(&state.v, k) - drift));
         inertia += m * r.norm_squared();
     }
-    let spin = momentum / inertia;
+    (0..rod.nodes).for_each(|k| add(&mut state.v, k, -drift));
+    add_spin(rod, -momentum / inertia, state);
+}
+
+/// Adds a rigid rotation about the centre of mass, `spin` rad/s.
+pub fn add_spin(rod: &Rod, spin: f64, state: &mut State) {
+    let centre = rod.mean(&state.q);
     for k in 0..rod.nodes {
         let r = node(&state.q, k) - centre;
-        add(&mut state.v, k, -drift - Vector2::new(-r.y, r.x) * spin);
+        add(&mut state.v, k, Vector2::new(-r.y, r.x) * spin);
     }
 }

@@ -44,6 +44,8 @@ pub struct Stepper {
     clock: Clock,
     /// The next internal step that the pace wants, s.
     time_step: f64,
+    /// How often a failing step is halved.
+    max_halvings: u32,
     state: State,
     kick: Kick,
     meter: Meter,
@@ -119,6 +121,7 @@ impl Stepper {
             pace,
             clock: Clock { origin: state.t, count: 0 },
             time_step,
+            max_halvings: MAX_HALVINGS,
             kick: Kick { due: false, before: State::default() },
             before: None,
             dense,
@@ -143,6 +146,11 @@ impl Stepper {
         let form = if solved { scene.form(&model.rod) } else { Form::Positions };
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
         Ok(Self { choice: Some(choice), ..Self::init(model, mover, newton, scene.pace())? })
+    }
+
+    /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
+    pub fn halve_failing_steps(&mut self, yes: bool) {
+        self.max_halvings = if yes { MAX_HALVINGS } else { 0 };
     }
 
     /// Time now, s.
@@ -321,7 +329,7 @@ impl Stepper {
                     self.meter.totals.rejections += 1;
                     self.time_step = h * factor;
                 }
-                Err(error) if error.is_cured_by_smaller_step() && failures < MAX_HALVINGS => {
+                Err(error) if error.is_cured_by_smaller_step() && failures < self.max_halvings => {
                     failures += 1;
                     self.meter.totals.halvings += 1;
                     self.time_step = 0.5 * h;
@@ -376,7 +384,7 @@ impl Stepper {
             self.accept()
         });
         match step {
-            Err(error) if error.is_cured_by_smaller_step() && depth < MAX_HALVINGS => {
+            Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
                 self.meter.totals.halvings += 1;
                 if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
                     return Ok(ControlFlow::Break(()));

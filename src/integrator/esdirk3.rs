@@ -52,6 +52,12 @@ impl Integrator for Esdirk3 {
         3
     }
 
+    // |R(iΩ)|: the one function of order 3 with the triple pole 1/γ that vanishes at infinity.
+    fn spectral_radius(&self, omega: f64) -> f64 {
+        let (real, imaginary) = (1.0 - (0.5 - 3.0 * G + 3.0 * G * G) * omega * omega, (1.0 - 3.0 * G) * omega);
+        real.hypot(imaginary) / (1.0 + (G * omega).powi(2)).powf(1.5)
+    }
+
     fn begin(&mut self, state: &mut State) {
         for stage in self.v.iter_mut().chain(&mut self.a) {
             stage.resize(state.q.len(), 0.0);

@@ -1,6 +1,8 @@
 //! The generalized-α method: Newmark's step with an auxiliary acceleration w that lags behind the true one,
 //! (1−α_m) wⁿ⁺¹ + α_m wⁿ = (1−α_f) aⁿ⁺¹ + α_f aⁿ, so that the spectral radius at infinite frequency is ρ∞.
 
+use nalgebra::Matrix3;
+
 use super::{Memory, Method, OneStage, Parameter, Rule};
 
 /// What is known of it.
@@ -38,6 +40,16 @@ impl GeneralizedAlpha {
 impl OneStage for GeneralizedAlpha {
     fn order(&self) -> u32 {
         2
+    }
+
+    // The step of (q, hv, h²w) by the equations of Chung and Hulbert, with their own balance at the points between.
+    fn spectral_radius(&self, omega: f64) -> f64 {
+        let Self { alpha_m, alpha_f, beta, gamma } = *self;
+        let square = omega * omega;
+        let left = Matrix3::new(1.0, 0.0, -beta, 0.0, 1.0, -gamma, square * (1.0 - alpha_f), 0.0, 1.0 - alpha_m);
+        let right = Matrix3::new(1.0, 1.0, 0.5 - beta, 0.0, 1.0, 1.0 - gamma, -square * alpha_f, 0.0, -alpha_m);
+        let step = left.lu().solve(&right).unwrap_or_else(|| Matrix3::from_element(f64::NAN));
+        step.complex_eigenvalues().iter().map(|root| root.norm()).fold(0.0, f64::max)
     }
 
     fn rule(&self, h: f64) -> Rule {

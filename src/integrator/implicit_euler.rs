@@ -21,6 +21,10 @@ impl OneStage for ImplicitEuler {
         1
     }
 
+    fn spectral_radius(&self, omega: f64) -> f64 {
+        1.0 / (1.0 + omega * omega).sqrt()
+    }
+
     fn rule(&self, h: f64) -> Rule {
         Rule { q_old: 0.0, v_old: 0.0, q_new: h * h, v_new: h, memory: None }
     }

@@ -83,6 +83,10 @@ pub trait Integrator: std::fmt::Debug + Send {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 
+    /// Theory's spectral radius of one step on the undamped oscillator q'' = −(`omega`/h)² q, with omega = ωh: above 1
+    /// the step amplifies.
+    fn spectral_radius(&self, omega: f64) -> f64;
+
     /// Prepares for a run from `state`, whose accelerations fulfil the equation of motion.
     fn begin(&mut self, _state: &mut State) {}
 
@@ -106,6 +110,33 @@ pub trait Integrator: std::fmt::Debug + Send {
     }
 }
 
+/// Largest modulus of the roots of λ² − `trace` λ + `determinant`.
+fn largest_root(trace: f64, determinant: f64) -> f64 {
+    let discriminant = trace * trace - 4.0 * determinant;
+    if discriminant < 0.0 { determinant.sqrt() } else { 0.5 * (trace.abs() + discriminant.sqrt()) }
+}
+
+/// The largest ωh up to which `method` does not amplify, by theory; `None` where that is without limit.
+pub fn stability_limit(method: &dyn Integrator) -> Option<f64> {
+    const ROUNDING: f64 = 1e-9;
+    let amplifies = |omega: f64| method.spectral_radius(omega) > 1.0 + ROUNDING;
+    let grid = |i: i32| 10.0_f64.powf(-3.0 + f64::from(i) / 100.0);
+    let first = (0..=900).find(|i| amplifies(grid(*i)))?;
+    let (mut low, mut high) = (if first == 0 { 0.0 } else { grid(first - 1) }, grid(first));
+    while high - low > 1e-12 * high {
+        let middle = 0.5 * (low + high);
+        if amplifies(middle) {
+            high = middle
+        } else {
+            low = middle
+        }
+        if middle <= low && middle >= high {
+            break;
+        }
+    }
+    Some(low)
+}
+
 /// The estimated error of a step.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct StepError {
@@ -120,6 +151,9 @@ pub trait OneStage: std::fmt::Debug + Send {
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 
+    /// See [`Integrator::spectral_radius`].
+    fn spectral_radius(&self, omega: f64) -> f64;
+
     /// The rule of its steps of `h` (s).
     fn rule(&self, h: f64) -> Rule;
 }
@@ -127,6 +161,10 @@ pub trait OneStage: std::fmt::Debug + Send {
 impl<T: OneStage> Integrator for T {
     fn order(&self) -> u32 {
         OneStage::order(self)
+    }
+
+    fn spectral_radius(&self, omega: f64) -> f64 {
+        OneStage::spectral_radius(self, omega)
     }
 
     fn begin(&mut self, state: &mut State) {

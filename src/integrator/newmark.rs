@@ -1,6 +1,6 @@
 //! Newmark's method: q = qⁿ + h vⁿ + h²((½−β)aⁿ + βa), v = vⁿ + h((1−γ)aⁿ + γa).
 
-use super::{Method, OneStage, Parameter, Rule};
+use super::{Method, OneStage, Parameter, Rule, largest_root};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -25,6 +25,12 @@ struct Newmark {
 impl OneStage for Newmark {
     fn order(&self) -> u32 {
         if self.gamma == 0.5 { 2 } else { 1 }
+    }
+
+    // T. J. R. Hughes, The Finite Element Method (1987), section 9.1.2.
+    fn spectral_radius(&self, omega: f64) -> f64 {
+        let part = omega * omega / (1.0 + self.beta * omega * omega);
+        largest_root(2.0 - (self.gamma + 0.5) * part, 1.0 - (self.gamma - 0.5) * part)
     }
 
     fn rule(&self, h: f64) -> Rule {

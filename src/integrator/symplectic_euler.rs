@@ -1,7 +1,7 @@
 //! Symplectic Euler: vⁿ⁺¹ = vⁿ + h aⁿ, qⁿ⁺¹ = qⁿ + h vⁿ⁺¹. It solves nothing, and a rod's modes are so fast that it fails at
 //! any step worth taking: the contrast to the implicit methods.
 
-use super::{Integrator, Method, StepError};
+use super::{Integrator, Method, StepError, largest_root};
 use crate::error::Result;
 use crate::newton::Newton;
 use crate::system::{State, System};
@@ -25,6 +25,10 @@ struct SymplecticEuler {
 impl Integrator for SymplecticEuler {
     fn order(&self) -> u32 {
         1
+    }
+
+    fn spectral_radius(&self, omega: f64) -> f64 {
+        largest_root(2.0 - omega * omega, 1.0)
     }
 
     fn begin(&mut self, state: &mut State) {

@@ -2,14 +2,13 @@
 
 use plotters::coord::Shift;
 use plotters::coord::ranged1d::ValueFormatter;
-use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
 
 /// Size of a chart in pixels.
-const SIZE: (u32, u32) = (760, 440);
+pub(super) const SIZE: (u32, u32) = (760, 440);
 
 /// Colours that people with any kind of colour vision tell apart (Okabe and Ito 2008), then grey.
 const COLOURS: [RGBColor; 7] = [
@@ -22,6 +21,11 @@ const COLOURS: [RGBColor; 7] = [
     GREY,
 ];
 const GREY: RGBColor = RGBColor(170, 170, 170);
+pub(super) const DARK: RGBColor = RGBColor(80, 80, 80);
+
+/// An axis of numbers.
+pub(super) trait Axis: Ranged<ValueType = f64> + ValueFormatter<f64> {}
+impl<T: Ranged<ValueType = f64> + ValueFormatter<f64>> Axis for T {}
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,6 +38,9 @@ pub enum Mark {
     Dots,
     /// A thin grey line in the background, without an entry in the legend of its own.
     Ghost,
+    /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
+    /// shows a slope.
+    Slope,
 }
 
 /// One series of a chart.
@@ -63,6 +70,8 @@ pub enum Scale {
     Equal,
     /// y logarithmic; values are shown by their size, down to this many decades below the largest.
     LogY(i32),
+    /// Both logarithmic; only positive numbers are shown.
+    LogLog,
 }
 
 /// A chart.
@@ -103,7 +112,14 @@ impl Chart {
                 let y = range(points().map(|p| p.1));
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
                 self.mesh(&mut chart, [x, y])?;
-                self.curves(&mut chart, |p| p)
+                self.curves(&mut chart, Some)
+            }
+            Scale::LogLog => {
+                let [x, y] = [|p: (f64, f64)| p.0, |p: (f64, f64)| p.1].map(|of| log_range(points().map(of)));
+                let (x, y) = ((x.0..x.1).log_scale(), (y.0..y.1).log_scale());
+                let mut chart = self.builder(area).build_cartesian_2d(x, y).map_err(|e| e.to_string())?;
+                self.mesh(&mut chart, [(0.0, 0.0); 2])?;
+                self.curves(&mut chart, |p| (p.0 > 0.0 && p.1 > 0.0).then_some(p))
             }
             Scale::Equal => {
                 let mut y = range(points().map(|p| p.1));
@@ -114,7 +130,7 @@ impl Chart {
                 y = widened(y, pixel * height);
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y.0..y.1).map_err(|e| e.to_string())?;
                 self.mesh(&mut chart, [x, y])?;
-                self.curves(&mut chart, |p| p)
+                self.curves(&mut chart, Some)
             }
             Scale::LogY(decades) => {
                 let top = points().map(|p| p.1.abs()).fold(0.0, f64::max);
@@ -123,7 +139,7 @@ impl Chart {
                 let y = (bottom..2.0 * top).log_scale();
                 let mut chart = self.builder(area).build_cartesian_2d(x.0..x.1, y).map_err(|e| e.to_string())?;
                 self.mesh(&mut chart, [x, (0.0, 0.0)])?;
-                self.curves(&mut chart, |p| (p.0, p.1.abs().max(bottom)))
+                self.curves(&mut chart, |p| Some((p.0, p.1.abs().max(bottom))))
             }
         }
     }
@@ -139,9 +155,9 @@ impl Chart {
         builder
     }
 
-    fn mesh<Y: Ranged<ValueType = f64> + ValueFormatter<f64>>(
+    fn mesh<X: Axis, Y: Axis>(
         &self,
-        chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<RangedCoordf64, Y>>,
+        chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<X, Y>>,
         [x, y]: [(f64, f64); 2],
     ) -> std::result::Result<(), String> {
         // A tick at zero comes out as rounding noise.
@@ -161,17 +177,31 @@ impl Chart {
             .map_err(|e| e.to_string())
     }
 
-    fn curves<'b, Y: Ranged<ValueType = f64>>(
+    fn curves<'b, X: Axis, Y: Axis>(
         &self,
-        chart: &mut ChartContext<'b, SVGBackend<'b>, Cartesian2d<RangedCoordf64, Y>>,
-        place: impl Fn((f64, f64)) -> (f64, f64),
+        chart: &mut ChartContext<'b, SVGBackend<'b>, Cartesian2d<X, Y>>,
+        place: impl Fn((f64, f64)) -> Option<(f64, f64)>,
     ) -> std::result::Result<(), String> {
         let mut named = 0;
+        let drawn_at = self.series.iter().flat_map(|series| &series.points);
+        let finite = drawn_at.filter(|p| p.0.is_finite() && p.1.is_finite()).filter_map(|p| place(*p));
+        let occupied: Vec<(i32, i32)> = finite.map(|p| chart.backend_coord(&p)).collect();
         for series in &self.series {
+            let finite = series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite());
+            let points = || finite.clone().filter_map(&place);
+            if series.mark == Mark::Slope {
+                let line = PathElement::new(points().chain(points().next()).collect::<Vec<_>>(), DARK.stroke_width(1));
+                chart.draw_series([line]).map_err(|e| e.to_string())?;
+                let text = points().last().map(|p| {
+                    EmptyElement::at(p)
+                        + Text::new(series.label.clone(), (5, -6), ("sans-serif", 13).into_font().color(&DARK))
+                });
+                chart.draw_series(text).map_err(|e| e.to_string())?;
+                continue;
+            }
             let ghost = series.mark == Mark::Ghost;
             let colour = if ghost { GREY } else { COLOURS[named % COLOURS.len()] };
             let style = colour.stroke_width(if ghost { 1 } else { 2 });
-            let points = || series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite()).map(&place);
             let mut drawn = None;
             if series.mark != Mark::Dots {
                 drawn = Some(chart.draw_series(LineSeries::new(points(), style)).map_err(|e| e.to_string())?);
@@ -188,15 +218,13 @@ impl Chart {
             }
         }
         if named > 1 {
+            let corner = emptiest_corner(&occupied, chart.plotting_area().get_pixel_range());
             chart
                 .configure_series_labels()
                 .background_style(WHITE.mix(0.85))
                 .border_style(GREY)
                 .label_font(("sans-serif", 14))
-                .position(match self.scale {
-                    Scale::LogY(_) => SeriesLabelPosition::LowerRight,
-                    _ => SeriesLabelPosition::UpperRight,
-                })
+                .position(corner)
                 .draw()
                 .map_err(|e| e.to_string())?;
         }
@@ -313,6 +341,25 @@ impl Effects {
     }
 }
 
+/// The corner of the plot, a legend's size, that the fewest points (px) lie in.
+fn emptiest_corner(points: &[(i32, i32)], (x, y): (std::ops::Range<i32>, std::ops::Range<i32>)) -> SeriesLabelPosition {
+    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
+    let (width, height) = (2 * (x.end - x.start) / 5, 2 * (y.end - y.start) / 5);
+    let (left, right) = (x.start..x.start + width, x.end - width..x.end);
+    let (upper, lower) = (y.start..y.start + height, y.end - height..y.end);
+    let corners = [
+        (UpperRight, &right, &upper),
+        (LowerRight, &right, &lower),
+        (UpperLeft, &left, &upper),
+        (LowerLeft, &left, &lower),
+    ];
+    let inside = |(_, x, y): &(_, &std::ops::Range<i32>, &std::ops::Range<i32>)| {
+        points.iter().filter(|p| x.contains(&p.0) && y.contains(&p.1)).count()
+    };
+    let emptiest = corners.into_iter().min_by_key(inside);
+    emptiest.map_or(UpperRight, |(corner, ..)| corner)
+}
+
 /// The values' range with a margin; never empty.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
@@ -324,6 +371,17 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let size = high.abs().max(low.abs()).max(1e-12);
     let margin = (0.04 * (high - low)).max(1e-6 * size);
     (low - margin, high + margin)
+}
+
+/// The positive values' range with a margin, on a logarithmic scale.
+pub(super) fn log_range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let positive = values.filter(|value| value.is_finite() && *value > 0.0);
+    let (low, high) = positive.fold((f64::INFINITY, 0.0), |(low, high), value| (value.min(low), value.max(high)));
+    if low > high {
+        return (0.1, 1.0);
+    }
+    let margin = (high / low).powf(0.04).max(1.1);
+    (low / margin, high * margin)
 }
 
 /// A range of size `size` around the middle of `range`.

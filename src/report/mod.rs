@@ -1,12 +1,15 @@
-//! What a run leaves behind: tables, figures, summary and an animated page, in one folder.
+//! What a run or a study leaves behind: tables, figures, numbers and a page, in one folder.
 
 pub mod cases;
 pub mod chart;
 mod figures;
+mod findings;
+pub mod map;
 mod output;
 mod page;
 mod record;
 pub(crate) mod tables;
 
+pub use findings::{Findings, Table};
 pub use output::Output;
 pub use record::Frame;

@@ -129,6 +129,8 @@ pub struct StartTable {
     pub kind: StartKind,
     /// Duration of a ramp, s.
     pub ramp_s: Option<Positive>,
+    /// Spin of the whole rod about its centre of mass at the start, rad/s; only of a free rod.
+    pub spin_rad_s: Option<Finite>,
 }
 
 /// Kinds of start, see [`Start`].
@@ -427,6 +429,9 @@ impl Scene {
             }
             _ => {}
         }
+        if self.start.spin_rad_s.is_some() && self.head.kind != HeadKind::Free {
+            return fault("start.spin_rad_s", "found with a held head; allowed: only with a free one".into());
+        }
         if let Some(drag) = &self.drag {
             if self.medium.is_none() {
                 return fault(
@@ -542,8 +547,8 @@ impl Scene {
         }
     }
 
-    /// The method and its parameters.
-    fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
+    /// The method and the values of its parameters.
+    pub(crate) fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
         let solver = &self.solver;
         let names = || METHODS.iter().map(|method| method.name);
         let Some(method) = Method::named(self.integrator_name()) else {
@@ -661,6 +666,7 @@ impl Scene {
             }),
             load: self.loads.as_ref().and_then(|loads| loads.build(&rod)),
             head: self.head_motion()?,
+            spin: self.start.spin_rad_s.map_or(0.0, Finite::get),
             rod,
         })
     }
@@ -731,6 +737,56 @@ impl Scene {
             parameters: BTreeMap::new(),
             ..scene.solver
         };
+        scene
+    }
+
+    /// The same scene over another duration (s).
+    pub fn with_duration(&self, duration: f64) -> Self {
+        let mut scene = self.clone();
+        scene.solver.duration_s = Positive::constant(duration);
+        scene
+    }
+
+    /// The same scene with other steps; only an adaptive method takes a tolerance.
+    pub fn with_pace(&self, pace: Pace) -> Self {
+        let mut scene = self.clone();
+        scene.solver.integrator = Some(self.integrator_name().to_string());
+        (scene.solver.time_step_s, scene.solver.tolerance) = match pace {
+            Pace::Fixed(step) => (Some(Positive::constant(step)), None),
+            Pace::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
+        };
+        scene
+    }
+
+    /// The same scene solved by another method, with `values` for its parameters, in their order.
+    pub fn with_method(&self, method: &Method, values: &[f64]) -> Self {
+        let mut scene = self.clone();
+        scene.solver.integrator = Some(method.name.to_string());
+        let named = method.parameters.iter().zip(values);
+        scene.solver.parameters = named.map(|(p, value)| (p.name.to_string(), toml::Value::Float(*value))).collect();
+        scene
+    }
+
+    /// The same scene with Young's modulus times `factor`.
+    pub fn with_modulus(&self, factor: f64) -> Self {
+        let mut scene = self.clone();
+        scene.rod.youngs_modulus_pa = Positive::constant(self.rod.youngs_modulus_pa.get() * factor);
+        scene
+    }
+
+    /// The same scene with the actuation's amplitude times `factor`.
+    pub fn with_amplitude(&self, factor: f64) -> Self {
+        let mut scene = self.clone();
+        if let Some(actuation) = &mut scene.actuation {
+            actuation.kappa_amp = Finite::constant(actuation.kappa_amp.get() * factor);
+        }
+        scene
+    }
+
+    /// The same scene with a spin (rad/s) of the free rod at the start.
+    pub fn with_spin(&self, spin: f64) -> Self {
+        let mut scene = self.clone();
+        scene.start.spin_rad_s = Some(Finite::constant(spin));
         scene
     }
 

@@ -66,6 +66,13 @@ number!(
     |x| x > 0.0 && x < 1.0
 );
 
+impl Tolerance {
+    /// This one, or `most` where that is smaller.
+    pub(crate) fn at_most(self, most: f64) -> Self {
+        Self(self.0.min(most))
+    }
+}
+
 struct Number {
     allowed: &'static str,
     ok: fn(f64) -> bool,

@@ -1,0 +1,130 @@
+//! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::chart::number;
+use super::page::render;
+use super::tables::{beside, put_in_place, write_error};
+use crate::error::{Error, Result};
+use crate::scene::Document;
+
+/// Up to this many rows of a table are on the page.
+const ROWS: usize = 60;
+
+/// A table of texts and numbers.
+#[derive(Debug, Clone)]
+pub struct Table {
+    /// Name of its file.
+    pub file: &'static str,
+    /// Title on the page.
+    pub title: &'static str,
+    /// Names of its columns, with units.
+    pub columns: Vec<String>,
+    /// Its rows; a number that is not finite, or null, is an empty field.
+    pub rows: Vec<Vec<Value>>,
+}
+
+/// All that a study found.
+#[derive(Debug, Clone, Default)]
+pub struct Findings {
+    /// What was studied: `natural modes` …
+    pub subject: &'static str,
+    /// The answer, a sentence or two each.
+    pub answers: Vec<String>,
+    /// The numbers behind it, for summary.json.
+    pub numbers: Map<String, Value>,
+    /// Figures: file name and SVG.
+    pub figures: Vec<(String, String)>,
+    /// Tables.
+    pub tables: Vec<Table>,
+    /// Other files: name and text.
+    pub files: Vec<(String, String)>,
+}
+
+#[derive(Serialize)]
+struct PageTable {
+    title: &'static str,
+    file: &'static str,
+    columns: Vec<String>,
+    rows: Vec<Vec<String>>,
+    more: usize,
+}
+
+impl Findings {
+    /// Writes report.html, summary.json, the tables, figures and other files to `folder`, each put in place whole;
+    /// returns their paths.
+    ///
+    /// # Errors
+    /// [`Error::Write`], [`Error::Page`]; files already in the folder are then as they were.
+    pub fn write(&self, folder: &Path, name: &str, document: &Document) -> Result<Vec<PathBuf>> {
+        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
+        let summary = json!({
+            "name": name,
+            "caudal_version": env!("CARGO_PKG_VERSION"),
+            "subject": self.subject,
+            "answers": self.answers,
+            "numbers": self.numbers,
+        });
+        let summary = serde_json::to_string_pretty(&summary).map_err(|e| Error::Page { reason: e.to_string() })?;
+        let mut texts =
+            vec![("report.html".to_string(), self.page(name, document)?), ("summary.json".to_string(), summary + "\n")];
+        for table in &self.tables {
+            texts.push((table.file.to_string(), table.csv().map_err(|e| Error::Page { reason: e.to_string() })?));
+        }
+        let mut files = Vec::new();
+        for (name, text) in texts.iter().chain(&self.figures).chain(&self.files) {
+            let path = folder.join(name);
+            let mut file = beside(&path)?;
+            file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
+            files.push((file, path));
+        }
+        files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+    }
+
+    fn page(&self, name: &str, document: &Document) -> Result<String> {
+        let tables: Vec<_> = self.tables.iter().map(Table::on_page).collect();
+        let content = json!({
+            "name": name,
+            "subject": self.subject,
+            "version": env!("CARGO_PKG_VERSION"),
+            "answers": self.answers,
+            "figures": self.figures,
+            "tables": tables,
+            "scene": document.text(),
+            "overrides": document.overrides(),
+        });
+        render(include_str!("findings.html"), &content)
+    }
+}
+
+impl Table {
+    fn csv(&self) -> std::result::Result<String, csv::Error> {
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        writer.write_record(&self.columns)?;
+        for row in &self.rows {
+            writer.serialize(row)?;
+        }
+        let bytes = writer.into_inner().map_err(|e| e.into_error())?;
+        Ok(String::from_utf8_lossy(&bytes).into_owned())
+    }
+
+    fn on_page(&self) -> PageTable {
+        let cell = |value: &Value| match value {
+            Value::Null => String::new(),
+            Value::String(text) => text.clone(),
+            Value::Number(x) if x.is_f64() => x.as_f64().map_or_else(String::new, number),
+            other => other.to_string(),
+        };
+        PageTable {
+            title: self.title,
+            file: self.file,
+            columns: self.columns.clone(),
+            rows: self.rows.iter().take(ROWS).map(|row| row.iter().map(cell).collect()).collect(),
+            more: self.rows.len().saturating_sub(ROWS),
+        }
+    }
+}

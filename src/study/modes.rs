@@ -1,0 +1,174 @@
+//! `caudal study modes`: natural frequencies and shapes of a scene's rod, and its matrices for other programs.
+
+use std::f64::consts::TAU;
+
+use serde_json::json;
+
+use crate::error::Result;
+use crate::modes::{Axis, Matrices, Mode, Modes, lowest};
+use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::{Findings, Table};
+use crate::scene::Scene;
+
+/// Up to this many nodes all frequencies are computed: their cost grows as N³ (a second or so here).
+const ALL_UP_TO: usize = 1001;
+/// Up to this many nodes the matrices are written: some 0.3 kB of text a node.
+const MATRICES_UP_TO: usize = 100_001;
+/// Shapes in the figure.
+const DRAWN: usize = 5;
+/// Up to this many points of a shape are tabled and drawn.
+const POINTS: usize = 2001;
+/// A mode of ωΔt up to this is resolved by a step, as a second-order method is then off by ω²Δt²/12 = 0.3 % in frequency.
+const RESOLVED: f64 = 0.2;
+
+/// The `count` lowest modes of `scene`.
+///
+/// # Errors
+/// Those of [`Scene::model`] and [`lowest`].
+pub fn modes(scene: &Scene, count: usize) -> Result<Findings> {
+    let model = scene.model()?;
+    let (rod, step) = (model.rod, scene.typical_step());
+    let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
+    let found = lowest(&rod, count)?;
+    let matrices = Matrices::of(&rod, model.drag)?;
+    let all = if rod.nodes <= ALL_UP_TO { Some(Modes::of(&rod)?) } else { None };
+
+    let mut findings = Findings { subject: "natural modes", ..Findings::default() };
+    let head = if matrices.first == 0 { "free" } else { "held at its head" };
+    let Some(first) = found.first() else { return Ok(findings) };
+    findings.answers.push(format!(
+        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}).",
+        rod.nodes,
+        first.frequency / TAU,
+        first.axis.name()
+    ));
+    if let Some(drive) = drive {
+        let ratio = TAU * drive / first.frequency;
+        let says = if ratio < 0.1 {
+            "far below it: the rod takes its natural curvature, and the fluid decides where it goes"
+        } else if ratio < 0.7 {
+            "below it: inertia adds to the natural curvature, by about the square of the ratio"
+        } else {
+            "at or above it: the rod resonates, and its shape is not the one prescribed"
+        };
+        findings.answers.push(format!("The actuation at {drive} Hz is {ratio:.3e} of that, {says}."));
+    }
+    let resolved = found.iter().filter(|mode| mode.frequency * step <= RESOLVED).count();
+    let which = match resolved {
+        0 => "none of its modes".to_string(),
+        n if n == found.len() => format!("all of these {n} modes"),
+        n => format!("the {n} lowest modes"),
+    };
+    findings.answers.push(format!(
+        "The step of {step:e} s resolves {which} (ωΔt ≤ {RESOLVED}); the first needs {:.2e} s.",
+        RESOLVED / first.frequency
+    ));
+    match &all {
+        Some(all) => findings.answers.push(format!(
+            "The highest of all is {:.4e} Hz: an explicit method needs steps below 2/ω_max = {:.4e} s.",
+            all.highest() / TAU,
+            2.0 / all.highest()
+        )),
+        None => findings.answers.push(format!(
+            "All frequencies, and with them the limit of explicit methods, are computed up to {ALL_UP_TO} nodes."
+        )),
+    }
+    findings.numbers.insert("nodes".into(), json!(rod.nodes));
+    findings.numbers.insert("lowest_frequency_hz".into(), json!(first.frequency / TAU));
+    findings.numbers.insert("highest_frequency_hz".into(), json!(all.as_ref().map(|all| all.highest() / TAU)));
+    findings.numbers.insert("explicit_step_limit_s".into(), json!(all.as_ref().map(|all| 2.0 / all.highest())));
+
+    findings.tables.push(modes_table(&found, &matrices, step));
+    findings.tables.push(shapes_table(&found, rod.spacing));
+    let title = |what: &str| format!("{}: {what}", scene.name);
+    let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN).map(|mode| {
+        let label = format!("{:.5} Hz", mode.frequency / TAU);
+        Series::new(label, points(&mode.shape).map(|k| (k as f64 * rod.spacing, mode.shape[k])).collect(), Mark::Line)
+    });
+    let shapes = Chart {
+        title: title("lowest modes of bending"),
+        x: "arc length s (m)".into(),
+        y: "displacement across the rod, largest 1".into(),
+        scale: Scale::Linear,
+        series: shapes.collect(),
+    };
+    let frequencies = Chart {
+        title: title("natural frequencies"),
+        x: "mode number".into(),
+        y: "frequency (Hz)".into(),
+        scale: Scale::LogLog,
+        series: frequencies(&found, all.as_ref(), drive, 1.0 / (TAU * step)),
+    };
+    findings.figures.push(("shapes.svg".into(), shapes.svg()?));
+    findings.figures.push(("frequencies.svg".into(), frequencies.svg()?));
+    if rod.nodes <= MATRICES_UP_TO {
+        findings.files.extend(matrices.matrix_market().into_iter().map(|(file, text)| (file.to_string(), text)));
+    }
+    Ok(findings)
+}
+
+fn modes_table(found: &[Mode], matrices: &Matrices, step: f64) -> Table {
+    let rows = found.iter().enumerate().map(|(i, mode)| {
+        let ratio = matrices.damping_ratio(mode);
+        vec![
+            json!(i + 1),
+            json!(mode.axis.name()),
+            json!(mode.frequency / TAU),
+            json!(mode.frequency),
+            json!(ratio),
+            json!(mode.frequency * step),
+        ]
+    });
+    Table {
+        file: "modes.csv",
+        title: "Modes",
+        columns: ["mode", "kind", "frequency_hz", "frequency_rad_s", "damping_ratio", "omega_time_step"]
+            .map(str::to_string)
+            .to_vec(),
+        rows: rows.collect(),
+    }
+}
+
+fn shapes_table(found: &[Mode], spacing: f64) -> Table {
+    let nodes = found.first().map_or(0..0, |mode| 0..mode.shape.len());
+    let rows = points(&found[0].shape).map(|k| {
+        let shapes = found.iter().map(|mode| json!(mode.shape[k]));
+        [json!(k), json!(k as f64 * spacing)].into_iter().chain(shapes).collect()
+    });
+    let names = (1..=found.len()).map(|i| format!("mode_{i}"));
+    Table {
+        file: "shapes.csv",
+        title: "Shapes",
+        columns: ["node".to_string(), "s_m".to_string()].into_iter().chain(names).collect(),
+        rows: if nodes.is_empty() { Vec::new() } else { rows.collect() },
+    }
+}
+
+/// The nodes of a shape that are shown, head and tip among them.
+fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
+    let (last, shown) = (shape.len() - 1, shape.len().min(POINTS) - 1);
+    (0..=shown).map(move |i| i * last / shown)
+}
+
+/// Frequencies (Hz) by mode number, with that of the drive and 1/Δt in radians as lines.
+fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: f64) -> Vec<Series> {
+    let curve = |axis: Axis| -> Vec<f64> {
+        match (all, axis) {
+            (Some(all), Axis::Bending) => all.bending.clone(),
+            (Some(all), Axis::Stretching) => all.stretching.clone(),
+            (None, _) => found.iter().filter(|mode| mode.axis == axis).map(|mode| mode.frequency).collect(),
+        }
+    };
+    let mut series = Vec::new();
+    let mut last = 1.0_f64;
+    for axis in [Axis::Bending, Axis::Stretching] {
+        let points: Vec<_> = (1..).zip(curve(axis)).map(|(i, omega)| (f64::from(i), omega / TAU)).collect();
+        last = points.last().map_or(last, |p| last.max(p.0));
+        let mark = if points.len() <= 60 { Mark::Dotted } else { Mark::Line };
+        series.push(Series::new(axis.name(), points, mark));
+    }
+    let level = |label: &str, value: f64| Series::new(label, vec![(1.0, value), (last, value)], Mark::Line);
+    series.extend(drive.map(|drive| level("the drive", drive)));
+    series.push(level("ωΔt = 1", step));
+    series
+}

@@ -1,0 +1,361 @@
+//! `caudal study scaling`: what a step costs, and how right it is, from coarse meshes to the finest.
+
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::{Desk, Studied, power_law};
+use crate::check::contracts;
+use crate::error::Result;
+use crate::integrator::Pace;
+use crate::model::chain;
+use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::{Findings, Table};
+use crate::scene::{FormKey, Scene};
+use crate::stepper::Stepper;
+use crate::system::Form;
+
+/// A run is repeated until it took this long in all; its fastest repetition counts.
+const LONG_ENOUGH: Duration = Duration::from_millis(300);
+/// Growth is fitted from this many nodes on; below, a step's constant costs show.
+const FITTED_FROM: u64 = 129;
+/// Memory is measured from this many nodes on; below, what the allocator keeps in stock blurs it.
+const WEIGHED_FROM: u64 = 100_000;
+/// Curvature is compared at this many points and the ends of so many parts.
+const PARTS: usize = 16;
+
+/// What is asked for.
+#[derive(Debug, Clone)]
+pub struct Scaling {
+    /// Numbers of nodes.
+    pub nodes: Vec<u64>,
+    /// Steps of every run.
+    pub steps: u64,
+}
+
+impl Default for Scaling {
+    /// 2ᵏ + 1 nodes up to a million, so that every mesh has the nodes of those before, and 20 steps.
+    fn default() -> Self {
+        Self { nodes: (4..=20).map(|k| (1 << k) + 1).collect(), steps: 20 }
+    }
+}
+
+/// One run.
+#[derive(Debug)]
+struct Case {
+    nodes: u64,
+    form: Form,
+    steps: u64,
+}
+
+/// What came of it.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Run {
+    /// Why it failed.
+    failure: Option<String>,
+    step_s: f64,
+    iterations: u64,
+    halvings: u64,
+    fallbacks: u64,
+    /// Peak of memory beyond what was there before, bytes.
+    memory: Option<u64>,
+    tip: [f64; 2],
+    /// Curvature at equal distances along the rod, 1/m.
+    curvature: Vec<f64>,
+}
+
+/// Measures steps of `scene` on meshes of every size.
+///
+/// # Errors
+/// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
+pub fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied> {
+    let mut nodes = asked.nodes.clone();
+    nodes.sort_unstable();
+    nodes.dedup();
+    let step = scene.typical_step();
+    let mut cases = Vec::new();
+    let mut used = Vec::new();
+    for nodes in &nodes {
+        let rod = scene.with_nodes(*nodes).model()?.rod;
+        used.push(chain::form(&rod, step));
+        if contracts(&rod, step) {
+            cases.push(Case { nodes: *nodes, form: Form::Positions, steps: asked.steps });
+        }
+        cases.push(Case { nodes: *nodes, form: Form::Chain, steps: asked.steps });
+    }
+    // One after the other: they share the memory's speed, and memory is counted for the whole program.
+    let runs = match desk.work("scaling", scene, &cases, 1, |case| run(scene, case, desk))? {
+        Ok(runs) => runs,
+        Err(interrupted) => return Ok(interrupted),
+    };
+    let made: Vec<_> = cases.iter().zip(&runs).collect();
+    Ok(Studied::Complete(report(scene, &nodes, &used, &made)?))
+}
+
+fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
+    let before = memory::reset();
+    let mut scene = scene.with_pace(Pace::Fixed(scene.typical_step())).with_nodes(case.nodes);
+    scene.solver.form = match case.form {
+        Form::Positions => FormKey::Positions,
+        Form::Chain => FormKey::Chain,
+    };
+    let step = scene.typical_step();
+    let failed = |reason: String| Run {
+        failure: Some(reason),
+        step_s: f64::NAN,
+        iterations: 0,
+        halvings: 0,
+        fallbacks: 0,
+        memory: None,
+        tip: [f64::NAN; 2],
+        curvature: Vec::new(),
+    };
+    let mut stepper = match Stepper::of(&scene) {
+        Ok(stepper) => stepper,
+        Err(error) => return Some(failed(error.to_string())),
+    };
+    let start = stepper.save();
+    let (mut best, mut total, mut peak) = (Duration::MAX, Duration::ZERO, None);
+    while total < LONG_ENOUGH {
+        if total > Duration::ZERO {
+            stepper.restore(&start).ok()?; // its own: it fits
+        }
+        let clock = Instant::now();
+        for _ in 0..case.steps {
+            if desk.interrupted() {
+                return None;
+            }
+            if let Err(error) = stepper.do_step(step) {
+                return Some(failed(error.to_string()));
+            }
+        }
+        let time = clock.elapsed();
+        (best, total) = (best.min(time), total + time);
+        peak = peak.or_else(memory::peak); // before a repetition adds a copy of the state
+    }
+    let rod = &stepper.model().rod;
+    let (kappa, last) = (&stepper.meter().now.kappa, rod.nodes - 1);
+    let at = |s: f64| {
+        let place = (s * last as f64).clamp(1.0, last as f64 - 1.0); // ends have no joint
+        let (k, part) = (place.floor() as usize, place.fract());
+        (kappa[k] + part * (kappa[(k + 1).min(last - 1)] - kappa[k])) / rod.spacing
+    };
+    let q = &stepper.state().q;
+    Some(Run {
+        failure: None,
+        step_s: best.as_secs_f64() / case.steps as f64,
+        iterations: stepper.work().newton_iterations,
+        halvings: stepper.meter().totals.halvings,
+        fallbacks: stepper.work().linear_fallbacks,
+        memory: peak.zip(before).map(|(peak, before)| peak.saturating_sub(before)),
+        tip: [q[2 * last], q[2 * last + 1]],
+        curvature: (1..PARTS).map(|i| at(i as f64 / PARTS as f64)).collect(),
+    })
+}
+
+/// Largest difference of two lists.
+fn difference(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+}
+
+fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -> Result<Findings> {
+    let mut findings = Findings { subject: "scaling with the mesh", ..Findings::default() };
+    let good = || made.iter().filter(|(_, run)| run.failure.is_none());
+    let finest = good().filter(|(case, _)| case.form == Form::Chain).max_by_key(|(case, _)| case.nodes);
+    let length = scene.rod.length_m.get();
+    // Errors of tip (over the length) and curvature (over the largest) against the finest mesh.
+    let errors = |case: &Case, run: &Run| {
+        let (_, best) = finest.filter(|(best, _)| best.nodes > case.nodes)?;
+        let tip = (run.tip[0] - best.tip[0]).hypot(run.tip[1] - best.tip[1]) / length;
+        let largest = best.curvature.iter().fold(0.0_f64, |max, k| max.max(k.abs()));
+        Some([tip, difference(&run.curvature, &best.curvature) / largest])
+    };
+    let name = |form: Form| if form == Form::Chain { "chain" } else { "positions" };
+    let title = |form: Form| if form == Form::Chain { "Chain form" } else { "Positions" };
+    let per_node = |case: &Case, x: f64| x / case.nodes as f64;
+    let rows = made.iter().map(|(case, run)| {
+        let [tip, curvature] = errors(case, run).map_or([None; 2], |e| e.map(Some));
+        let auto = nodes.iter().zip(used).any(|(nodes, form)| *nodes == case.nodes && *form == case.form);
+        let iterations = run.iterations as f64 / case.steps as f64;
+        vec![
+            json!(case.nodes),
+            json!(name(case.form)),
+            json!(auto),
+            json!(run.step_s),
+            json!(1e9 * per_node(case, run.step_s)),
+            json!(1e9 * per_node(case, run.step_s) / iterations),
+            json!(iterations),
+            json!(run.halvings),
+            json!(run.fallbacks),
+            json!(run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))),
+            json!(tip),
+            json!(curvature),
+            run.failure.as_ref().map_or(Value::Null, |reason| json!(reason)),
+        ]
+    });
+    findings.tables.push(Table {
+        file: "scaling.csv",
+        title: "Meshes",
+        columns: [
+            "nodes",
+            "form",
+            "auto",
+            "step_s",
+            "ns_per_node_and_step",
+            "ns_per_node_and_iteration",
+            "iterations_per_step",
+            "step_halvings",
+            "linear_fallbacks",
+            "memory_bytes_per_node",
+            "tip_error_over_length",
+            "curvature_error_relative",
+            "failure",
+        ]
+        .map(str::to_string)
+        .to_vec(),
+        rows: rows.collect(),
+    });
+
+    let (mut times, mut iterations, mut accuracy, mut memory) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    for form in [Form::Positions, Form::Chain] {
+        let of = || good().filter(|(case, _)| case.form == form);
+        let curve = |y: &dyn Fn(&Case, &Run) -> Option<f64>| -> Vec<(f64, f64)> {
+            of().filter_map(|(case, run)| Some((case.nodes as f64, y(case, run)?))).collect()
+        };
+        let each = |run: &Run, case: &Case| run.iterations.max(1) as f64 / case.steps as f64;
+        let steps = curve(&|case, run| Some(1e9 * per_node(case, run.step_s)));
+        let single = curve(&|case, run| Some(1e9 * per_node(case, run.step_s) / each(run, case)));
+        let fitted = |curve: &[(f64, f64)]| {
+            let large: Vec<_> = curve.iter().copied().filter(|p| p.0 >= FITTED_FROM as f64).collect();
+            power_law(&large).map(|[exponent, _]| 1.0 + exponent)
+        };
+        if let Some((step, iteration)) = fitted(&steps).zip(fitted(&single)) {
+            findings.answers.push(format!(
+                "{}: the time a step grows as N^{step:.3}, the time an iteration as N^{iteration:.3} (least squares from {FITTED_FROM} nodes on).",
+                title(form)
+            ));
+            findings.numbers.insert(format!("growth_exponent_step_{}", name(form)), json!(step));
+            findings.numbers.insert(format!("growth_exponent_iteration_{}", name(form)), json!(iteration));
+        }
+        let weighed = curve(&|case, run| {
+            run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))
+        });
+        if let Some((nodes, bytes)) = weighed.last() {
+            findings.numbers.insert(format!("memory_bytes_per_node_{}", name(form)), json!(bytes));
+            findings.answers.push(format!("{}: {bytes:.0} bytes of memory a node at {nodes} nodes.", title(form)));
+        }
+        times.push(Series::new(format!("{}, a step", name(form)), steps, Mark::Dotted));
+        iterations.push(Series::new(format!("{}, an iteration", name(form)), single, Mark::Dotted));
+        memory.push(Series::new(name(form), weighed, Mark::Dotted));
+        for (which, what) in ["tip", "curvature"].into_iter().enumerate() {
+            let errors = curve(&|case, run| Some(errors(case, run)?[which]));
+            accuracy.push(Series::new(format!("{what}, {}", name(form)), errors, Mark::Dotted));
+        }
+    }
+    times.extend(iterations);
+    let ratios: Vec<_> = good()
+        .filter(|(case, _)| case.form == Form::Chain && case.nodes >= FITTED_FROM)
+        .filter_map(|(case, run)| {
+            let (_, other) = good().find(|(other, _)| other.form == Form::Positions && other.nodes == case.nodes)?;
+            Some((case.nodes, run.step_s / other.step_s))
+        })
+        .collect();
+    if let Some((low, high)) = ratios.iter().map(|r| (r.1, r.1)).reduce(|(low, high), (a, b)| (low.min(a), high.max(b)))
+    {
+        findings.numbers.insert("cost_ratio_of_forms".into(), json!([low, high]));
+        findings.answers.push(format!(
+            "A step in the chain form costs {low:.2} to {high:.2} times one in positions, where both work (from {FITTED_FROM} nodes on)."
+        ));
+    }
+    let switch = nodes.iter().zip(used).find(|(_, form)| **form == Form::Chain).map(|(nodes, _)| *nodes);
+    findings.answers.push(match switch {
+        Some(nodes) => {
+            format!("By itself a run of this scene takes the chain form from {nodes} nodes on (of those tried).")
+        }
+        None => "By itself a run of this scene takes positions on all of these meshes.".to_string(),
+    });
+    if let Some((case, _)) = finest {
+        findings.answers.push(format!("Errors are measured against the finest mesh, {} nodes.", case.nodes));
+    }
+    for (case, run) in made {
+        if let Some(reason) = &run.failure {
+            findings.answers.push(format!("{} nodes, {} form: {reason}.", case.nodes, name(case.form)));
+        }
+    }
+
+    let chart = |title: &str, y: &str, series: Vec<Series>| Chart {
+        title: format!("{}: {title}", scene.name),
+        x: "number of nodes".into(),
+        y: y.into(),
+        scale: Scale::LogLog,
+        series: series.into_iter().filter(|series| !series.points.is_empty()).collect(),
+    };
+    times.extend(memory::caches(good().map(|(case, run)| (case.nodes, run.memory)), &times));
+    accuracy.extend(falling_triangle(&accuracy, 2));
+    for (file, chart) in [
+        ("time.svg", chart("time a node", "time a node (ns)", times)),
+        ("error.svg", chart("error against the finest mesh", "relative error", accuracy)),
+        ("memory.svg", chart("peak memory", "bytes a node", memory)),
+    ] {
+        if !chart.series.is_empty() {
+            findings.figures.push((file.into(), chart.svg()?));
+        }
+    }
+    Ok(findings)
+}
+
+/// A triangle of slope −`order` at the lower left of `series`.
+fn falling_triangle(series: &[Series], order: i32) -> Option<Series> {
+    let points = || series.iter().flat_map(|series| &series.points).filter(|p| p.1 > 0.0);
+    let x = points().map(|p| p.0).fold(f64::INFINITY, f64::min);
+    let lowest = points().filter(|p| p.0 < 20.0 * x).map(|p| p.1).fold(f64::INFINITY, f64::min);
+    let (x0, x1, top) = (1.5 * x, 6.0 * x, 0.3 * lowest);
+    let bottom = top * (x1 / x0).powi(-order);
+    (x.is_finite() && lowest.is_finite())
+        .then(|| Series::new(order.to_string(), vec![(x0, bottom), (x1, bottom), (x0, top)], Mark::Slope))
+}
+
+/// Memory of this process and caches of this machine, where the system tells.
+mod memory {
+    use super::{Mark, Series};
+
+    fn status(key: &str) -> Option<u64> {
+        let status = std::fs::read_to_string("/proc/self/status").ok()?;
+        let line = status.lines().find_map(|line| line.strip_prefix(key))?;
+        line.split_whitespace().next()?.parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
+    }
+
+    /// Forgets the peak so far; bytes resident now.
+    pub fn reset() -> Option<u64> {
+        std::fs::write("/proc/self/clear_refs", "5").ok()?;
+        status("VmRSS:")
+    }
+
+    /// Most bytes resident since the last reset.
+    pub fn peak() -> Option<u64> {
+        status("VmHWM:")
+    }
+
+    /// Lines where a run's memory, by the bytes a node of the largest, fills the machine's caches.
+    pub fn caches(weighed: impl Iterator<Item = (u64, Option<u64>)>, times: &[Series]) -> Vec<Series> {
+        let Some((nodes, Some(bytes))) = weighed.filter(|run| run.1.is_some()).max_by_key(|run| run.0) else {
+            return Vec::new();
+        };
+        let points = || times.iter().flat_map(|series| &series.points);
+        let [low, high] = [f64::min, f64::max].map(|of| points().map(|p| p.1).reduce(of).unwrap_or(1.0));
+        let largest = points().map(|p| p.0).fold(0.0, f64::max);
+        (0..8)
+            .filter_map(|index| {
+                let read = |what: &str| {
+                    std::fs::read_to_string(format!("/sys/devices/system/cpu/cpu0/cache/index{index}/{what}")).ok()
+                };
+                let (level, kind, size) = (read("level")?, read("type")?, read("size")?);
+                let size: f64 = size.trim().strip_suffix('K')?.parse().ok()?;
+                let fits = 1024.0 * size * nodes as f64 / bytes as f64;
+                (kind.trim() != "Instruction" && fits < largest)
+                    .then(|| Series::new(format!("L{}", level.trim()), vec![(fits, high), (fits, low)], Mark::Slope))
+            })
+            .collect()
+    }
+}

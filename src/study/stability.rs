@@ -1,0 +1,382 @@
+//! `caudal study stability`: for every method a map of what its steps do, over the step and a parameter of the scene.
+
+use std::collections::BTreeMap;
+
+use serde_json::{Value, json};
+
+use super::trial::{Failure, Manner, Recipe, Trial};
+use super::{Desk, Studied};
+use crate::error::{Error, Result};
+use crate::integrator::{Pace, stability_limit};
+use crate::jobs;
+use crate::modes::Modes;
+use crate::report::map::{Category, Map, Panel};
+use crate::report::{Findings, Table};
+use crate::scene::{HeadKind, NODES, Scene};
+
+/// Samples of tip and energy in a run.
+const SAMPLES: usize = 200;
+/// Up to this many nodes the limit of theory is computed.
+const MODES_UP_TO: u64 = 401;
+/// The references' steps are this part of the smallest of the map.
+const FINER: f64 = 0.5;
+/// Energy from nowhere over the largest energy or work: from this on at the end of a run, when it grew by the factor since
+/// its middle, the method makes energy.
+const GROWN: f64 = 0.2;
+const GROWTH: f64 = 2.0;
+
+/// The parameter that varies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Vary {
+    /// Young's modulus.
+    Modulus,
+    /// The amplitude of the actuation.
+    Amplitude,
+    /// The number of nodes.
+    Nodes,
+    /// The spin of a free rod at the start.
+    Spin,
+}
+
+impl Vary {
+    /// All of them, with their names.
+    pub const ALL: [(&str, Self); 4] =
+        [("modulus", Self::Modulus), ("amplitude", Self::Amplitude), ("nodes", Self::Nodes), ("spin", Self::Spin)];
+
+    fn label(self) -> &'static str {
+        match self {
+            Self::Modulus => "Young's modulus (Pa)",
+            Self::Amplitude => "amplitude kappa_amp",
+            Self::Nodes => "number of nodes",
+            Self::Spin => "spin at the start (rad/s)",
+        }
+    }
+
+    /// Smallest and largest value where none are asked for.
+    fn range(self, scene: &Scene) -> [f64; 2] {
+        let nodes = scene.rod.nodes.get() as f64;
+        let modulus = scene.rod.youngs_modulus_pa.get();
+        match self {
+            Self::Modulus => [1e-4 * modulus, modulus],
+            Self::Amplitude => {
+                let amplitude = scene.actuation.as_ref().map_or(1.0, |actuation| actuation.kappa_amp.get().abs());
+                [0.25 * amplitude, 4.0 * amplitude]
+            }
+            Self::Nodes => [nodes, 8.0 * (nodes - 1.0) + 1.0],
+            Self::Spin => [1.0, 100.0],
+        }
+    }
+
+    /// What speaks against varying it in `scene`.
+    fn refused(self, scene: &Scene) -> Option<(&'static str, &'static str)> {
+        match self {
+            Self::Amplitude if scene.actuation.is_none() => {
+                Some(("actuation", "missing; there is no amplitude to vary"))
+            }
+            Self::Spin if scene.head.kind != HeadKind::Free => {
+                Some(("head.kind", "the head is held; only a free rod can spin"))
+            }
+            _ => None,
+        }
+    }
+
+    fn set(self, scene: &Scene, value: f64) -> Scene {
+        match self {
+            Self::Modulus => scene.with_modulus(value / scene.rod.youngs_modulus_pa.get()),
+            Self::Amplitude => {
+                scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.kappa_amp.get()))
+            }
+            Self::Nodes => scene.with_nodes(value as u64),
+            Self::Spin => scene.with_spin(value),
+        }
+    }
+}
+
+/// What is asked for.
+#[derive(Debug, Clone)]
+pub struct Stability {
+    /// What varies.
+    pub vary: Vary,
+    /// From where to where; `None` for a range around the scene's value.
+    pub range: Option<[f64; 2]>,
+    /// Smallest and largest step, s; `None` for a hundredth to four times the scene's.
+    pub steps: Option<[f64; 2]>,
+    /// Values and steps: this many of each.
+    pub points: usize,
+    /// Error of the tip's path, relative to how far it goes, up to which a run counts as accurate.
+    pub accurate: f64,
+}
+
+/// What a run came to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Outcome {
+    Accurate,
+    Wrong,
+    Unjudged,
+    Growing,
+    Newton,
+    Fold,
+}
+
+impl Outcome {
+    const ALL: [Self; 6] = [Self::Accurate, Self::Wrong, Self::Unjudged, Self::Growing, Self::Newton, Self::Fold];
+
+    fn category(self) -> Category {
+        let (label, colour) = match self {
+            Self::Accurate => ("accurate", [0, 158, 115]),
+            Self::Wrong => ("stable but wrong", [240, 228, 66]),
+            Self::Unjudged => ("stable, no reference", [200, 200, 200]),
+            Self::Growing => ("growing energy", [213, 94, 0]),
+            Self::Newton => ("Newton failed", [60, 60, 60]),
+            Self::Fold => ("fold-over", [204, 121, 167]),
+        };
+        Category { label, colour }
+    }
+
+    fn of(trial: &Trial, reference: Option<&Trial>, accurate: f64) -> Self {
+        if grows(trial) {
+            return Self::Growing;
+        }
+        match &trial.failure {
+            Some((Failure::Fold, ..)) => return Self::Fold,
+            Some(_) => return Self::Newton,
+            None => {}
+        }
+        match reference {
+            None => Self::Unjudged,
+            Some(reference) if apart(trial, reference) <= accurate => Self::Accurate,
+            Some(_) => Self::Wrong,
+        }
+    }
+}
+
+/// True if the method makes energy: so much that the run was given up or failed by it, or more and more up to the end.
+fn grows(trial: &Trial) -> bool {
+    let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
+    let (middle, last) = (trial.created.len() / 2, trial.created.len() * 3 / 4);
+    if trial.failure.is_some() || trial.tip.len() <= SAMPLES {
+        return largest(&trial.created) > 1.0;
+    }
+    let (early, end) = (largest(&trial.created[..middle]), largest(&trial.created[last..]));
+    end > GROWN && end > GROWTH * early
+}
+
+/// Largest distance of two tips over how far the second goes.
+fn apart(trial: &Trial, reference: &Trial) -> f64 {
+    let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
+    let first = reference.tip.first().copied().unwrap_or_default();
+    let travel = reference.tip.iter().map(|tip| distance(tip, &first)).fold(f64::MIN_POSITIVE, f64::max);
+    trial.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / travel
+}
+
+#[derive(Debug)]
+struct Case {
+    recipe: Recipe,
+    value: f64,
+    step: f64,
+    halving: bool,
+}
+
+/// `count` values from `low` to `high` at equal ratios.
+fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+    let last = count.max(2) - 1;
+    (0..=last).map(|i| low * (high / low).powf(i as f64 / last as f64)).collect()
+}
+
+/// Maps the stability of every method on `scene`.
+///
+/// # Errors
+/// [`Error::Scene`] where the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
+/// [`Error::Journal`].
+pub fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
+    if let Some((key, problem)) = asked.vary.refused(scene) {
+        return Err(Error::Scene { place: scene.name.clone(), key: key.into(), problem: problem.into() });
+    }
+    let mut values = spread(asked.range.unwrap_or_else(|| asked.vary.range(scene)), asked.points);
+    if asked.vary == Vary::Nodes {
+        values.iter_mut().for_each(|value| *value = value.round().clamp(NODES[0] as f64, NODES[1] as f64));
+        values.dedup();
+    }
+    let typical = scene.typical_step();
+    let steps = spread(asked.steps.unwrap_or([0.01 * typical, 4.0 * typical]), asked.points);
+    let recipes = Recipe::all(scene);
+    let references: Vec<_> = ["esdirk3", "generalized-alpha"].into_iter().filter_map(Recipe::named).collect();
+    let finest = FINER * steps.first().copied().unwrap_or(typical);
+    let mut cases = Vec::new();
+    for value in &values {
+        let reference = |recipe: &Recipe| Case { recipe: recipe.clone(), value: *value, step: finest, halving: true };
+        cases.extend(references.iter().map(reference));
+    }
+    for recipe in &recipes {
+        for value in &values {
+            let case = |step: &f64| Case { recipe: recipe.clone(), value: *value, step: *step, halving: false };
+            cases.extend(steps.iter().map(case));
+        }
+    }
+    let run = |case: &Case| {
+        let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(Pace::Fixed(case.step));
+        let manner = Manner { samples: SAMPLES, push: None, halving: case.halving, timed: false };
+        Trial::of(&scene, manner, desk.interrupted)
+    };
+    let trials = match desk.work("runs", scene, &cases, jobs::cores(), run)? {
+        Ok(trials) => trials,
+        Err(interrupted) => return Ok(interrupted),
+    };
+    let (pairs, trials) = trials.split_at(references.len() * values.len());
+    let references: Vec<_> = pairs
+        .chunks(references.len())
+        .map(|pair| match pair {
+            [a, b] if a.tip.len() > SAMPLES && b.tip.len() > SAMPLES && apart(a, b) <= 0.5 * asked.accurate => Some(a),
+            _ => None,
+        })
+        .collect();
+    let outcomes: Vec<_> = trials
+        .iter()
+        .enumerate()
+        .map(|(i, trial)| Outcome::of(trial, references[i / steps.len() % values.len()], asked.accurate))
+        .collect();
+    let cases = &cases[pairs.len()..];
+    let report =
+        Report { scene, asked, values: &values, steps: &steps, recipes: &recipes, cases, trials, outcomes: &outcomes };
+    Ok(Studied::Complete(report.findings()?))
+}
+
+struct Report<'a> {
+    scene: &'a Scene,
+    asked: &'a Stability,
+    values: &'a [f64],
+    steps: &'a [f64],
+    recipes: &'a [Recipe],
+    cases: &'a [Case],
+    trials: &'a [Trial],
+    outcomes: &'a [Outcome],
+}
+
+impl Report<'_> {
+    /// The outcomes of a method: for every value one a step.
+    fn of(&self, recipe: usize) -> impl Iterator<Item = &[Outcome]> {
+        let cells = self.values.len() * self.steps.len();
+        self.outcomes[recipe * cells..(recipe + 1) * cells].chunks(self.steps.len())
+    }
+
+    /// The largest step that theory allows a method at every value, where it limits it and the modes are computed.
+    fn boundary(&self, recipe: &Recipe) -> Result<Vec<(f64, f64)>> {
+        let method = (recipe.method.build)(&recipe.values);
+        let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
+        let mut points = Vec::new();
+        for value in self.values {
+            let rod = self.asked.vary.set(self.scene, *value).model()?.rod;
+            if rod.nodes as u64 <= MODES_UP_TO {
+                points.push((*value, limit / Modes::of(&rod)?.highest()));
+            }
+        }
+        Ok(points)
+    }
+
+    fn findings(&self) -> Result<Findings> {
+        let mut findings = Findings { subject: "stability", ..Findings::default() };
+        let mut panels = Vec::new();
+        let mut limits = BTreeMap::new();
+        for (i, recipe) in self.recipes.iter().enumerate() {
+            let boundary = self.boundary(recipe)?;
+            findings.answers.push(self.in_words(i, recipe, &boundary));
+            if let Some(last) = boundary.last() {
+                limits.insert(recipe.to_string(), json!({ "value": last.0, "step_s": last.1 }));
+            }
+            let index = |outcome: &Outcome| Outcome::ALL.iter().position(|other| other == outcome).unwrap_or(0);
+            let cells = self.of(i).map(|column| column.iter().map(index).collect()).collect();
+            panels.push(Panel { title: recipe.to_string(), cells, boundary });
+        }
+        if self.outcomes.contains(&Outcome::Unjudged) {
+            findings.answers.push(
+                "Where two references (ESDIRK3 and generalized-α with half the smallest step) disagree, runs that end are only called stable."
+                    .to_string(),
+            );
+        }
+        findings.numbers.insert("limits_by_theory".into(), json!(limits));
+        let map = Map {
+            title: format!("{}: what each step does", self.scene.name),
+            x: (self.asked.vary.label().into(), self.values.to_vec()),
+            linear: false,
+            y: ("time step (s)".into(), self.steps.to_vec()),
+            boundary: "limit by linear theory".into(),
+            categories: Outcome::ALL.map(Outcome::category).to_vec(),
+            panels,
+        };
+        findings.figures.push(("stability.svg".into(), map.svg()?));
+        findings.tables.push(self.table());
+        Ok(findings)
+    }
+
+    /// What a method does from small to large steps, over all values.
+    fn in_words(&self, recipe: usize, name: &Recipe, boundary: &[(f64, f64)]) -> String {
+        let columns: Vec<_> = self.of(recipe).collect();
+        // Largest step up to which the predicate holds, at every value.
+        let up_to = |holds: &dyn Fn(Outcome) -> bool| {
+            let counts = columns.iter().map(|column| column.iter().take_while(|outcome| holds(**outcome)).count());
+            let counts: Vec<_> = counts.collect();
+            counts.iter().min().copied().zip(counts.iter().max().copied())
+        };
+        let range = |(low, high): (usize, usize)| {
+            let step = |count: usize| count.checked_sub(1).map(|i| format!("{:.2e} s", self.steps[i]));
+            match (step(low), step(high)) {
+                (_, None) => "at none of these steps".to_string(),
+                (None, Some(high)) => format!("up to {high} at best, and at none of these steps at worst"),
+                (Some(low), Some(high)) if low == high => format!("up to {high}"),
+                (Some(low), Some(high)) => format!("up to {low} … {high}, depending on the value"),
+            }
+        };
+        let accurate = up_to(&|outcome| outcome == Outcome::Accurate).map_or(String::new(), range);
+        let stable = up_to(&|outcome| outcome <= Outcome::Unjudged).map_or(String::new(), range);
+        let mut ways: Vec<&str> = Vec::new();
+        for outcome in columns.iter().flat_map(|column| column.iter()).filter(|outcome| **outcome > Outcome::Unjudged) {
+            if !ways.contains(&outcome.category().label) {
+                ways.push(outcome.category().label);
+            }
+        }
+        let beyond = if ways.is_empty() { String::new() } else { format!("; beyond: {}", ways.join(", ")) };
+        let theory = match (boundary.first(), boundary.last()) {
+            (Some(first), Some(last)) if first.1 == last.1 => format!(" Linear theory's limit is {:.3e} s.", last.1),
+            (Some(first), Some(last)) => {
+                format!(" Linear theory's limit goes from {:.3e} to {:.3e} s.", first.1, last.1)
+            }
+            _ => String::new(),
+        };
+        format!("{name}: accurate {accurate}; stable {stable}{beyond}.{theory}")
+    }
+
+    fn table(&self) -> Table {
+        let rows = self.cases.iter().zip(self.trials).zip(self.outcomes).map(|((case, trial), outcome)| {
+            let failed = trial.failure.as_ref();
+            vec![
+                json!(case.recipe.to_string()),
+                json!(case.value),
+                json!(case.step),
+                json!(outcome.category().label),
+                json!(trial.steps),
+                json!(trial.iterations),
+                json!(trial.created.iter().copied().fold(0.0, f64::max)),
+                failed.map_or(Value::Null, |(_, t, _)| json!(t)),
+                failed.map_or(Value::Null, |(_, _, reason)| json!(reason)),
+            ]
+        });
+        Table {
+            file: "stability.csv",
+            title: "All runs",
+            columns: [
+                "integrator",
+                "value",
+                "time_step_s",
+                "outcome",
+                "steps",
+                "newton_iterations",
+                "energy_from_nowhere_relative",
+                "failed_at_s",
+                "failure",
+            ]
+            .map(str::to_string)
+            .to_vec(),
+            rows: rows.collect(),
+        }
+    }
+}

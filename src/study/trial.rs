@@ -1,0 +1,297 @@
+//! One run of a study: a scene by some method with some step, and what the studies compare of it.
+
+use std::fmt;
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::integrator::{METHODS, Method};
+use crate::metrics::Power;
+use crate::scene::Scene;
+use crate::stepper::Stepper;
+
+/// A run is repeated until all repetitions took so long together, or there are so many; the fastest counts.
+const LONG_ENOUGH: Duration = Duration::from_millis(100);
+const REPETITIONS: u32 = 30;
+
+/// Energy from nowhere, over the largest energy or work, from which on a run is given up: it only grows.
+const EXPLODED: f64 = 1e3;
+
+/// Parameters worth comparing beside the defaults: the source study's Newmark.
+const ALSO: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
+
+/// A method with its parameters.
+#[derive(Clone, PartialEq)]
+pub struct Recipe {
+    /// The method.
+    pub method: &'static Method,
+    /// Values of its parameters, in their order.
+    pub values: Vec<f64>,
+}
+
+impl PartialEq for Method {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
+impl fmt::Display for Recipe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.method.name)?;
+        let values: Vec<_> = self.values.iter().map(f64::to_string).collect();
+        if values.is_empty() { Ok(()) } else { write!(f, "({})", values.join(", ")) }
+    }
+}
+
+impl fmt::Debug for Recipe {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+impl Recipe {
+    /// The method `name` with its default parameters.
+    pub fn named(name: &str) -> Option<Self> {
+        Method::named(name).map(|method| Self { method, values: method.defaults() })
+    }
+
+    /// Every method with its defaults, others that are worth comparing, and the one of `scene`.
+    pub fn all(scene: &Scene) -> Vec<Self> {
+        let mut all = Vec::new();
+        for method in METHODS {
+            all.push(Self { method, values: method.defaults() });
+            let also = ALSO.iter().filter(|(name, _)| *name == method.name);
+            all.extend(also.map(|(_, values)| Self { method, values: values.to_vec() }));
+        }
+        if let Ok((method, values)) = scene.method() {
+            let own = Self { method, values };
+            if !all.contains(&own) {
+                all.push(own);
+            }
+        }
+        all
+    }
+
+    /// `scene` solved by it.
+    pub fn of(&self, scene: &Scene) -> Scene {
+        scene.with_method(self.method, &self.values)
+    }
+}
+
+/// How a run failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Failure {
+    /// Newton's method did not converge, or met a number that is not finite.
+    Newton,
+    /// The rod folded over, or an edge collapsed.
+    Fold,
+    /// The step could not be started, or became too small.
+    Step,
+}
+
+impl Failure {
+    fn of(error: &Error) -> Self {
+        match error {
+            Error::FoldOver { .. } | Error::EdgeCollapse { .. } => Self::Fold,
+            Error::NotConverged { .. } | Error::NotFinite { .. } => Self::Newton,
+            _ => Self::Step,
+        }
+    }
+}
+
+/// What came of a run.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Trial {
+    /// How it failed, when (s), and in which words.
+    pub failure: Option<(Failure, f64, String)>,
+    /// Steps made.
+    pub steps: u64,
+    /// Newton iterations, each with one linear solve.
+    pub iterations: u64,
+    /// Factorisations.
+    pub factorisations: u64,
+    /// Steps halved.
+    pub halvings: u64,
+    /// Wall-clock time of the fastest repetition, s.
+    pub wall_s: f64,
+    /// Displacement of the centre of mass, m.
+    pub displacement: [f64; 2],
+    /// Energy put in by actuation, loads, head and flow, J.
+    pub work_in: f64,
+    /// The largest size of that during the run: more than at the end, where most of it comes back.
+    pub largest_work_in: f64,
+    /// Tip (m) at the start and at equal times, up to the end or the failure.
+    pub tip: Vec<[f64; 2]>,
+    /// Energy from nowhere over the largest energy or work so far, at the same times: the largest since the time before.
+    pub created: Vec<f64>,
+}
+
+/// What to do in a run.
+#[derive(Debug, Clone, Copy)]
+pub struct Manner {
+    /// Equal parts of the duration at whose ends tip and energy are noted.
+    pub samples: usize,
+    /// The part of the length by which the tip is pushed at the start, if it is; zero for a run to compare with, which has
+    /// the same steps.
+    pub push: Option<f64>,
+    /// True if a step that fails is halved, false if it ends the run.
+    pub halving: bool,
+    /// True if a short run is repeated for its time.
+    pub timed: bool,
+}
+
+impl Trial {
+    /// Runs `scene`; `None` if it was interrupted.
+    pub fn of(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
+        let mut trial = Self::once(scene, manner, interrupted)?;
+        let (mut total, mut repetitions) = (trial.wall_s, 1);
+        while manner.timed && total < LONG_ENOUGH.as_secs_f64() && repetitions < REPETITIONS {
+            let again = Self::once(scene, manner, interrupted)?.wall_s;
+            trial.wall_s = trial.wall_s.min(again);
+            (total, repetitions) = (total + again, repetitions + 1);
+        }
+        Some(trial)
+    }
+
+    fn once(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
+        let mut trial = Self {
+            failure: None,
+            steps: 0,
+            iterations: 0,
+            factorisations: 0,
+            halvings: 0,
+            wall_s: 0.0,
+            displacement: [f64::NAN; 2],
+            work_in: f64::NAN,
+            largest_work_in: 0.0,
+            tip: Vec::with_capacity(manner.samples + 1),
+            created: Vec::with_capacity(manner.samples + 1),
+        };
+        let mut stepper = match Stepper::of(scene) {
+            Ok(stepper) => stepper,
+            Err(error) => {
+                trial.failure = Some((Failure::of(&error), 0.0, error.to_string()));
+                return Some(trial);
+            }
+        };
+        stepper.halve_failing_steps(manner.halving);
+        let clock = Instant::now();
+        let outcome = trial.drive(scene, &mut stepper, manner, interrupted);
+        trial.wall_s = clock.elapsed().as_secs_f64();
+        match outcome {
+            Ok(ControlFlow::Continue(())) => {}
+            Ok(ControlFlow::Break(())) => return None,
+            Err(error) => trial.failure = Some((Failure::of(&error), stepper.time(), error.to_string())),
+        }
+        let (meter, work) = (stepper.meter(), stepper.work());
+        trial.steps = meter.totals.steps;
+        trial.halvings = meter.totals.halvings;
+        trial.iterations = work.newton_iterations;
+        trial.factorisations = work.factorisations;
+        trial.displacement = (meter.now.com - meter.first.1).into();
+        trial.work_in = put_in(&meter.totals.work);
+        Some(trial)
+    }
+
+    fn drive(
+        &mut self,
+        scene: &Scene,
+        stepper: &mut Stepper,
+        manner: Manner,
+        interrupted: &AtomicBool,
+    ) -> Result<ControlFlow<()>> {
+        let duration = scene.solver.duration_s.get();
+        let tip = |q: &[f64]| [q[q.len() - 2], q[q.len() - 1]];
+        self.tip.push(tip(&stepper.state().q));
+        self.created.push(0.0);
+        let (mut scale, mut largest) = (stepper.meter().first_energy, 0.0_f64);
+        if let Some(part) = manner.push {
+            push(stepper, scene, part)?;
+        }
+        let mut stopped = false;
+        let mut failed = None;
+        let spans: Vec<f64> =
+            if stepper.time() > 0.0 { vec![duration - stepper.time()] } else { scene.spans().collect() };
+        for span in spans {
+            let outcome = stepper.do_step_with(span, |stepper| {
+                stopped = interrupted.load(Ordering::Relaxed);
+                let meter = stepper.meter();
+                let work = meter.totals.work;
+                let parts = [work.actuation, work.viscous, work.load, work.head, work.flow];
+                scale = parts.iter().fold(scale, |max, x| max.max(x.abs()));
+                self.largest_work_in = self.largest_work_in.max(put_in(&work).abs());
+                let excess = -meter.numerical_dissipation();
+                if excess > 0.0 {
+                    largest = largest.max(excess / scale.max(f64::MIN_POSITIVE));
+                }
+                while self.tip.len() <= manner.samples {
+                    let t = duration * self.tip.len() as f64 / manner.samples as f64;
+                    // The last sample is the end itself, whatever its rounding.
+                    let t = if self.tip.len() == manner.samples && stepper.time() >= t * (1.0 - 1e-9) {
+                        stepper.time()
+                    } else {
+                        t
+                    };
+                    if t > stepper.time() {
+                        break;
+                    }
+                    match stepper.at(t, |view| tip(&view.state.q)) {
+                        Ok(tip) => self.tip.push(tip),
+                        // Inside the first part of a halved step nothing is kept: its end has to do.
+                        Err(Error::OutsideStep { .. }) => self.tip.push(tip(&stepper.state().q)),
+                        Err(error) => {
+                            failed = Some(error);
+                            return ControlFlow::Break(());
+                        }
+                    }
+                    self.created.push(largest);
+                    largest = 0.0;
+                }
+                let exploded = largest.max(self.created.last().copied().unwrap_or(0.0)) > EXPLODED;
+                if stopped || exploded { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            });
+            self.created.push(largest); // what came after the last sample
+            let whole = outcome?;
+            if let Some(error) = failed {
+                return Err(error);
+            }
+            if stopped {
+                return Ok(ControlFlow::Break(()));
+            }
+            if !whole {
+                return Ok(ControlFlow::Continue(()));
+            }
+        }
+        Ok(ControlFlow::Continue(()))
+    }
+
+    /// True if it reached its end.
+    pub fn is_complete(&self, manner: Manner) -> bool {
+        self.failure.is_none() && self.tip.len() > manner.samples
+    }
+}
+
+/// What actuation, loads, head and flow put in.
+fn put_in(work: &Power) -> f64 {
+    work.actuation + work.load + work.head + work.flow
+}
+
+/// Moves the tip across the rod by about this part of the length: pushes and stops it within two short steps, so that no
+/// momentum is left that would carry it off.
+fn push(stepper: &mut Stepper, scene: &Scene, part: f64) -> Result<()> {
+    let rod = &stepper.model().rod;
+    let step = 0.01 * scene.typical_step().min(0.01 * scene.solver.duration_s.get());
+    let last = rod.nodes - 1;
+    let mut force = vec![0.0; rod.nodes];
+    let size = part * rod.length * rod.mass[last] / (step * step);
+    for size in [size, -size] {
+        force[last] = size;
+        stepper.set("force_y_n", &force)?;
+        stepper.do_step(step)?;
+    }
+    force.fill(0.0);
+    stepper.set("force_y_n", &force)
+}

@@ -1,0 +1,142 @@
+//! Studies: maps show the limits of theory, meshes converge, an interrupted study goes on, and the command writes it all.
+
+mod common;
+
+use std::path::Path;
+use std::process::{Command, Output};
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use caudal::report::Findings;
+use caudal::study::{Desk, Scaling, Stability, Studied, Vary, scaling, stability};
+use common::{DRAG, GLYCEROL, SILICONE, WAVE, scene, scene_of};
+
+const SMALL: Stability =
+    Stability { vary: Vary::Modulus, range: Some([1e6, 1e8]), steps: Some([1e-4, 1e-2]), points: 3, accurate: 0.05 };
+
+/// A study in `folder`, interrupted after so many runs.
+fn small(folder: &Path, most: usize) -> Studied {
+    let interrupted = AtomicBool::new(false);
+    let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
+    let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2"]);
+    stability(&scene, &SMALL, Desk { folder, interrupted: &interrupted, progress: &progress }).unwrap()
+}
+
+fn complete(studied: Studied) -> Findings {
+    match studied {
+        Studied::Complete(findings) => findings,
+        Studied::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
+    }
+}
+
+#[test]
+fn an_interrupted_study_goes_on_to_the_same_end() {
+    let [whole, parts] = [0, 1].map(|_| tempfile::tempdir().unwrap());
+    let wanted = complete(small(whole.path(), usize::MAX));
+    let Studied::Interrupted(done, of) = small(parts.path(), 5) else { panic!("not interrupted") };
+    assert!(done >= 5 && done < of, "{done} of {of}");
+    let found = complete(small(parts.path(), usize::MAX));
+    assert_eq!((&found.answers, &found.figures), (&wanted.answers, &wanted.figures));
+    assert_eq!(found.tables[0].rows, wanted.tables[0].rows);
+}
+
+#[test]
+fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
+    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let smooth = scene_of(include_str!("../models/baseline-smooth.toml"), &["solver.duration_s=0.05"]);
+    let asked = Stability { steps: Some([5e-6, 5e-3]), range: Some([7e6, 7e10]), points: 7, ..SMALL };
+    let findings = complete(stability(&smooth, &asked, desk).unwrap());
+    let limit = findings.numbers["limits_by_theory"]["symplectic-euler"]["step_s"].as_f64().unwrap();
+    assert!((limit / 2.4928e-5 - 1.0).abs() < 1e-4, "{limit:e}");
+    let mut seen = 0;
+    for row in &findings.tables[0].rows {
+        let (value, step, outcome) = (row[1].as_f64().unwrap(), row[2].as_f64().unwrap(), row[3].as_str().unwrap());
+        if row[0] == "symplectic-euler" && step > 1.5 * limit * (7e10 / value).sqrt() {
+            assert!(!outcome.contains("accurate"), "{value:e} Pa, {step:e} s: {outcome}");
+            seen += 1;
+        }
+    }
+    assert!(seen > 10, "{seen}");
+}
+
+#[test]
+fn scaling_shows_second_order_in_the_mesh_and_agreement_of_both_forms() {
+    let folder = tempfile::tempdir().unwrap();
+    let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
+    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let fine = scene_of(include_str!("../models/fine-1e3.toml"), &[]);
+    let findings = complete(scaling(&fine, &Scaling { nodes: vec![17, 33, 65, 1025], steps: 3 }, desk).unwrap());
+    let rows = &findings.tables[0].rows;
+    assert_eq!(rows.len(), 8);
+    let error = |nodes: u64, form: &str| {
+        let row = rows.iter().find(|row| row[0] == nodes && row[1] == form).unwrap();
+        row[10].as_f64().unwrap()
+    };
+    for form in ["positions", "chain"] {
+        for (coarse, fine) in [(17, 33), (33, 65)] {
+            let order = (error(coarse, form) / error(fine, form)).log2();
+            assert!((order - 2.0).abs() < 0.05, "{form} {coarse}: {order}");
+        }
+        assert!((error(65, form) / error(65, "chain") - 1.0).abs() < 1e-7);
+    }
+}
+
+fn caudal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_caudal")).current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().unwrap()
+}
+
+#[test]
+fn the_command_writes_a_page_numbers_tables_and_figures_and_no_journal() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let output = caudal(&["study", "modes", "models/cantilever.toml", "--out", out]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = caudal(&[
+        "study",
+        "stability",
+        "models/cantilever.toml",
+        "--set",
+        "solver.duration_s=0.02",
+        "--points",
+        "2",
+        "--out",
+        out,
+    ]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut names: Vec<_> =
+        std::fs::read_dir(out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    let wanted = [
+        "damping.mtx",
+        "frequencies.svg",
+        "mass.mtx",
+        "modes.csv",
+        "report.html",
+        "shapes.csv",
+        "shapes.svg",
+        "stability.csv",
+        "stability.svg",
+        "stiffness.mtx",
+        "summary.json",
+    ];
+    assert_eq!(names, wanted);
+}
+
+#[test]
+fn what_cannot_be_studied_is_refused_as_wrong_input() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("new");
+    for arguments in [
+        &["study", "stability", "models/cantilever.toml", "--vary", "amplitude"][..],
+        &["study", "stability", "models/cantilever.toml", "--vary", "spin"],
+        &["study", "stability", "models/cantilever.toml", "--range", "2,1"],
+        &["study", "accuracy", "models/baseline.toml", "--steps", "-1"],
+        &["study", "scaling", "models/baseline.toml", "--nodes", "2"],
+        &["study", "modes", "models/nothing.toml"],
+    ] {
+        let output = caudal(&[arguments, &["--out", out.to_str().unwrap()]].concat());
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(!out.exists(), "{arguments:?}");
+    }
+}
