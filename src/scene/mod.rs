@@ -758,9 +758,10 @@ impl Scene {
         scene
     }
 
-    /// The same scene solved by another method, with `values` for its parameters, in their order.
+    /// The same scene by the whole model and another method, with `values` for its parameters, in their order.
     pub fn with_method(&self, method: &Method, values: &[f64]) -> Self {
         let mut scene = self.clone();
+        scene.solver.model = full();
         scene.solver.integrator = Some(method.name.to_string());
         let named = method.parameters.iter().zip(values);
         scene.solver.parameters = named.map(|(p, value)| (p.name.to_string(), toml::Value::Float(*value))).collect();
