@@ -9,6 +9,7 @@ use crate::integrator::Pace;
 use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
+use crate::reduced::RUNGS;
 use crate::rod::{Rod, bend};
 use crate::scene::{Fault, NodesTable, Scene, StartKind};
 use crate::start::Start;
@@ -102,6 +103,31 @@ impl Assessment {
         Ok(assessment)
     }
 
+    /// The models that the scene could be run with, cheapest first, their estimated errors, and which is taken.
+    ///
+    /// # Errors
+    /// Those of [`Scene::estimates`].
+    pub fn ladder(scene: &Scene, stepper: &Stepper) -> Result<Vec<Fact>> {
+        let estimates = scene.estimates()?;
+        let mut facts = Vec::new();
+        for rung in RUNGS.iter().filter(|rung| scene.drag.is_some() || !rung.needs_drag) {
+            let error = (rung.error)(&estimates);
+            let text = if error.is_infinite() {
+                "no estimate: it leaves out what decides this motion".to_string()
+            } else if error > 0.0 {
+                format!("estimated error of the net displacement {error:.1e}")
+            } else {
+                "no error of the model".to_string()
+            };
+            facts.push(Fact { name: "model", text: format!("{}: {text} ({})", rung.name, rung.meaning) });
+        }
+        if let Some(choice) = stepper.choice() {
+            let reason = choice.reason.as_ref().map_or("as the scene says".to_string(), Clone::clone);
+            facts.push(Fact { name: "model taken", text: format!("{}: {reason}", choice.rung.name) });
+        }
+        Ok(facts)
+    }
+
     fn describe(&mut self, scene: &Scene, stepper: &Stepper, coarse: bool) {
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
@@ -126,7 +152,7 @@ impl Assessment {
             }
             Pace::Adaptive(tolerance) => format!("steps as a tolerance of {tolerance:e} asks"),
         };
-        fact("solver", format!("{}, {steps}, t = 0 … {duration} s", scene.integrator_name()));
+        fact("solver", format!("{}, {steps}, t = 0 … {duration} s", stepper.method(scene)));
         let rounding = chain::rounding(rod, step);
         fact(
             "form",

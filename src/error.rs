@@ -183,7 +183,11 @@ impl Error {
     pub(crate) fn is_cured_by_smaller_step(&self) -> bool {
         matches!(
             self,
-            Self::NotConverged { .. } | Self::NotFinite { .. } | Self::FoldOver { .. } | Self::EdgeCollapse { .. }
+            Self::NotConverged { .. }
+                | Self::NotFinite { .. }
+                | Self::FoldOver { .. }
+                | Self::EdgeCollapse { .. }
+                | Self::Tolerance { .. }
         )
     }
 

@@ -72,6 +72,7 @@ pub mod model;
 pub mod integrator;
 pub mod metrics;
 pub mod modes;
+pub mod reduced;
 
 pub mod scene;
 

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::head::{Row, hermite};
-use crate::model::Dynamics;
+use crate::model::{Dynamics, Mechanics};
 use crate::rod::{Edge, bend, node, stretch};
 use crate::system::{Link, State, System};
 
@@ -90,7 +90,7 @@ pub struct Reading {
     pub moment: Vec<f64>,
     /// Largest |ℓ/ΔL − 1| of an edge.
     pub strain: f64,
-    /// κ̄_k.
+    /// κ̄_k; of a rod that takes it as its shape, the κ_k it has taken.
     natural: Vec<f64>,
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
@@ -113,13 +113,17 @@ impl Reading {
         let mut energy = Energy::default();
         let mut power = Power::default();
         dynamics.shape(state)?;
-        let rod = &dynamics.model.rod;
         self.kappa.copy_from_slice(dynamics.kappa());
-        self.natural.copy_from_slice(&dynamics.natural);
+        let taken = dynamics.mechanics == Mechanics::Shape;
+        self.natural.copy_from_slice(if taken { &self.kappa } else { &dynamics.natural });
+        let holding = taken.then(|| dynamics.balance(state, &mut self.moment));
+        let rod = &dynamics.model.rod;
         for k in rod.joints() {
-            let deviation = self.kappa[k] - dynamics.natural[k];
-            self.moment[k] = rod.joint[k] * deviation;
-            energy.bending += 0.5 * self.moment[k] * deviation;
+            if !taken {
+                let deviation = self.kappa[k] - dynamics.natural[k];
+                self.moment[k] = rod.joint[k] * deviation;
+                energy.bending += 0.5 * self.moment[k] * deviation;
+            }
             power.actuation -= self.moment[k] * dynamics.natural_rate[k];
         }
         let mut moment_of_mass = Vector2::zeros();
@@ -128,6 +132,9 @@ impl Reading {
             energy.kinetic += 0.5 * mass * Vector2::from(*v).norm_squared();
         }
         self.com = moment_of_mass / rod.total_mass();
+        if dynamics.mechanics == Mechanics::Overdamped {
+            energy.kinetic = 0.0;
+        }
         if dynamics.is_loaded() {
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
@@ -149,8 +156,8 @@ impl Reading {
             [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
         }
         if let Some([_, _, angle]) = dynamics.held {
-            let (mass, moment) = (rod.mass[0], self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            let held = dynamics.reaction(state);
+            let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
+            let held = holding.unwrap_or_else(|| dynamics.reaction(state));
             self.head_force = -held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;
@@ -171,6 +178,20 @@ impl Reading {
         let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();
         let largest = self.tangent.iter().zip(&before.tangent).map(chord).fold(0.0, f64::max);
         2.0 * (0.5 * largest.sqrt()).min(1.0).asin()
+    }
+
+    /// Work (J) from `before` to here, over which the loads did `load`: Simpson's rule of the powers with those in the
+    /// `middle`, where that is known.
+    fn smooth_work_since(&self, before: &Self, middle: &Self, load: f64) -> Power {
+        let sixth = (self.time - before.time) / 6.0;
+        let work = |of: fn(&Power) -> f64| sixth * (of(&before.power) + 4.0 * of(&middle.power) + of(&self.power));
+        Power {
+            actuation: work(|p| p.actuation),
+            viscous: work(|p| p.viscous),
+            load,
+            head: work(|p| p.head),
+            flow: work(|p| p.flow),
+        }
     }
 
     /// Work (J) from `before` to here, over which the loads did `load`: trapezoidal in time for viscosity and flow, in
@@ -282,18 +303,32 @@ impl Meter {
     }
 
     /// Counts the step to `next`, over which the loads did the work `load` (J), and keeps the old reading in `next`.
-    /// A reading at the same time counts what an input changed at once.
-    pub fn count(&mut self, next: &mut Reading, load: f64, head_mass: f64) {
-        let work = next.work_since(&self.now, load, head_mass);
+    /// A reading at the same time counts what an input changed at once. `middle` is the reading in the middle of the step,
+    /// where the method knows it as well as the end.
+    pub fn count(&mut self, next: &mut Reading, middle: Option<&Reading>, load: f64, head_mass: f64) {
+        let work = match middle {
+            Some(middle) => next.smooth_work_since(&self.now, middle, load),
+            None => next.work_since(&self.now, load, head_mass),
+        };
         let half_time = 0.5 * (next.time - self.now.time);
         let totals = &mut self.totals;
         totals.work.add(&work);
         totals.energy_time.add(&self.now.energy, half_time);
         totals.energy_time.add(&next.energy, half_time);
         totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
-        totals.path += (next.com - self.now.com).norm();
+        let middle = middle.map_or(next.com, |middle| middle.com);
+        totals.max_lateral = totals.max_lateral.max(middle.y.abs());
+        totals.path += (middle - self.now.com).norm() + (next.com - middle).norm();
         totals.max_strain = totals.max_strain.max(next.strain);
         totals.max_rotation = totals.max_rotation.max(next.rotation_since(&self.now));
+        std::mem::swap(&mut self.now, next);
+    }
+
+    /// Counts what a shape that changed at once did, its reading in `next`: the actuation gives what the kinetic energy
+    /// gains.
+    pub fn count_jump(&mut self, next: &mut Reading) {
+        self.totals.work.actuation += next.energy.total() - self.now.energy.total();
+        self.totals.max_lateral = self.totals.max_lateral.max(next.com.y.abs());
         std::mem::swap(&mut self.now, next);
     }
 

@@ -33,6 +33,19 @@ pub struct Drive {
     pub frequency: f64,
 }
 
+/// What of a rod's mechanics is kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Mechanics {
+    /// Inertia and elasticity.
+    #[default]
+    Full,
+    /// Elasticity without inertia: the motion has no memory of its velocities, and no kinetic energy.
+    Overdamped,
+    /// Inertia of an inextensible rod that takes its natural curvature: joint moments follow from balance, and there is
+    /// no elastic energy.
+    Shape,
+}
+
 /// All that does not change during a run. A part that a scene does not name is `None` and costs nothing.
 #[derive(Debug)]
 pub struct Model {
@@ -156,6 +169,8 @@ impl Inputs {
 pub struct Dynamics {
     /// The model.
     pub model: Arc<Model>,
+    /// What is kept of the rod's mechanics.
+    pub mechanics: Mechanics,
     /// The host's inputs.
     pub inputs: Inputs,
     /// Natural curvature κ̄_k at the time last moved to, one entry a node; zero where there is no joint.
@@ -167,6 +182,8 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
+    /// Room for drag and loads.
+    applied: Vec<f64>,
 }
 
 impl Dynamics {
@@ -174,6 +191,7 @@ impl Dynamics {
     pub fn new(model: Arc<Model>) -> Self {
         let nodes = model.rod.nodes;
         let mut dynamics = Self {
+            mechanics: Mechanics::default(),
             inputs: Inputs::of(&model),
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
@@ -181,6 +199,7 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
+            applied: Vec::new(),
             model,
         };
         dynamics.evaluate(0.0);
@@ -214,6 +233,32 @@ impl Dynamics {
     pub fn aim_head(&mut self, t: f64, end: f64) {
         if let (Some(host), Some(pose)) = (&mut self.inputs.head, &self.held) {
             host.aim(pose, t, end);
+        }
+    }
+
+    /// Evaluates natural curvature and head pose at time `t` (s), where no state is yet.
+    pub(crate) fn look_at(&mut self, t: f64) {
+        self.evaluate(t);
+    }
+
+    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry a node.
+    pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64]) {
+        out.fill(0.0);
+        let Model { rod, actuation, start, head, .. } = &*self.model;
+        let Some((actuation, _)) = actuation else { return };
+        // κ̄ = S g(φ): S″ g + 2 S′ φ′ g′ + S φ′² g″.
+        let wave = self.inputs.wave(start, t);
+        let Wave { amplitude, gain, gain_rate, phase, phase_rate } = wave;
+        let sizes = [
+            amplitude * start.gain_acceleration(t),
+            2.0 * amplitude * gain_rate * phase_rate,
+            amplitude * gain * phase_rate * phase_rate,
+        ];
+        actuation.add_derivatives(sizes, phase, out);
+        out[..rod.first_joint].fill(0.0);
+        out[rod.nodes - 1] = 0.0;
+        if head.is_some() {
+            out[0] *= 0.5; // half a joint
         }
     }
 
@@ -355,6 +400,44 @@ impl Dynamics {
         self.model.drag.as_ref().map(|(drag, _)| (&**drag, self.inputs.fluid))
     }
 
+    /// The kinetic energy that node 0 has at unit speed, times 2, kg.
+    pub fn head_mass(&self) -> f64 {
+        if self.mechanics == Mechanics::Overdamped { 0.0 } else { self.model.rod.mass[0] }
+    }
+
+    /// The moments m_k (N m) that hold the rod in the shape it has, from balance alone: the nodes j beyond joint k need
+    /// m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F drag and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
+    /// the force (N) that a held head must exert, zero for a free one. Edges and curvatures are those of the last
+    /// [`shape`](Self::shape).
+    pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Vector2<f64> {
+        let mut applied = std::mem::take(&mut self.applied);
+        applied.resize(state.q.len(), 0.0);
+        self.write_applied(&self.edges, &state.v, &mut applied);
+        let rod = &self.model.rod;
+        let (mut force, mut turning) = (Vector2::zeros(), 0.0);
+        for k in (0..rod.nodes).rev() {
+            if k + 1 < rod.nodes {
+                turning += (node(&state.q, k + 1) - node(&state.q, k)).perp(&force);
+            }
+            moment[k] =
+                if rod.joints().contains(&k) { -turning / bend::curvature_per_turning(self.kappa[k]) } else { 0.0 };
+            force += node(&state.a, k) * rod.mass[k] + node(&applied, k);
+        }
+        self.applied = applied;
+        force
+    }
+
+    /// Writes the forces (N) that oppose the motion, drag less loads, to `out`, two entries a node.
+    pub fn write_applied(&self, edges: &[Edge], v: &[f64], out: &mut [f64]) {
+        out.fill(0.0);
+        for force in [&self.model.load, &self.inputs.force].into_iter().flatten() {
+            out.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
+        }
+        if let Some((drag, fluid)) = self.drag() {
+            drag.assemble(edges, v, fluid, out, None);
+        }
+    }
+
     /// M a − F at `state` for every node, that of a held head too, where it is the force the head must exert.
     ///
     /// # Errors
@@ -397,7 +480,8 @@ impl System for Dynamics {
         state.t = t;
         if let Some([x, y, _]) = &self.held {
             for (i, s) in [x, y].into_iter().enumerate() {
-                (state.q[i], state.v[i], state.a[i]) = (s.value, s.rate, s.acceleration);
+                let acceleration = if self.mechanics == Mechanics::Overdamped { 0.0 } else { s.acceleration };
+                (state.q[i], state.v[i], state.a[i]) = (s.value, s.rate, acceleration);
             }
         }
     }

@@ -9,6 +9,8 @@ use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
+use crate::model::Mechanics;
+use crate::reduced::estimate::PATH;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -83,6 +85,44 @@ pub fn run(
     Ok(Outcome { ending, wall: start.elapsed() })
 }
 
+/// A run beside the whole model.
+#[derive(Debug, Clone, Serialize)]
+#[expect(missing_docs, reason = "the names say what they are, with units")]
+pub struct Verification {
+    pub net_displacement_m: f64,
+    /// Difference of the net displacements over the larger of their modulus and 1 % of the centre of mass's path, the whole
+    /// model's.
+    pub relative_difference: f64,
+    pub steps: u64,
+    pub wall_s: f64,
+}
+
+impl Verification {
+    /// Runs the whole model up to the time of `stepper`, whose scene is `scene`; none where `observe` stops it.
+    ///
+    /// # Errors
+    /// Those of the run.
+    pub fn of(
+        scene: &Scene,
+        stepper: &Stepper,
+        mut observe: impl FnMut(&Stepper) -> ControlFlow<()>,
+    ) -> Result<Option<Self>> {
+        let start = Instant::now();
+        let mut whole = Stepper::of(&scene.whole())?;
+        if !whole.do_step_with(stepper.time(), |stepper| observe(stepper))? {
+            return Ok(None);
+        }
+        let (meter, found) = (whole.meter(), stepper.meter().net_displacement());
+        let size = meter.net_displacement().abs().max(PATH * meter.totals.path);
+        Ok(Some(Self {
+            net_displacement_m: meter.net_displacement(),
+            relative_difference: (found - meter.net_displacement()).abs() / size,
+            steps: meter.totals.steps,
+            wall_s: start.elapsed().as_secs_f64(),
+        }))
+    }
+}
+
 /// What came out of a run; the content of summary.json, all in SI units.
 #[derive(Debug, Clone, Serialize)]
 #[expect(missing_docs, reason = "the names say what they are, with units; time_step_s is the mean of adaptive steps")]
@@ -93,6 +133,8 @@ pub struct Summary {
     pub ending: String,
     pub end_time_s: f64,
     pub nodes: usize,
+    pub model: &'static str,
+    pub model_reason: Option<String>,
     pub integrator: String,
     pub form: Form,
     pub time_step_s: f64,
@@ -136,6 +178,8 @@ pub struct Summary {
     pub head_force_n: Option<[f64; 2]>,
     pub head_moment_n_m: Option<f64>,
     pub wall_s: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verification: Option<Verification>,
     pub final_positions_m: Vec<[f64; 2]>,
 }
 
@@ -198,7 +242,9 @@ impl Summary {
             },
             end_time_s: stepper.time(),
             nodes: model.rod.nodes,
-            integrator: scene.integrator_name().to_string(),
+            model: stepper.choice().map_or("full", |choice| choice.rung.name),
+            model_reason: stepper.choice().and_then(|choice| choice.reason.clone()),
+            integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
             time_step_s: match scene.pace() {
                 Pace::Fixed(step) => step,
@@ -213,6 +259,7 @@ impl Summary {
             newton_iterations: work.newton_iterations,
             factorisations: work.factorisations,
             linear_solver: match (stepper.form(), scene.solver.linear) {
+                _ if stepper.view().dynamics.mechanics == Mechanics::Shape => "none",
                 (Form::Chain, _) => "pivoted-band",
                 (Form::Positions, Choice::FaerLu) => "faer-lu",
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",
@@ -251,6 +298,7 @@ impl Summary {
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
             head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
             wall_s: outcome.wall.as_secs_f64(),
+            verification: None,
             final_positions_m: stepper.state().q.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),
         }
     }

@@ -33,6 +33,17 @@ impl Start {
         }
     }
 
+    /// d²r/dt², 1/s².
+    pub fn gain_acceleration(&self, t: f64) -> f64 {
+        match *self {
+            Self::Ramp { duration } if t < duration => {
+                let z = (t / duration).max(0.0);
+                60.0 * z * (1.0 - z) * (1.0 - 2.0 * z) / (duration * duration)
+            }
+            _ => 0.0,
+        }
+    }
+
     /// Writes the first positions and velocities into `state`.
     ///
     /// `natural` and `rate` (1/s) are the natural curvatures at the first time, `held` the pose of a held head.

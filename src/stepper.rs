@@ -8,12 +8,13 @@ use std::sync::Arc;
 use dense::Dense;
 
 use crate::error::{Error, Result, nearest};
-use crate::integrator::{Integrator, Pace, StepError};
+use crate::integrator::{Pace, StepError};
 use crate::metrics::{Meter, Reading, Totals};
-use crate::model::{Dynamics, Inputs, Model};
+use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
+use crate::reduced::{Choice, Mover};
 use crate::scene::Scene;
-use crate::system::{Direction, Form, State, System};
+use crate::system::{Form, State, System};
 use crate::variable::{Causality, VARIABLES, Variable, View};
 
 /// How often a failing step is halved before the failure is reported: down to 1/1024 of it.
@@ -29,9 +30,6 @@ const AT_REST: f64 = 1e-4;
 /// Velocities count as no smaller than this part of a length a step.
 const SLOW: f64 = 1e-3;
 
-/// The direction that moves accelerations alone.
-const ACCELERATIONS: Direction = Direction { q: 0.0, v: 0.0, a: 1.0 };
-
 /// A step length within this of a multiple of Δt, relative, is that multiple.
 const STEP_ROUNDING: f64 = 1e-9;
 
@@ -39,7 +37,8 @@ const STEP_ROUNDING: f64 = 1e-9;
 #[derive(Debug)]
 pub struct Stepper {
     dynamics: Dynamics,
-    integrator: Box<dyn Integrator>,
+    mover: Box<dyn Mover>,
+    choice: Option<Choice>,
     newton: Newton,
     pace: Pace,
     clock: Clock,
@@ -66,13 +65,13 @@ struct Clock {
     count: u64,
 }
 
-/// What changed inputs do to the accelerations at once.
-#[derive(Debug, Clone, Default)]
+/// What changed inputs do to the state at once.
+#[derive(Debug, Clone)]
 struct Kick {
-    /// They have changed since the accelerations were found.
+    /// They have changed since the state settled.
     due: bool,
-    /// The accelerations before, and what the method remembered.
-    before: [Vec<f64>; 2],
+    /// The state before; there once inputs have changed.
+    before: State,
 }
 
 /// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
@@ -95,16 +94,15 @@ impl Stepper {
     /// Whatever is wrong with the first state.
     pub fn init(
         model: impl Into<Arc<Model>>,
-        mut integrator: Box<dyn Integrator>,
+        mover: impl Into<Box<dyn Mover>>,
         mut newton: Newton,
         pace: impl Into<Pace>,
     ) -> Result<Self> {
-        let mut dynamics = Dynamics::new(model.into());
+        let (mut dynamics, mut mover) = (Dynamics::new(model.into()), mover.into());
+        dynamics.mechanics = mover.mechanics();
         let mut state = dynamics.first_state_in(newton.form());
-        // The accelerations are linear in f, so one iteration solves the equation of motion for them.
-        newton.iterate(&mut dynamics, &mut state, ACCELERATIONS)?;
+        mover.begin(&mut dynamics, &mut newton, &mut state)?;
         newton.work = Work::default();
-        integrator.begin(&mut state);
         let pace = pace.into();
         let time_step = match pace {
             Pace::Fixed(time_step) => time_step,
@@ -115,16 +113,18 @@ impl Stepper {
         };
         let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
+        let dense = mover.knows_between().then(|| Dense::new(&state, &meter));
         Ok(Self {
-            integrator,
+            mover,
+            choice: None,
             newton,
             pace,
             clock: Clock { origin: state.t, count: 0 },
             time_step,
             max_halvings: MAX_HALVINGS,
-            kick: Kick::default(),
+            kick: Kick { due: false, before: State::default() },
             before: None,
-            dense: None,
+            dense,
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,
@@ -140,9 +140,12 @@ impl Stepper {
     /// Those of [`Scene::model`], [`Newton::with`] and [`init`](Self::init).
     pub fn of(scene: &Scene) -> Result<Self> {
         let (solver, model) = (&scene.solver, scene.model()?);
-        let form = scene.form(&model.rod);
+        let choice = scene.choice()?;
+        let mover = (choice.rung.build)(scene.integrator()?);
+        let solved = mover.mechanics() != Mechanics::Shape;
+        let form = if solved { scene.form(&model.rod) } else { Form::Positions };
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
-        Self::init(model, scene.integrator()?, newton, scene.pace())
+        Ok(Self { choice: Some(choice), ..Self::init(model, mover, newton, scene.pace())? })
     }
 
     /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
@@ -178,6 +181,16 @@ impl Stepper {
     /// The model.
     pub fn model(&self) -> &Model {
         &self.dynamics.model
+    }
+
+    /// The rung of the ladder of models that a scene's run takes, and why.
+    pub fn choice(&self) -> Option<&Choice> {
+        self.choice.as_ref()
+    }
+
+    /// The name of the method that solves a run of `scene`, its own.
+    pub fn method<'a>(&self, scene: &'a Scene) -> &'a str {
+        self.choice.as_ref().and_then(|choice| choice.rung.method).unwrap_or(scene.integrator_name())
     }
 
     /// The variables that this scene has.
@@ -224,9 +237,7 @@ impl Stepper {
             if self.state.t == start {
                 self.dynamics.inputs.head = head; // it has not set out
                 if kicked && !self.kick.due {
-                    let [a, memory] = &mut self.kick.before;
-                    std::mem::swap(&mut self.state.a, a);
-                    std::mem::swap(&mut self.state.memory, memory);
+                    std::mem::swap(&mut self.state, &mut self.kick.before);
                     self.kick.due = true;
                 }
             } else {
@@ -285,12 +296,13 @@ impl Stepper {
         mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<bool> {
         self.set_out(end)?;
-        let exponent = -1.0 / f64::from(self.integrator.order());
+        let exponent = -1.0 / f64::from(self.mover.order());
+        let longest = self.mover.longest_step(&self.dynamics);
         let (mut grow, mut failures) = (FACTORS[1], 0);
         while self.state.t < end {
             let left = end - self.state.t;
             // A rest smaller than a step is not left over, nor one step much smaller than the next.
-            let (h, to) = match self.time_step {
+            let (h, to) = match self.time_step.min(longest) {
                 wanted if wanted >= left * (1.0 - STEP_ROUNDING) => (left, end),
                 wanted if 2.0 * wanted > left => (0.5 * left, self.state.t + 0.5 * left),
                 wanted => (wanted, self.state.t + wanted),
@@ -343,12 +355,11 @@ impl Stepper {
         self.dynamics.aim_head(self.state.t, end);
         if self.kick.due {
             self.dynamics.move_to(self.state.t, &mut self.state);
-            let [a, memory] = &mut self.kick.before;
-            a.clone_from(&self.state.a);
-            memory.clone_from(&self.state.memory);
-            self.newton.iterate(&mut self.dynamics, &mut self.state, ACCELERATIONS)?;
-            for (w, (new, old)) in self.state.memory.iter_mut().zip(self.state.a.iter().zip(&*a)) {
-                *w += new - old; // what a method remembers jumps with them
+            self.kick.before.copy_from(&self.state);
+            self.mover.settle(&mut self.dynamics, &mut self.newton, &mut self.state)?;
+            if self.state.q != self.kick.before.q {
+                self.reading.take(&mut self.dynamics, &self.state)?;
+                self.meter.count_jump(&mut self.reading);
             }
             self.kick.due = false;
         }
@@ -365,7 +376,14 @@ impl Stepper {
         whole: bool,
         look: &mut impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
-        match self.step(end, h).and_then(|_| self.accept()) {
+        let limit = self.mover.limit();
+        let step = self.step(end, h).and_then(|error| {
+            if error.position > limit * self.dynamics.length() {
+                return Err(Error::Tolerance { time_s: end, step_s: h, tolerance: limit });
+            }
+            self.accept()
+        });
+        match step {
             Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
                 self.meter.totals.halvings += 1;
                 if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
@@ -384,15 +402,17 @@ impl Stepper {
     fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
         self.before = None;
         self.next.t = end;
-        self.integrator.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
+        self.mover.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
     }
 
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
+        let middle = if self.mover.knows_between() { Some(self.middle()?) } else { None };
         self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work(&self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
-        self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
+        let middle = middle.and(self.dense.as_ref()).map(Dense::reading);
+        self.meter.count(&mut self.reading, middle, load, self.dynamics.head_mass());
         std::mem::swap(&mut self.state, &mut self.next);
         Ok(())
     }
@@ -451,7 +471,7 @@ impl Stepper {
             return Err(error);
         }
         self.kick.due |= !self.dynamics.inputs.act_as(&before);
-        self.meter.count(&mut self.reading, 0.0, self.dynamics.model.rod.mass[0]);
+        self.meter.count(&mut self.reading, None, 0.0, self.dynamics.head_mass());
         Ok(())
     }
 

@@ -52,7 +52,8 @@ pub struct State {
     /// One a node in the chain form, where they are unknowns of their own and more accurate than what the positions say
     /// of them; none where positions are the only unknowns.
     pub links: Vec<Link>,
-    /// What a method remembers of earlier accelerations, m/s²; none of a method that remembers nothing.
+    /// What a method remembers of earlier accelerations, m/s², or the unknowns of a reduced model; none of a method that
+    /// remembers nothing.
     pub memory: Vec<f64>,
 }
 
@@ -63,12 +64,12 @@ impl State {
         Self { q: zeros(), v: zeros(), a: zeros(), ..Self::default() }
     }
 
-    /// Copies `other` without allocating.
+    /// Copies `other`, without allocating where there is room.
     pub fn copy_from(&mut self, other: &Self) {
         self.t = other.t;
-        self.q.copy_from_slice(&other.q);
-        self.v.copy_from_slice(&other.v);
-        self.a.copy_from_slice(&other.a);
+        self.q.clone_from(&other.q);
+        self.v.clone_from(&other.v);
+        self.a.clone_from(&other.a);
         self.links.clone_from(&other.links);
         self.memory.clone_from(&other.memory);
     }

@@ -57,10 +57,9 @@ fn the_best_method_needs_a_small_part_of_the_solves_of_implicit_euler() {
         }
         let (_, euler) = table.iter().find(|(name, _)| *name == "implicit-euler").unwrap();
         let best = |i: usize| table.iter().filter_map(|(_, reached)| reached[i]).min().unwrap();
-        // Measured in water: 532 against 130, 32768 against 351, never against 1433; at 1 Pa s 534 against 141, 32768 against
-        // 435, never against 1836.
-        let saved = if viscosity < 1.0 { 4.0 } else { 3.5 };
-        assert!(saved * best(0) as f64 <= euler[0].unwrap() as f64, "{table:?}");
+        // Measured in water: 362 against 98, 32768 against 205, never against 1410; much the same at 1 Pa s. (The first ratio was
+        // a little over 4 before an iteration was spared in every step, of which implicit Euler's many steps have most.)
+        assert!(3.5 * best(0) as f64 <= euler[0].unwrap() as f64, "{table:?}");
         assert!(30 * best(1) <= euler[1].unwrap(), "{table:?}");
         assert!(best(2) > 0 && euler[2].is_none(), "{table:?}");
     }

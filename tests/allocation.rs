@@ -7,6 +7,7 @@ use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
 use caudal::integrator::{METHODS, Method};
+use caudal::reduced::RUNGS;
 use caudal::stepper::Stepper;
 use caudal::system::Form;
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, scene_by};
@@ -76,6 +77,24 @@ fn a_step_allocates_nothing_whatever_the_method_the_form_and_the_head() {
         }
     }
     assert!(runs > 3 * METHODS.len());
+}
+
+#[test]
+fn a_step_allocates_nothing_whatever_the_rung_and_the_head() {
+    let euler = Method::named("implicit-euler").unwrap();
+    for rung in RUNGS {
+        for head in ["free", "clamped", "driven"] {
+            let (model, head) = (format!("solver.model={}", rung.name), format!("head.kind={head}"));
+            let changes =
+                [SILICONE, WAVE, DRAG, GLYCEROL, "loads.gravity_m_s2=[0.1, -1.0]", "rod.nodes=33", &model, &head];
+            let mut stepper = Stepper::of(&scene_by(euler, 1e-3, &changes)).unwrap();
+            let before = CALLS.get();
+            for _ in 0..20 {
+                stepper.do_step(1e-3).unwrap();
+            }
+            assert_eq!(CALLS.get(), before, "{}, {head}", rung.name);
+        }
+    }
 }
 
 /// A step (s) that the method can make on these rods.

@@ -105,9 +105,13 @@ fn every_scene_of_models_runs_and_is_checked() {
     let mut scenes = 0;
     for path in common::scene_files("models") {
         let folder = tempfile::tempdir().unwrap();
-        let output = run(path.to_str().unwrap(), folder.path(), &["--set", "solver.duration_s=0.1"]);
+        // Those of the finest meshes make a step or two.
+        let nodes = caudal::scene::Scene::load(&path).unwrap().rod.nodes.get();
+        let duration = format!("solver.duration_s={}", if nodes > 200 { 1e-3 } else { 0.1 });
+        let output = run(path.to_str().unwrap(), folder.path(), &["--set", &duration]);
         assert_eq!(output.status.code(), Some(0), "{}: {}", path.display(), text(&output.stderr));
-        assert_eq!(files(folder.path()), FILES);
+        let expected: Vec<_> = FILES.into_iter().filter(|name| nodes <= 200 || *name != "nodes.csv").collect();
+        assert_eq!(files(folder.path()), expected);
         for figure in FILES.iter().filter(|name| name.ends_with(".svg")) {
             let svg = std::fs::read_to_string(folder.path().join(figure)).unwrap();
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{figure}");

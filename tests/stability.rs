@@ -59,8 +59,7 @@ impl Run {
 
     fn energy(&mut self) -> f64 {
         let mut reading = caudal::metrics::Reading::new(self.dynamics.nodes());
-        let mut scratch = vec![0.0; self.state.q.len()];
-        reading.take(&mut self.dynamics, &self.state, &mut scratch).unwrap();
+        reading.take(&mut self.dynamics, &self.state).unwrap();
         let Energy { stretching, bending, kinetic } = reading.energy;
         stretching + bending + kinetic
     }

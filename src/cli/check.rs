@@ -12,8 +12,9 @@ pub fn check(arguments: &SceneArguments) -> Result<ExitCode> {
     let (_, scene) = arguments.read()?;
     let stepper = Stepper::of(&scene)?;
     let assessment = Assessment::of(&scene, &stepper)?;
-    let width = assessment.facts.iter().map(|fact| fact.name.chars().count()).max().unwrap_or(0);
-    for fact in &assessment.facts {
+    let facts = [&assessment.facts[..], &Assessment::ladder(&scene, &stepper)?].concat();
+    let width = facts.iter().map(|fact| fact.name.chars().count()).max().unwrap_or(0);
+    for fact in &facts {
         let blanks = " ".repeat(width - fact.name.chars().count());
         say(&format!("{}{blanks}  {}", fact.name, fact.text));
     }

@@ -45,6 +45,9 @@ enum Command {
         /// Folder for the results [default: out/<name of the scene>]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Run the whole model beside it (esdirk3, small steps), and report the difference
+        #[arg(long)]
+        verify: bool,
     },
     /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
     Sweep(sweep::Arguments),
@@ -85,7 +88,7 @@ impl SceneArguments {
 
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
-        Command::Run { scene, out } => run::run(&scene, out),
+        Command::Run { scene, out, verify } => run::run(&scene, out, verify),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
         Command::Study(study) => study::study(&study),

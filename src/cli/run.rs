@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use caudal::check::Assessment;
 use caudal::error::Result;
 use caudal::report::Output;
-use caudal::run::{Ending, Summary, run as run_scene};
+use caudal::run::{Ending, Summary, Verification, run as run_scene};
 use caudal::stepper::Stepper;
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -18,7 +18,7 @@ use super::{SceneArguments, complain, exit, refuse, say};
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
 
-pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
+pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
     let mut stepper = Stepper::of(&scene)?;
     let assessment = Assessment::of(&scene, &stepper)?;
@@ -43,7 +43,16 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
     });
     bar.finish_and_clear();
     let outcome = outcome?;
-    let summary = Summary::of(&scene, &stepper, &outcome);
+    let mut summary = Summary::of(&scene, &stepper, &outcome);
+    if verify && outcome.ending == Ending::Complete {
+        // A comparison that fails, or is interrupted, takes nothing from the run.
+        let raised =
+            || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
+        match Verification::of(&scene, &stepper, |_| raised()) {
+            Ok(verification) => summary.verification = verification,
+            Err(error) => summary.notes.push(format!("the whole model could not be run beside it: {error}")),
+        }
+    }
     let notes = [assessment.warnings, summary.notes.clone()].concat();
     let files = output.finish(&stepper, &summary, &document, &notes)?;
     say(&format!(
@@ -55,6 +64,14 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
+    if let Some(reason) = &summary.model_reason {
+        say(&format!("model {}: {reason}", summary.model));
+    }
+    if let Some(Verification { net_displacement_m, relative_difference, wall_s, .. }) = &summary.verification {
+        say(&format!(
+            "the whole model: net displacement {net_displacement_m:.6e} m, relative difference {relative_difference:.1e}, {wall_s:.3} s"
+        ));
+    }
     for note in &summary.notes {
         say(&format!("note: {note}"));
     }

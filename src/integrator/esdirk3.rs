@@ -7,7 +7,7 @@
 use super::{Foot, Integrator, Method, Stage, StepError};
 use crate::error::Result;
 use crate::newton::Newton;
-use crate::system::{State, System};
+use crate::system::{Direction, State, System};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -21,14 +21,14 @@ pub static METHOD: Method = Method {
 };
 
 /// γ, the root of γ³ − 3γ² + 3γ/2 − 1/6 that makes the method L-stable.
-const G: f64 = 0.435_866_521_508_459;
+pub(crate) const G: f64 = 0.435_866_521_508_459;
 
 /// Times of the stages in steps.
-const TIMES: [f64; STAGES] = [0.0, 2.0 * G, 1.0, 1.0];
+pub(crate) const TIMES: [f64; STAGES] = [0.0, 2.0 * G, 1.0, 1.0];
 
 /// Weights a_ij, j < i, of the implicit stages; every a_ii is γ. The last stage is the step, the one before the embedded
 /// step.
-const WEIGHTS: [[f64; STAGES - 1]; STAGES] = {
+pub(crate) const WEIGHTS: [[f64; STAGES - 1]; STAGES] = {
     let embedded = [(-4.0 * G * G + 6.0 * G - 1.0) / (4.0 * G), (1.0 - 2.0 * G) / (4.0 * G), 0.0];
     let last = [
         (6.0 * G - 1.0) / (12.0 * G),
@@ -38,7 +38,7 @@ const WEIGHTS: [[f64; STAGES - 1]; STAGES] = {
     [[0.0; 3], [G, 0.0, 0.0], embedded, last]
 };
 
-const STAGES: usize = 4;
+pub(crate) const STAGES: usize = 4;
 
 /// The method, and the velocities and accelerations of its first three stages.
 #[derive(Debug, Default)]
@@ -78,28 +78,31 @@ impl Integrator for Esdirk3 {
         for i in 1..STAGES {
             to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
             let Self { v, a } = &*self;
-            let stage = Stage { q_new: (h * G).powi(2), v_new: h * G, h };
+            let stage = Stage { new: Direction { q: (h * G).powi(2), v: h * G, a: 1.0 }, h };
             let weights = WEIGHTS[i].map(|weight| h * weight);
             stage.solve(system, newton, from, to, |k| {
                 let sum = |of: &[Vec<f64>; STAGES - 1]| -> f64 { (0..i).map(|j| weights[j] * of[j][k]).sum() };
                 let v_star = from.v[k] + sum(a);
-                Foot { dq: sum(v) + h * G * v_star, v: v_star, a: a[i - 1][k] }
+                Foot { dq: sum(v) + h * G * v_star, v: v_star, guess: a[i - 1][k] }
             })?;
             if i < STAGES - 1 {
                 self.v[i].copy_from_slice(&to.v);
                 self.a[i].copy_from_slice(&to.a);
             }
         }
-        let error = |of: &[Vec<f64>; STAGES - 1], last: &[f64]| {
-            let at = |k: usize| {
-                let earlier = (0..STAGES - 1).map(|j| {
-                    let embedded = if j == 2 { G } else { WEIGHTS[2][j] };
-                    (WEIGHTS[3][j] - embedded) * of[j][k]
-                });
-                h * (earlier.sum::<f64>() + G * last[k])
-            };
-            (0..last.len()).map(at).fold(0.0, |max: f64, e| if e.abs() > max { e.abs() } else { max })
-        };
-        Ok(StepError { position: error(&self.v, &to.v), velocity: error(&self.a, &to.a) })
+        Ok(StepError { position: error(h, &self.v, &to.v), velocity: error(h, &self.a, &to.a) })
     }
+}
+
+/// The largest difference between the method and its embedded one after a step of `h` (s), from the rates of the first
+/// stages and of the last.
+pub(crate) fn error(h: f64, of: &[Vec<f64>; STAGES - 1], last: &[f64]) -> f64 {
+    let at = |k: usize| {
+        let earlier = (0..STAGES - 1).map(|j| {
+            let embedded = if j == 2 { G } else { WEIGHTS[2][j] };
+            (WEIGHTS[3][j] - embedded) * of[j][k]
+        });
+        h * (earlier.sum::<f64>() + G * last[k])
+    };
+    (0..last.len()).map(at).fold(0.0, |max: f64, e| if e.abs() > max { e.abs() } else { max })
 }

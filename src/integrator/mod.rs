@@ -1,6 +1,6 @@
 //! Time integration: one method a file, with its order, stability and source as data.
 
-mod esdirk3;
+pub(crate) mod esdirk3;
 mod generalized_alpha;
 mod implicit_euler;
 mod newmark;
@@ -224,11 +224,11 @@ pub struct Memory {
 impl Rule {
     fn step(self, system: &mut dyn System, newton: &mut Newton, from: &State, h: f64, to: &mut State) -> Result<()> {
         let memory = self.memory.map(|memory| (memory, &from.memory[..]));
-        let stage = Stage { q_new: self.q_new, v_new: self.v_new, h };
+        let stage = Stage { new: Direction { q: self.q_new, v: self.v_new, a: 1.0 }, h };
         stage.solve(system, newton, from, to, |i| {
             let (v, a) = (from.v[i], from.a[i]);
             let (q_w, v_w) = memory.map_or((0.0, 0.0), |(memory, w)| (memory.q * w[i], memory.v * w[i]));
-            Foot { dq: h * v + self.q_old * a + q_w, v: v + self.v_old * a + v_w, a }
+            Foot { dq: h * v + self.q_old * a + q_w, v: v + self.v_old * a + v_w, guess: a }
         })?;
         if let Some(Memory { new, old, kept, .. }) = self.memory {
             for (i, w) in to.memory.iter_mut().enumerate() {
@@ -239,33 +239,32 @@ impl Rule {
     }
 }
 
-/// One implicit stage: the equation of motion at `to.t` with q = q* + A a and v = v* + B a.
+/// One implicit stage: the equation of motion at `to.t` with q = q* + A u, v = v* + B u and a = C u, where u is what the
+/// method solves for: the acceleration (C = 1), or the velocity of a motion without inertia (B = 1, C = 0).
 #[derive(Debug, Clone, Copy)]
-struct Stage {
-    /// A, s².
-    q_new: f64,
-    /// B, s.
-    v_new: f64,
+pub(crate) struct Stage {
+    /// A, B and C.
+    pub new: Direction,
     /// The step that the stage belongs to, s.
-    h: f64,
+    pub h: f64,
 }
 
 /// What a stage stands on, one unknown of it.
 #[derive(Debug, Clone, Copy)]
-struct Foot {
+pub(crate) struct Foot {
     /// q* less the old position, m.
-    dq: f64,
+    pub dq: f64,
     /// v*, m/s.
-    v: f64,
-    /// A guess of the acceleration, m/s².
-    a: f64,
+    pub v: f64,
+    /// A guess of u.
+    pub guess: f64,
 }
 
 /// Where Newton starts.
 #[derive(Debug, Clone, Copy)]
 enum Guess {
-    /// At the accelerations guessed by the method.
-    Accelerations,
+    /// At the u guessed by the method.
+    Method,
     /// At the old positions.
     Positions,
 }
@@ -279,9 +278,9 @@ impl Guess {
     fn order(from: &State, h: f64) -> [Self; 2] {
         let norm = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>().sqrt();
         if h * norm(&from.a) <= Self::FAST * norm(&from.v) {
-            [Self::Accelerations, Self::Positions]
+            [Self::Method, Self::Positions]
         } else {
-            [Self::Positions, Self::Accelerations]
+            [Self::Positions, Self::Method]
         }
     }
 }
@@ -289,7 +288,7 @@ impl Guess {
 impl Stage {
     /// Solves for the state at `to.t`, from the better guess first and then from the other.
     #[inline]
-    fn solve(
+    pub fn solve(
         self,
         system: &mut dyn System,
         newton: &mut Newton,
@@ -300,19 +299,18 @@ impl Stage {
         let time = to.t;
         let mut attempt = |guess: Guess| {
             for i in 0..from.q.len() {
-                let Foot { dq, v, a } = foot(i);
-                let a = match guess {
-                    Guess::Accelerations => a,
-                    Guess::Positions => -dq / self.q_new,
+                let Foot { dq, v, guess: u } = foot(i);
+                let u = match guess {
+                    Guess::Method => u,
+                    Guess::Positions => -dq / self.new.q,
                 };
-                to.q[i] = from.q[i] + dq + self.q_new * a;
-                to.v[i] = v + self.v_new * a;
-                to.a[i] = a;
+                to.q[i] = from.q[i] + dq + self.new.q * u;
+                to.v[i] = v + self.new.v * u;
+                to.a[i] = self.new.a * u;
             }
             system.move_to(time, to);
-            let direction = Direction { q: self.q_new, v: self.v_new, a: 1.0 };
-            system.better_guess(from, direction, to);
-            newton.solve(system, to, direction)?;
+            system.better_guess(from, self.new, to);
+            newton.solve(system, to, self.new)?;
             system.check_step(from, to)
         };
         let [first, second] = Guess::order(from, self.h);

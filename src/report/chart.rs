@@ -238,25 +238,6 @@ impl Chart {
     }
 }
 
-/// The corner of the plot, a legend's size, that the fewest points (px) lie in.
-fn emptiest_corner(points: &[(i32, i32)], (x, y): (std::ops::Range<i32>, std::ops::Range<i32>)) -> SeriesLabelPosition {
-    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
-    let (width, height) = (2 * (x.end - x.start) / 5, 2 * (y.end - y.start) / 5);
-    let (left, right) = (x.start..x.start + width, x.end - width..x.end);
-    let (upper, lower) = (y.start..y.start + height, y.end - height..y.end);
-    let corners = [
-        (UpperRight, &right, &upper),
-        (LowerRight, &right, &lower),
-        (UpperLeft, &left, &upper),
-        (LowerLeft, &left, &lower),
-    ];
-    let inside = |(_, x, y): &(_, &std::ops::Range<i32>, &std::ops::Range<i32>)| {
-        points.iter().filter(|p| x.contains(&p.0) && y.contains(&p.1)).count()
-    };
-    let emptiest = corners.into_iter().min_by_key(inside);
-    emptiest.map_or(UpperRight, |(corner, ..)| corner)
-}
-
 /// Main effects: what several axes do, each by itself, to the mean of a quantity; one panel an axis, one scale for all.
 #[derive(Debug, Clone)]
 pub struct Effects {
@@ -364,6 +345,25 @@ impl Effects {
         }
         Ok(())
     }
+}
+
+/// The corner of the plot, a legend's size, that the fewest points (px) lie in.
+fn emptiest_corner(points: &[(i32, i32)], (x, y): (std::ops::Range<i32>, std::ops::Range<i32>)) -> SeriesLabelPosition {
+    use SeriesLabelPosition::{LowerLeft, LowerRight, UpperLeft, UpperRight};
+    let (width, height) = (2 * (x.end - x.start) / 5, 2 * (y.end - y.start) / 5);
+    let (left, right) = (x.start..x.start + width, x.end - width..x.end);
+    let (upper, lower) = (y.start..y.start + height, y.end - height..y.end);
+    let corners = [
+        (UpperRight, &right, &upper),
+        (LowerRight, &right, &lower),
+        (UpperLeft, &left, &upper),
+        (LowerLeft, &left, &lower),
+    ];
+    let inside = |(_, x, y): &(_, &std::ops::Range<i32>, &std::ops::Range<i32>)| {
+        points.iter().filter(|p| x.contains(&p.0) && y.contains(&p.1)).count()
+    };
+    let emptiest = corners.into_iter().min_by_key(inside);
+    emptiest.map_or(UpperRight, |(corner, ..)| corner)
 }
 
 /// The values' range with a margin; never empty.

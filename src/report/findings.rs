@@ -81,19 +81,17 @@ impl Findings {
 
     fn page(&self, name: &str, document: &Document) -> Result<String> {
         let tables: Vec<_> = self.tables.iter().map(Table::on_page).collect();
-        render(
-            include_str!("findings.html"),
-            &json!({
-                "name": name,
-                "subject": self.subject,
-                "version": env!("CARGO_PKG_VERSION"),
-                "answers": self.answers,
-                "figures": self.figures,
-                "tables": tables,
-                "scene": document.text(),
-                "overrides": document.overrides(),
-            }),
-        )
+        let content = json!({
+            "name": name,
+            "subject": self.subject,
+            "version": env!("CARGO_PKG_VERSION"),
+            "answers": self.answers,
+            "figures": self.figures,
+            "tables": tables,
+            "scene": document.text(),
+            "overrides": document.overrides(),
+        });
+        render(include_str!("findings.html"), &content)
     }
 }
 

@@ -6,6 +6,7 @@ pub mod value;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use nalgebra::Vector2;
 use serde::Deserialize;
@@ -20,6 +21,7 @@ use crate::head::{Motion, Signal};
 use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear::Choice;
 use crate::model::{Drive, Model, chain};
+use crate::reduced::{self, Estimates, RUNGS, Rung};
 use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
 use crate::start::Start;
 use crate::system::Form;
@@ -235,6 +237,12 @@ pub enum HeadKind {
 pub struct SolverTable {
     /// Name of the method; see [`Scene::integrator_name`] for scenes that say nothing.
     pub integrator: Option<String>,
+    /// The rung of the ladder of models, or `auto`.
+    #[serde(default = "full")]
+    pub model: String,
+    /// Largest estimated error of the model that `auto` takes.
+    #[serde(default = "default_accuracy")]
+    pub accuracy: Positive,
     /// Step size, s.
     pub time_step_s: Option<Positive>,
     /// Largest estimated error of an adaptive step, see [`Pace::Adaptive`].
@@ -304,8 +312,8 @@ impl Default for RecordTable {
 }
 
 /// The keys of `[solver]` beside the methods' parameters.
-const SOLVER_KEYS: [&str; 7] =
-    ["integrator", "time_step_s", "tolerance", "duration_s", "newton_tolerance", "linear", "form"];
+const SOLVER_KEYS: [&str; 9] =
+    ["integrator", "time_step_s", "tolerance", "duration_s", "newton_tolerance", "linear", "form", "model", "accuracy"];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
 fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {
@@ -320,6 +328,12 @@ fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<
     Err(Fault { key: format!("solver.{key}"), problem })
 }
 
+/// The model that the program chooses.
+const AUTO: &str = "auto";
+
+/// The errors of cheaper models are estimated on no more nodes than this.
+const ESTIMATES_UP_TO: u64 = 33;
+
 /// Up to this many nodes nodes.csv is written unless asked otherwise.
 const NODES_CSV_UP_TO: usize = 200;
 
@@ -328,6 +342,17 @@ const DEFAULT_INTEGRATORS: [&str; 2] = ["implicit-euler", "esdirk3"];
 
 /// The tolerance of a scene that gives neither step nor tolerance.
 const DEFAULT_TOLERANCE: f64 = 1e-4;
+
+/// The tolerance of [`Scene::whole`].
+const WHOLE_TOLERANCE: f64 = 1e-6;
+
+fn full() -> String {
+    "full".to_string()
+}
+
+fn default_accuracy() -> Positive {
+    Positive::constant(1e-3)
+}
 
 fn default_tolerance() -> Tolerance {
     Tolerance::constant(1e-10)
@@ -452,13 +477,19 @@ impl Scene {
         if self.record.every.is_some() && self.record.interval_s.is_some() {
             return fault("record.interval_s", "found beside every; allowed: one of the two".into());
         }
+        let rung = self.rung()?;
+        if rung.is_some_and(|rung| rung.needs_drag) && self.drag.is_none() {
+            let problem = format!("found {:?} without [drag]; add it, or take another model", self.solver.model);
+            return fault("solver.model", problem);
+        }
         let (method, _) = self.method()?;
         let adaptive = || METHODS.iter().filter(|other| other.adaptive).map(|other| other.name).collect::<Vec<_>>();
+        let own_method = rung.is_some_and(|rung| rung.method.is_some());
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(_), Some(_)) => {
                 return fault("solver.tolerance", "found beside time_step_s; allowed: one of the two".into());
             }
-            (None, Some(_)) if !method.adaptive => {
+            (None, Some(_)) if !method.adaptive && !own_method => {
                 let problem = format!(
                     "found with integrator = \"{}\"; allowed: only with {}",
                     method.name,
@@ -466,7 +497,7 @@ impl Scene {
                 );
                 return fault("solver.tolerance", problem);
             }
-            (None, None) if !method.adaptive => {
+            (None, None) if !method.adaptive && !own_method => {
                 return fault(
                     "solver.time_step_s",
                     format!("missing; integrator = \"{}\" has no default", method.name),
@@ -480,6 +511,40 @@ impl Scene {
             return fault("solver.form", problem);
         }
         Ok(())
+    }
+
+    /// The rung of the ladder of models it names, none where the program chooses.
+    fn rung(&self) -> std::result::Result<Option<&'static Rung>, Fault> {
+        let model = self.solver.model.as_str();
+        let rung = Rung::named(model);
+        if rung.is_none() && model != AUTO {
+            let allowed = RUNGS.iter().map(|rung| rung.name).chain([AUTO]).collect::<Vec<_>>().join(", ");
+            return Err(Fault {
+                key: "solver.model".into(),
+                problem: value::refused(format_args!("{model:?}"), allowed),
+            });
+        }
+        Ok(rung)
+    }
+
+    /// How far the cheaper models of it are from the whole one; of a fine mesh, on a coarser one.
+    ///
+    /// # Errors
+    /// Those of [`model`](Self::model).
+    pub fn estimates(&self) -> Result<Estimates> {
+        let nodes = (self.rod.nodes.get() as u64).min(ESTIMATES_UP_TO);
+        Ok(Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), self.solver.duration_s.get()))
+    }
+
+    /// The rung that it names, or the cheapest one that is accurate enough.
+    ///
+    /// # Errors
+    /// Those of [`estimates`](Self::estimates).
+    pub fn choice(&self) -> Result<reduced::Choice> {
+        match self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))? {
+            Some(rung) => Ok(reduced::Choice::asked(rung)),
+            None => Ok(reduced::Choice::of(&self.estimates()?, self.solver.accuracy.get(), self.drag.is_some())),
+        }
     }
 
     /// The method and the values of its parameters.
@@ -649,10 +714,29 @@ impl Scene {
         wanted.filter_map(table).collect()
     }
 
-    /// The same scene on another number of nodes.
+    /// The same scene on another number of nodes; point loads go to the nearest.
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
         scene.rod.nodes = Whole::nearest(nodes);
+        let (old, new) = (self.rod.nodes.get(), scene.rod.nodes.get());
+        for load in scene.loads.iter_mut().flat_map(|loads| &mut loads.point) {
+            let node = load.node.rem_euclid(old as i64) as f64;
+            load.node = (node * (new - 1) as f64 / (old - 1) as f64).round() as i64;
+        }
+        scene
+    }
+
+    /// The same scene by the whole model, with steps whose error is small: what cheaper models are compared with.
+    pub fn whole(&self) -> Self {
+        let mut scene = self.clone();
+        scene.solver = SolverTable {
+            integrator: Some(DEFAULT_INTEGRATORS[1].to_string()),
+            model: full(),
+            time_step_s: None,
+            tolerance: Some(Tolerance::constant(WHOLE_TOLERANCE)),
+            parameters: BTreeMap::new(),
+            ..scene.solver
+        };
         scene
     }
 

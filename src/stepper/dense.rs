@@ -1,13 +1,11 @@
 //! Dense output: what a run was like at any time of its last internal step, at no cost to the steps.
 //!
-//! Positions are the cubic Hermite polynomial of positions and velocities at both ends, velocities that of velocities and
-//! accelerations: errors of the fourth order in the step. The links of the chain form are linear in between.
+//! A [`Mover`](crate::reduced::Mover) knows the state in between, as a rule to the fourth order in the step.
 
 use super::Stepper;
 use crate::error::{Error, Result};
-use crate::head::{Row, hermite};
-use crate::metrics::Meter;
-use crate::system::{Link, State, System};
+use crate::metrics::{Meter, Reading};
+use crate::system::{State, System};
 use crate::variable::View;
 
 /// Room for the state and the readings in between.
@@ -17,7 +15,31 @@ pub(super) struct Dense {
     meter: Meter,
 }
 
+impl Dense {
+    /// Room for states like `state`.
+    pub(super) fn new(state: &State, meter: &Meter) -> Self {
+        Self { state: state.clone(), meter: meter.clone() }
+    }
+
+    /// What was read last.
+    pub(super) fn reading(&self) -> &Reading {
+        &self.meter.now
+    }
+}
+
 impl Stepper {
+    /// Reads the middle of the step from the state to the next, into the room of [`Dense`].
+    pub(super) fn middle(&mut self) -> Result<()> {
+        let (from, to) = (&self.state, &self.next);
+        let t = 0.5 * (from.t + to.t);
+        let dense = self.dense.get_or_insert_with(|| Dense::new(from, &self.meter));
+        self.mover.between(&mut self.dynamics, from, to, t, &mut dense.state);
+        self.dynamics.move_to(t, &mut dense.state);
+        dense.meter.now.take(&mut self.dynamics, &dense.state)?;
+        self.dynamics.move_to(self.next.t, &mut self.next);
+        Ok(())
+    }
+
     /// What `look` reads at time `t` (s) of the last internal step.
     ///
     /// # Errors
@@ -32,8 +54,8 @@ impl Stepper {
         if !(from.t..self.state.t).contains(&t) {
             return outside(from.t);
         }
-        let dense = self.dense.get_or_insert_with(|| Dense { state: self.state.clone(), meter: self.meter.clone() });
-        interpolate(from, &self.state, t, &mut dense.state);
+        let dense = self.dense.get_or_insert_with(|| Dense::new(&self.state, &self.meter));
+        self.mover.between(&mut self.dynamics, from, &self.state, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
         let reading = dense.meter.now.take(&mut self.dynamics, &dense.state);
         let outcome = reading.map(|()| {
@@ -48,26 +70,5 @@ impl Stepper {
         });
         self.dynamics.move_to(self.state.t, &mut self.state);
         outcome
-    }
-}
-
-/// Writes the state at `t` between two states to `out`.
-fn interpolate(from: &State, to: &State, t: f64, out: &mut State) {
-    let row =
-        |state: &State, value: &[f64], rate: &[f64], i: usize| Row { time: state.t, value: value[i], rate: rate[i] };
-    let part = (t - from.t) / (to.t - from.t);
-    let between = |a: f64, b: f64| a + part * (b - a);
-    for i in 0..from.q.len() {
-        out.q[i] = hermite(&row(from, &from.q, &from.v, i), &row(to, &to.q, &to.v, i), t).value;
-        out.v[i] = hermite(&row(from, &from.v, &from.a, i), &row(to, &to.v, &to.a, i), t).value;
-        out.a[i] = between(from.a[i], to.a[i]);
-    }
-    for (out, (a, b)) in out.links.iter_mut().zip(from.links.iter().zip(&to.links)) {
-        *out = Link {
-            angle: between(a.angle, b.angle),
-            force: [0, 1].map(|i| between(a.force[i], b.force[i])),
-            moment: between(a.moment, b.moment),
-            curvature: between(a.curvature, b.curvature),
-        };
     }
 }

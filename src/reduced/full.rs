@@ -1,0 +1,65 @@
+//! The whole model, M a = F, by the integrator that the scene names.
+
+use super::{Mover, Rung};
+use crate::error::Result;
+use crate::integrator::{Integrator, StepError};
+use crate::model::{Dynamics, Mechanics};
+use crate::newton::Newton;
+use crate::system::{Direction, State};
+
+/// What is known of it.
+pub static RUNG: Rung = Rung {
+    name: "full",
+    meaning: "elasticity, inertia and drag",
+    method: None,
+    needs_drag: false,
+    error: |_| 0.0,
+    build: |integrator| Box::new(Full { integrator, accelerations: Vec::new() }),
+};
+
+/// The direction that moves accelerations alone.
+const ACCELERATIONS: Direction = Direction { q: 0.0, v: 0.0, a: 1.0 };
+
+#[derive(Debug)]
+struct Full {
+    integrator: Box<dyn Integrator>,
+    /// Those before inputs changed.
+    accelerations: Vec<f64>,
+}
+
+impl Mover for Full {
+    fn mechanics(&self) -> Mechanics {
+        Mechanics::Full
+    }
+
+    fn order(&self) -> u32 {
+        self.integrator.order()
+    }
+
+    fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+        // The accelerations are linear in f, so one iteration solves the equation of motion for them.
+        newton.iterate(dynamics, state, ACCELERATIONS)?;
+        self.integrator.begin(state);
+        Ok(())
+    }
+
+    fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+        self.accelerations.clone_from(&state.a);
+        newton.iterate(dynamics, state, ACCELERATIONS)?;
+        for (w, (new, old)) in state.memory.iter_mut().zip(state.a.iter().zip(&self.accelerations)) {
+            *w += new - old; // what a method remembers jumps with them
+        }
+        Ok(())
+    }
+
+    fn step(
+        &mut self,
+        dynamics: &mut Dynamics,
+        newton: &mut Newton,
+        from: &State,
+        h: f64,
+        to: &mut State,
+    ) -> Result<StepError> {
+        self.integrator.step(dynamics, newton, from, h, to)
+    }
+}

@@ -1,0 +1,164 @@
+//! The ladder of models of one scene: the whole rod, and cheaper models that keep less of its mechanics.
+//!
+//! Every rung moves the same [`State`]: positions, velocities and accelerations of all nodes. So stepper, variables,
+//! outputs and sweeps are the same for each.
+
+pub mod estimate;
+mod full;
+mod overdamped;
+mod rigid;
+mod runge_kutta;
+mod shape;
+
+use crate::error::Result;
+use crate::head::{Row, hermite};
+use crate::integrator::{Integrator, StepError};
+use crate::model::{Dynamics, Mechanics};
+use crate::newton::Newton;
+use crate::system::{Link, State};
+pub use estimate::Estimates;
+
+/// All rungs, the cheapest first; adding one is its file and its line here.
+pub static RUNGS: &[&Rung] = &[&shape::RUNG, &overdamped::RUNG, &full::RUNG];
+
+/// What is known of a rung, and how to make it.
+#[derive(Debug)]
+pub struct Rung {
+    /// Name in a scene.
+    pub name: &'static str,
+    /// What it keeps and what it leaves out.
+    pub meaning: &'static str,
+    /// What it is solved by; `None`: by the scene's integrator.
+    pub method: Option<&'static str>,
+    /// True where it makes no sense without drag.
+    pub needs_drag: bool,
+    /// Its estimated error of the net displacement, relative.
+    pub error: fn(&Estimates) -> f64,
+    /// The rung, for a scene with that integrator.
+    pub build: fn(Box<dyn Integrator>) -> Box<dyn Mover>,
+}
+
+impl Rung {
+    /// The rung of this name.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        RUNGS.iter().copied().find(|rung| rung.name == name)
+    }
+}
+
+/// A rung, and why it was taken.
+#[derive(Debug, Clone)]
+pub struct Choice {
+    /// The rung.
+    pub rung: &'static Rung,
+    /// Why, where the program has chosen.
+    pub reason: Option<String>,
+}
+
+impl Choice {
+    /// The rung that a scene names.
+    pub fn asked(rung: &'static Rung) -> Self {
+        Self { rung, reason: None }
+    }
+
+    /// The cheapest rung whose estimated error is at most `accuracy`; `drag` says whether there is any.
+    pub fn of(estimates: &Estimates, accuracy: f64, drag: bool) -> Self {
+        let mut worse = Vec::new();
+        for rung in RUNGS.iter().filter(|rung| drag || !rung.needs_drag) {
+            let error = (rung.error)(estimates);
+            if error <= accuracy {
+                let own = if error > 0.0 {
+                    format!("its estimated error {error:.1e} is within the accuracy {accuracy:e}")
+                } else {
+                    format!("the estimated errors of cheaper models exceed the accuracy {accuracy:e}")
+                };
+                worse.insert(0, own);
+                return Self { rung, reason: Some(worse.join("; ")) };
+            }
+            worse.push(format!("{} {error:.1e}", rung.name));
+        }
+        Self::asked(&full::RUNG)
+    }
+}
+
+/// A rung at work: it moves the state of a rod.
+pub trait Mover: std::fmt::Debug + Send {
+    /// What it keeps of the rod's mechanics.
+    fn mechanics(&self) -> Mechanics;
+
+    /// Order of convergence in the step size.
+    fn order(&self) -> u32;
+
+    /// Largest error of a step over the length where the scene gives the step; it is halved where it has more.
+    fn limit(&self) -> f64 {
+        f64::INFINITY
+    }
+
+    /// The longest step (s) that resolves what it is told to do, whatever the error of the step.
+    fn longest_step(&self, _dynamics: &Dynamics) -> f64 {
+        f64::INFINITY
+    }
+
+    /// Prepares for a run from `state`, a [`Start`](crate::start::Start), and makes it one of its own.
+    ///
+    /// # Errors
+    /// Those of [`Newton::iterate`].
+    fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
+
+    /// Makes `state` one of its own again after inputs have changed.
+    ///
+    /// # Errors
+    /// Those of [`Newton::iterate`].
+    fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
+
+    /// Steps as [`Integrator::step`] does.
+    ///
+    /// # Errors
+    /// Those of [`Integrator::step`].
+    fn step(
+        &mut self,
+        dynamics: &mut Dynamics,
+        newton: &mut Newton,
+        from: &State,
+        h: f64,
+        to: &mut State,
+    ) -> Result<StepError>;
+
+    /// True where it knows the state in the middle of a step as well as at its end: work is read there too.
+    fn knows_between(&self) -> bool {
+        false
+    }
+
+    /// Writes the state at time `t` (s) of the last step, from `from` to `to`, to `out`.
+    fn between(&mut self, _dynamics: &mut Dynamics, from: &State, to: &State, t: f64, out: &mut State) {
+        interpolate(from, to, t, out);
+    }
+}
+
+impl From<Box<dyn Integrator>> for Box<dyn Mover> {
+    /// The whole model.
+    fn from(integrator: Box<dyn Integrator>) -> Self {
+        (full::RUNG.build)(integrator)
+    }
+}
+
+/// Writes the state at `t` between two states to `out`: positions are the cubic Hermite polynomial of positions and
+/// velocities, velocities that of velocities and accelerations.
+fn interpolate(from: &State, to: &State, t: f64, out: &mut State) {
+    let row =
+        |state: &State, value: &[f64], rate: &[f64], i: usize| Row { time: state.t, value: value[i], rate: rate[i] };
+    let part = (t - from.t) / (to.t - from.t);
+    let between = |a: f64, b: f64| a + part * (b - a);
+    for i in 0..from.q.len() {
+        out.q[i] = hermite(&row(from, &from.q, &from.v, i), &row(to, &to.q, &to.v, i), t).value;
+        out.v[i] = hermite(&row(from, &from.v, &from.a, i), &row(to, &to.v, &to.a, i), t).value;
+        out.a[i] = between(from.a[i], to.a[i]);
+    }
+    for (out, (a, b)) in out.links.iter_mut().zip(from.links.iter().zip(&to.links)) {
+        *out = Link {
+            angle: between(a.angle, b.angle),
+            force: [0, 1].map(|i| between(a.force[i], b.force[i])),
+            moment: between(a.moment, b.moment),
+            curvature: between(a.curvature, b.curvature),
+        };
+    }
+}

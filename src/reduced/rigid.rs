@@ -1,0 +1,240 @@
+//! The rigid motion of a chain whose curvatures are prescribed.
+//!
+//! Unknown are the centre of mass X, its velocity V, the direction φ of the first edge, and the angular momentum Λ about X:
+//! X' = V, M V' = F, Λ' = N, with force F and moment N of drag and loads, and φ' = (Λ − Λ_s)/I where Λ_s is what the change of
+//! shape carries at φ' = 0 and I the moment of inertia. Without inertia X' and φ' are those at which F = 0 and N = 0.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::head::Pose;
+use crate::model::Dynamics;
+use crate::rod::{Edge, Rod, bend, node};
+use crate::system::State;
+
+/// Numbers that describe the rigid motion.
+pub const RIGID: usize = 6;
+
+/// X, φ, V, Λ, or their rates.
+pub type Rigid = [f64; RIGID];
+
+/// How the direction that a chain starts from moves: unit vector, rate and second rate of its angle.
+type Base = (Vector2<f64>, f64, f64);
+
+/// An inextensible chain with room for its motion.
+#[derive(Debug, Default)]
+pub struct Chain {
+    /// Of the rod, kg.
+    mass: f64,
+    edges: Vec<Edge>,
+    /// Positions, two entries a node, m.
+    pub x: Vec<f64>,
+    /// Velocities, m/s.
+    pub v: Vec<f64>,
+    /// Accelerations, m/s².
+    pub a: Vec<f64>,
+    /// Moment of inertia about the centre of mass, kg m².
+    pub inertia: f64,
+    /// Room for velocities and forces.
+    moving: Vec<f64>,
+    force: Vec<f64>,
+}
+
+impl Chain {
+    /// Room for the nodes of `rod`.
+    pub fn new(rod: &Rod) -> Self {
+        let zeros = || vec![0.0; 2 * rod.nodes];
+        Self {
+            mass: rod.total_mass(),
+            edges: vec![Edge::along(Vector2::x(), rod.spacing); rod.nodes - 1],
+            x: zeros(),
+            v: zeros(),
+            a: zeros(),
+            inertia: 0.0,
+            moving: zeros(),
+            force: zeros(),
+        }
+    }
+
+    /// Lays the chain of curvatures κ, their rates and, if asked for, second rates, from node 0 at rest at the origin;
+    /// returns the means of positions, velocities and accelerations.
+    fn lay<const ACCELERATIONS: bool>(
+        &mut self,
+        rod: &Rod,
+        [kappa, rate, second]: [&[f64]; 3],
+        base: Base,
+    ) -> [Vector2<f64>; 3] {
+        let (mut t, mut spin, mut twist) = base;
+        let mut here = [Vector2::zeros(); 3];
+        let mut mean = [Vector2::zeros(); 3];
+        let nodes = rod.nodes;
+        let (kappa, rate) = (&kappa[..nodes], &rate[..nodes]);
+        let [x, v, a] = [&mut self.x, &mut self.v, &mut self.a].map(|values| values.as_chunks_mut::<2>().0);
+        (x[0], v[0], a[0]) = ([0.0; 2], [0.0; 2], [0.0; 2]);
+        let rows = x[1..].iter_mut().zip(&mut v[1..]).zip(&mut a[1..]).zip(&mut self.edges).zip(&rod.mass[1..]);
+        for (e, ((((x, v), a), edge), mass)) in rows.enumerate() {
+            if e >= rod.first_joint {
+                let (kappa, rate) = (kappa[e], rate[e]);
+                // cos θ = (1 − κ²/4)/s, sin θ = κ/s, θ' = κ'/s with s = 1 + κ²/4.
+                let s = bend::curvature_per_turning(kappa);
+                let per_s = 1.0 / s;
+                let (cos, sin) = ((2.0 - s) * per_s, kappa * per_s);
+                t = Vector2::new(t.x * cos - t.y * sin, t.x * sin + t.y * cos);
+                spin += rate * per_s;
+                if ACCELERATIONS {
+                    twist += (second[e] - 0.5 * kappa * rate * rate * per_s) * per_s;
+                }
+            }
+            let n = perpendicular(t);
+            here[0] += t * rod.spacing;
+            here[1] += n * (rod.spacing * spin);
+            (*x, *v) = (here[0].into(), here[1].into());
+            mean[0] += here[0] * *mass;
+            mean[1] += here[1] * *mass;
+            if ACCELERATIONS {
+                here[2] += (n * twist - t * (spin * spin)) * rod.spacing;
+                *a = here[2].into();
+                mean[2] += here[2] * *mass;
+            }
+            edge.t = t;
+        }
+        mean.map(|sum| sum / self.mass)
+    }
+
+    /// Moves positions and velocities by their means `x` and `v`; returns the angular momentum about it, and keeps the
+    /// moment of inertia.
+    fn centre(&mut self, rod: &Rod, [x, v, _]: [Vector2<f64>; 3]) -> f64 {
+        let (mut inertia, mut momentum) = (0.0, 0.0);
+        let rows = self.x.as_chunks_mut::<2>().0.iter_mut().zip(self.v.as_chunks_mut::<2>().0).zip(&rod.mass);
+        for ((here, moving), m) in rows {
+            let (r, w) = (Vector2::from(*here) - x, Vector2::from(*moving) - v);
+            (*here, *moving) = (r.into(), w.into());
+            inertia += m * r.norm_squared();
+            momentum += m * r.perp(&w);
+        }
+        self.inertia = inertia;
+        momentum
+    }
+
+    /// The rates of the rigid motion `rigid` with curvatures κ and their rates; inputs are those of `dynamics`.
+    pub fn rates(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &Rigid) -> Rigid {
+        let &[_, _, angle, vx, vy, momentum] = rigid;
+        let rod = &dynamics.model.rod;
+        let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(angle), 0.0, 0.0));
+        let of_shape = self.centre(rod, means);
+        let spin = (momentum - of_shape) / self.inertia;
+        let [fx, fy, moment] = self.applied(dynamics, [vx, vy, spin]);
+        [vx, vy, spin, fx / self.mass, fy / self.mass, moment]
+    }
+
+    /// The same without inertia: V and Λ play no part.
+    pub fn rates_without_inertia(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &Rigid) -> Rigid {
+        /// Newton iterations; one is exact for a drag linear in velocity.
+        const ITERATIONS: u32 = 2;
+        let rod = &dynamics.model.rod;
+        let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
+        self.centre(rod, means);
+        let mut motion = Vector3::zeros();
+        for _ in 0..ITERATIONS {
+            let here = Vector3::from(self.applied(dynamics, motion.into()));
+            // Differences over speeds of the size of the shape's own.
+            let speed = self.v.iter().fold(0.0_f64, |max, v| max.max(v.abs())).max(f64::MIN_POSITIVE);
+            let scale = [speed, speed, speed / rod.length];
+            let columns = [0, 1, 2].map(|i| {
+                let mut moved = motion;
+                moved[i] += scale[i];
+                (Vector3::from(self.applied(dynamics, moved.into())) - here) / scale[i]
+            });
+            let Some(inverse) = Matrix3::from_columns(&columns).try_inverse() else { return [f64::NAN; RIGID] };
+            motion -= inverse * here;
+        }
+        [motion.x, motion.y, motion.z, 0.0, 0.0, 0.0]
+    }
+
+    /// Force (N) and moment about the centre of mass (N m) of drag and loads on the centred chain that moves on top of its
+    /// own motion with velocity x, y and spin.
+    fn applied(&mut self, dynamics: &Dynamics, [vx, vy, spin]: [f64; 3]) -> [f64; 3] {
+        if dynamics.drag().is_none() && !dynamics.is_loaded() {
+            return [0.0; 3];
+        }
+        let rows = self.moving.as_chunks_mut::<2>().0.iter_mut().zip(self.x.as_chunks::<2>().0);
+        for ((moving, x), v) in rows.zip(self.v.as_chunks::<2>().0) {
+            *moving = [v[0] + vx - spin * x[1], v[1] + vy + spin * x[0]];
+        }
+        dynamics.write_applied(&self.edges, &self.moving, &mut self.force);
+        let (mut force, mut moment) = (Vector2::zeros(), 0.0);
+        for (f, x) in self.force.as_chunks::<2>().0.iter().zip(self.x.as_chunks::<2>().0) {
+            let f = Vector2::from(*f);
+            force -= f;
+            moment -= Vector2::from(*x).perp(&f);
+        }
+        [force.x, force.y, moment]
+    }
+
+    /// Writes the motion of the chain of curvatures κ, their rates and second rates, that moves by `rigid` at `rates`.
+    pub fn place(&mut self, rod: &Rod, natural: [&[f64]; 3], rigid: &Rigid, rates: &Rigid) {
+        let &[x, y, angle, vx, vy, _] = rigid;
+        let &[.., spin, ax, ay, moment] = rates;
+        let means = self.lay::<true>(rod, natural, (direction(angle), spin, 0.0));
+        self.centre(rod, means);
+        let [_, _, mean] = means;
+        let mut change = 0.0;
+        for (k, m) in rod.mass.iter().enumerate() {
+            let a = node(&self.a, k) - mean;
+            put(&mut self.a, k, a);
+            change += m * node(&self.x, k).perp(&a);
+        }
+        let twist = (moment - change) / self.inertia;
+        for k in 0..rod.nodes {
+            let r = node(&self.x, k);
+            let a = node(&self.a, k) + Vector2::new(ax, ay) + perpendicular(r) * twist;
+            let v = node(&self.v, k) + Vector2::new(vx, vy);
+            put(&mut self.x, k, r + Vector2::new(x, y));
+            put(&mut self.v, k, v);
+            put(&mut self.a, k, a);
+        }
+    }
+
+    /// Writes the motion of the chain that hangs on a held head.
+    pub fn hang(&mut self, rod: &Rod, natural: [&[f64]; 3], [x, y, angle]: &Pose) {
+        self.lay::<true>(rod, natural, (direction(angle.value), angle.rate, angle.acceleration));
+        for (of_head, values) in [
+            (Vector2::new(x.value, y.value), &mut self.x),
+            (Vector2::new(x.rate, y.rate), &mut self.v),
+            (Vector2::new(x.acceleration, y.acceleration), &mut self.a),
+        ] {
+            for k in 0..rod.nodes {
+                let value = node(values, k) + of_head;
+                put(values, k, value);
+            }
+        }
+    }
+
+    /// The rigid motion that fits the chain of curvatures κ to `state` best, with the centre of mass and the momenta of it.
+    pub fn fit(&mut self, rod: &Rod, [kappa, rate]: [&[f64]; 2], state: &State) -> Rigid {
+        let means = self.lay::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
+        self.centre(rod, means);
+        let (x, v) = (rod.mean(&state.q), rod.mean(&state.v));
+        let (mut cross, mut dot, mut momentum) = (0.0, 0.0, 0.0);
+        for (k, m) in rod.mass.iter().enumerate() {
+            let (p, r, w) = (node(&self.x, k), node(&state.q, k) - x, node(&state.v, k) - v);
+            cross += m * p.perp(&r);
+            dot += m * p.dot(&r);
+            momentum += m * r.perp(&w);
+        }
+        [x.x, x.y, cross.atan2(dot), v.x, v.y, momentum]
+    }
+}
+
+fn direction(angle: f64) -> Vector2<f64> {
+    let (sin, cos) = angle.sin_cos();
+    Vector2::new(cos, sin)
+}
+
+/// Turned by +90°.
+fn perpendicular(v: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(-v.y, v.x)
+}
+
+fn put(values: &mut [f64], k: usize, vector: Vector2<f64>) {
+    values[2 * k..2 * k + 2].copy_from_slice(vector.as_slice());
+}

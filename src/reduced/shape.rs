@@ -1,0 +1,171 @@
+//! Shape: an inextensible chain that takes its natural curvature, 2 tan(θ_k/2) = κ̄_k(t); only its rigid motion is unknown.
+//!
+//! Unknown is the rigid motion of [`rigid`](super::rigid). Nothing is stiff, so the method is explicit. With a held head
+//! nothing is unknown: the chain hangs on it.
+//!
+//! Where inputs change at once the shape does too: the centre of mass, its velocity and Λ stay, and the new shape is
+//! turned to fit the old one best (mass-weighted least squares).
+
+use super::rigid::{Chain, RIGID, Rigid};
+use super::runge_kutta::{ORDER, Step};
+use super::{Mover, Rung};
+use crate::error::{Error, Result};
+use crate::head::Signal;
+use crate::integrator::StepError;
+use crate::model::{Dynamics, Mechanics};
+use crate::newton::Newton;
+use crate::start::Start;
+use crate::system::State;
+
+/// What is known of it.
+pub static RUNG: Rung = Rung {
+    name: "shape",
+    meaning: "the rigid motion of the prescribed shape: inertia and drag, without elasticity",
+    method: Some("Dormand-Prince 5(4)"),
+    needs_drag: false,
+    error: |estimates| estimates.shape,
+    build: |_| Box::new(Shape::default()),
+};
+
+/// Fewest steps in a period of what drives the rod, or in a ramp.
+const STEPS_A_PERIOD: f64 = 16.0;
+
+/// Largest error of a step over the length.
+const LIMIT: f64 = 1e-8;
+
+/// The method and its last step.
+#[derive(Debug)]
+struct Shape {
+    chain: Chain,
+    acceleration: Vec<f64>,
+    step: Step<RIGID>,
+}
+
+impl Default for Shape {
+    fn default() -> Self {
+        Self { chain: Chain::default(), acceleration: Vec::new(), step: Step::none() }
+    }
+}
+
+/// The longest step (s) that resolves what drives the rod.
+pub fn longest_step(dynamics: &Dynamics) -> f64 {
+    let ramp = match dynamics.model.start {
+        Start::Ramp { duration } if dynamics.model.actuation.is_some() => duration,
+        _ => f64::INFINITY,
+    };
+    let head = dynamics.model.head.iter().flatten().map(|signal| match signal {
+        Signal::Sinusoid { frequency, .. } => 1.0 / frequency,
+        Signal::Table(rows) if rows.len() > 1 => {
+            STEPS_A_PERIOD * (rows[rows.len() - 1].time - rows[0].time) / (rows.len() - 1) as f64
+        }
+        _ => f64::INFINITY,
+    });
+    head.fold(ramp.min(1.0 / dynamics.inputs.drive.frequency), f64::min) / STEPS_A_PERIOD
+}
+
+/// The rates of the rigid motion of the prescribed shape at time `t` (s).
+pub fn rates_at(chain: &mut Chain, dynamics: &mut Dynamics, t: f64, rigid: &Rigid) -> Rigid {
+    dynamics.look_at(t);
+    chain.rates(dynamics, [&dynamics.natural, &dynamics.natural_rate], rigid)
+}
+
+impl Shape {
+    /// Writes the state at time `t` of the rigid motion `rigid` with its `rates`.
+    fn place(&mut self, dynamics: &mut Dynamics, t: f64, motion: Option<[&Rigid; 2]>, state: &mut State) {
+        dynamics.look_at(t);
+        dynamics.natural_acceleration(t, &mut self.acceleration);
+        state.t = t;
+        let (chain, natural) = (&mut self.chain, [&dynamics.natural[..], &dynamics.natural_rate, &self.acceleration]);
+        let rod = &dynamics.model.rod;
+        match motion {
+            Some([rigid, rates]) => chain.place(rod, natural, rigid, rates),
+            None => chain.hang(rod, natural, &dynamics.held.unwrap_or_default()),
+        }
+        state.q.copy_from_slice(&chain.x);
+        state.v.copy_from_slice(&chain.v);
+        state.a.copy_from_slice(&chain.a);
+    }
+}
+
+impl Mover for Shape {
+    fn mechanics(&self) -> Mechanics {
+        Mechanics::Shape
+    }
+
+    fn order(&self) -> u32 {
+        ORDER
+    }
+
+    fn limit(&self) -> f64 {
+        LIMIT
+    }
+
+    fn longest_step(&self, dynamics: &Dynamics) -> f64 {
+        longest_step(dynamics)
+    }
+
+    fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+        self.chain = Chain::new(&dynamics.model.rod);
+        self.acceleration.resize(dynamics.model.rod.nodes, 0.0);
+        self.settle(dynamics, newton, state)
+    }
+
+    fn settle(&mut self, dynamics: &mut Dynamics, _: &mut Newton, state: &mut State) -> Result<()> {
+        if dynamics.model.head.is_some() {
+            self.place(dynamics, state.t, None, state);
+            return Ok(());
+        }
+        dynamics.look_at(state.t);
+        let rigid = self.chain.fit(&dynamics.model.rod, [&dynamics.natural, &dynamics.natural_rate], state);
+        let rates = rates_at(&mut self.chain, dynamics, state.t, &rigid);
+        state.memory.clear();
+        state.memory.extend(rigid.iter().chain(&rates));
+        self.place(dynamics, state.t, Some([&rigid, &rates]), state);
+        Ok(())
+    }
+
+    fn step(
+        &mut self,
+        dynamics: &mut Dynamics,
+        _: &mut Newton,
+        from: &State,
+        h: f64,
+        to: &mut State,
+    ) -> Result<StepError> {
+        let Some((&rigid, rates)) = from.memory.split_first_chunk::<RIGID>() else {
+            self.place(dynamics, to.t, None, to);
+            return Ok(StepError::default());
+        };
+        let rates = rates.first_chunk().copied().unwrap_or([0.0; RIGID]);
+        let chain = &mut self.chain;
+        self.step = Step::new(from.t, rigid, rates, h, |t, rigid| rates_at(chain, dynamics, t, rigid));
+        let (error, length) = (self.step.error(), dynamics.model.rod.length);
+        let [x, y, turn, vx, vy, momentum] = error.map(f64::abs);
+        let error = StepError {
+            position: x.max(y) + length * turn,
+            velocity: vx.max(vy) + length * momentum / self.chain.inertia,
+        };
+        if !(error.position + error.velocity).is_finite() {
+            return Err(Error::NotFinite { time_s: to.t, node: 0, what: "the motion of the shape" });
+        }
+        let (end, rates) = (self.step.end, self.step.rate());
+        to.memory.clear();
+        to.memory.extend(end.iter().chain(&rates));
+        self.place(dynamics, to.t, Some([&end, &rates]), to);
+        Ok(error)
+    }
+
+    fn knows_between(&self) -> bool {
+        true
+    }
+
+    fn between(&mut self, dynamics: &mut Dynamics, from: &State, _: &State, t: f64, out: &mut State) {
+        if from.memory.is_empty() {
+            self.place(dynamics, t, None, out);
+        } else {
+            let rigid = self.step.at(t);
+            let rates = rates_at(&mut self.chain, dynamics, t, &rigid);
+            self.place(dynamics, t, Some([&rigid, &rates]), out);
+        }
+    }
+}
