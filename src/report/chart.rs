@@ -160,9 +160,15 @@ impl Chart {
         chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<X, Y>>,
         [x, y]: [(f64, f64); 2],
     ) -> std::result::Result<(), String> {
-        // A tick at zero comes out as rounding noise.
-        let label =
-            |value: f64, range: (f64, f64)| number(if value.abs() < 1e-9 * (range.1 - range.0) { 0.0 } else { value });
+        // A tick at zero comes out as rounding noise; on a logarithmic axis, which has no range here, there is no room for all.
+        let label = |value: f64, range: (f64, f64)| {
+            if range == (0.0, 0.0) {
+                let mantissa = value / 10.0_f64.powf(value.log10().floor());
+                let shown = [1.0, 2.0, 5.0, 10.0].iter().any(|round| (mantissa - round).abs() < 1e-6);
+                return if shown { number(value) } else { String::new() };
+            }
+            number(if value.abs() < 1e-9 * (range.1 - range.0) { 0.0 } else { value })
+        };
         chart
             .configure_mesh()
             .x_desc(&self.x)

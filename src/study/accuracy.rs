@@ -692,7 +692,7 @@ impl Report<'_> {
         let (low, high) = (steps().fold(f64::INFINITY, f64::min), steps().fold(0.0, f64::max));
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
             let error = reference.result.errors(limit)[0];
-            series.push(Series::new(format!("mesh, {nodes}"), vec![(low, error), (high, error)], Mark::Slope));
+            series.push(Series::new(format!("mesh, {nodes}"), vec![(high, error), (low, error)], Mark::Slope));
         }
         Chart {
             title: format!("{}: error of the steps against error of the mesh", self.scene.name),

@@ -16,7 +16,7 @@ use crate::scene::{FormKey, Scene};
 use crate::stepper::Stepper;
 use crate::system::Form;
 
-/// A run is repeated until it took this long in all; its fastest repetition counts.
+/// A run is repeated until it took this long in all.
 const LONG_ENOUGH: Duration = Duration::from_millis(300);
 /// Growth is fitted from this many nodes on; below, a step's constant costs show.
 const FITTED_FROM: u64 = 129;
@@ -54,6 +54,8 @@ struct Case {
 struct Run {
     /// Why it failed.
     failure: Option<String>,
+    /// Time of a mean step, s: its iterations times the time of one in the step where that was least, which other work on
+    /// the machine disturbed least.
     step_s: f64,
     iterations: u64,
     halvings: u64,
@@ -116,24 +118,26 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         Err(error) => return Some(failed(error.to_string())),
     };
     let start = stepper.save();
-    let (mut best, mut total, mut peak) = (Duration::MAX, Duration::ZERO, None);
+    let (mut fastest, mut total, mut peak) = (f64::INFINITY, Duration::ZERO, None);
     while total < LONG_ENOUGH {
         if total > Duration::ZERO {
             stepper.restore(&start).ok()?; // its own: it fits
         }
-        let clock = Instant::now();
         for _ in 0..case.steps {
             if desk.interrupted() {
                 return None;
             }
+            let (clock, before) = (Instant::now(), stepper.work().newton_iterations);
             if let Err(error) = stepper.do_step(step) {
                 return Some(failed(error.to_string()));
             }
+            let (time, iterations) = (clock.elapsed(), stepper.work().newton_iterations - before);
+            fastest = fastest.min(time.as_secs_f64() / iterations.max(1) as f64);
+            total += time;
         }
-        let time = clock.elapsed();
-        (best, total) = (best.min(time), total + time);
         peak = peak.or_else(memory::peak); // before a repetition adds a copy of the state
     }
+    let iterations = stepper.work().newton_iterations;
     let rod = &stepper.model().rod;
     let (kappa, last) = (&stepper.meter().now.kappa, rod.nodes - 1);
     let at = |s: f64| {
@@ -144,8 +148,8 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     let q = &stepper.state().q;
     Some(Run {
         failure: None,
-        step_s: best.as_secs_f64() / case.steps as f64,
-        iterations: stepper.work().newton_iterations,
+        step_s: fastest * iterations as f64 / case.steps as f64,
+        iterations,
         halvings: stepper.meter().totals.halvings,
         fallbacks: stepper.work().linear_fallbacks,
         memory: peak.zip(before).map(|(peak, before)| peak.saturating_sub(before)),
