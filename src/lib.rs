@@ -79,6 +79,8 @@ pub mod variable;
 
 pub mod stepper;
 
+pub mod sensitivity;
+
 pub mod check;
 pub mod report;
 pub mod run;

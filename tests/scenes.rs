@@ -334,10 +334,7 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
             "rod.outer_radius_m=0.001",
             "folder/scene.toml:6: rod.inner_radius_m: found 0.011; allowed: from 0 to below outer_radius_m = 0.001",
         ),
-        (
-            "start.kind=jump",
-            "folder/scene.toml:20: start.ramp_s: found without kind = \"ramp\"; allowed: only with it",
-        ),
+        ("start.kind=jump", "folder/scene.toml:20: start.ramp_s: found without kind = \"ramp\"; allowed: only with it"),
     ] {
         let mut document = Document::new("folder/scene.toml", FULL);
         let error = document.set(set).and_then(|()| document.scene().map(|_| ())).unwrap_err();

@@ -673,7 +673,7 @@ impl Scene {
 }
 
 /// The whole steps in `duration` (s), and the shorter last one (s) if there is one: together the duration.
-fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
+pub(crate) fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
     let whole = (duration / step).round();
     if (whole * step - duration).abs() <= 1e-9 * duration {
         return (whole as u64, None);
