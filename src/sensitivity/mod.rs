@@ -2,9 +2,12 @@
 //! [`Parameter`]s.
 //!
 //! A method of one stage solves f(t, q, v, a; p) = 0 with q = q* + A a, v = v* + B a ([`Rule`]). With J = M + A f_q + B f_v
-//! and derivatives Q, V, … of q, v, … by p, and Z = V* − (B/A) Q*, that is
+//! and derivatives Q, V, … of q, v, … by p, that is
 //!
-//! J Q = M Q* − A (f_v Z + f_p), of which the derivatives of a and v follow.
+//! J (Q − Q*) = −A (f_q Q* + f_v V* + f_p), of which the derivatives of a and v follow.
+//!
+//! Forces do not change where the whole rod moves, so f_q Q* is summed over differences of nodes, (f_q)ᵢⱼ (Q*ⱼ − Q*ᵢ): the
+//! stiffness of stretching, 10⁸ N/m in an aluminium tail, would else make its rounding an acceleration.
 //!
 //! [`Problem::forward`] carries all columns along with the simulation: one matrix more a step, and a solve a parameter.
 //! [`Problem::adjoint`] goes back over a stored simulation with the transposed matrix: one solve a step, whatever the number
@@ -21,7 +24,7 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Pace, Rule};
-use crate::linear::{BandMatrix, BlockBand, Choice, FaerLu, LinearSolver};
+use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, FaerLu, LinearSolver};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
@@ -121,9 +124,12 @@ struct Column {
 /// Matrix, factors and room to work in.
 #[derive(Debug)]
 struct Equations {
+    /// J, as if nothing held the head.
     matrix: BandMatrix,
+    /// J of a held head.
+    held: Option<BandMatrix>,
     band: BlockBand,
-    /// Analysed when it is first needed; true where it has the factors.
+    /// Analysed when it is first needed; `pivoted`: it has the factors.
     lu: Option<FaerLu>,
     pivoted: bool,
     residual: Vec<f64>,
@@ -131,9 +137,10 @@ struct Equations {
 }
 
 impl Equations {
-    fn new(nodes: usize) -> Result<Self> {
+    fn new(nodes: usize, held: bool) -> Result<Self> {
         let matrix = BandMatrix::new(nodes);
         Ok(Self {
+            held: held.then(|| matrix.clone()),
             band: BlockBand::analyse(&matrix)?,
             lu: None,
             pivoted: false,
@@ -145,17 +152,47 @@ impl Equations {
 
     fn assemble(&mut self, dynamics: &mut Dynamics, state: &State, direction: Direction) -> Result<()> {
         let linearisation = Linearisation { matrix: &mut self.matrix, direction };
-        dynamics.assemble(state, &mut self.residual, Some(linearisation))
+        dynamics.unconstrained(state, &mut self.residual, Some(linearisation))?;
+        if let Some(held) = &mut self.held {
+            held.clone_from(&self.matrix);
+            held.prescribe(0);
+        }
+        Ok(())
+    }
+
+    /// y = −Σ Jᵢⱼ (xⱼ − xᵢ) over j ≠ i: −A f_q x, as f_v has no entries beside the diagonal.
+    fn differences(&self, x: &[f64], y: &mut [f64]) {
+        let x = x.as_chunks::<2>().0;
+        for (i, (row, y)) in self.matrix.rows().iter().zip(y.as_chunks_mut::<2>().0).enumerate() {
+            *y = [0.0; 2];
+            for (j, [a, b, c, d]) in neighbours(i, row, x.len()) {
+                let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
+                *y = [y[0] - (a * by[0] + b * by[1]), y[1] - (c * by[0] + d * by[1])];
+            }
+        }
+    }
+
+    /// Its transpose: adds −A (f_q)ᵀ x to y.
+    fn add_differences_transposed(&self, x: &[f64], y: &mut [f64]) {
+        let (x, y) = (x.as_chunks::<2>().0, y.as_chunks_mut::<2>().0);
+        for (i, row) in self.matrix.rows().iter().enumerate() {
+            for (j, [a, b, c, d]) in neighbours(i, row, x.len()) {
+                let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
+                y[j] = [y[j][0] - by[0], y[j][1] - by[1]];
+                y[i] = [y[i][0] + by[0], y[i][1] + by[1]];
+            }
+        }
     }
 
     /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs: so it is known that the band's
     /// factors are good, or faer's are taken.
     fn factor(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         self.pivoted = false;
-        self.band.factor(&self.matrix)?;
         self.residual.copy_from_slice(rhs);
+        self.band.factor(self.held.as_ref().unwrap_or(&self.matrix))?;
         self.solve(rhs, transposed);
-        self.matrix.multiply(rhs, &mut self.product, transposed);
+        let matrix = self.held.as_ref().unwrap_or(&self.matrix);
+        matrix.multiply(rhs, &mut self.product, transposed);
         let largest = |values: &[f64]| {
             values.iter().fold(0.0, |max: f64, x| if max.is_nan() || x.abs() <= max { max } else { x.abs() })
         };
@@ -167,9 +204,9 @@ impl Equations {
         }
         let lu = match &mut self.lu {
             Some(lu) => lu,
-            none => none.insert(FaerLu::analyse(&self.matrix)?),
+            none => none.insert(FaerLu::analyse(matrix)?),
         };
-        lu.factor(&self.matrix)?;
+        lu.factor(matrix)?;
         self.pivoted = true;
         rhs.copy_from_slice(&self.residual);
         self.solve(rhs, transposed);
@@ -184,6 +221,14 @@ impl Equations {
             (_, true) => self.band.solve_transposed(rhs),
         }
     }
+}
+
+/// The blocks of row `i` beside the diagonal, with their columns.
+#[inline]
+fn neighbours(i: usize, row: &BlockRow, nodes: usize) -> impl Iterator<Item = (usize, &[f64; 4])> {
+    let inside =
+        move |(j, block): (usize, _)| (i + j).checked_sub(2).filter(|j| *j != i && *j < nodes).map(|j| (j, block));
+    row.iter().enumerate().filter_map(inside)
 }
 
 /// Drives and heads over the steps beside a state, for work that is summed over them.
@@ -381,7 +426,7 @@ impl Problem {
         mut look: impl FnMut(&State),
     ) -> Result<Sensitivities> {
         let (nodes, steps) = (self.dynamics.nodes(), self.steps);
-        let mut equations = Equations::new(nodes)?;
+        let mut equations = Equations::new(nodes, self.model().head.is_some())?;
         let mut point = Point::new(nodes);
         let mut shape = Shape::new(nodes);
         let mut gradient = Gradient::new(nodes);
@@ -414,7 +459,8 @@ impl Problem {
                 let at = At { dynamics, state, point: &point };
                 for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
                     feet(&rule, h, column, &mut star);
-                    right_hand_side(&at, effect, &shape, &rule, &column.v, &star, &mut rhs);
+                    equations.differences(&star, &mut rhs);
+                    resist(&at, effect, &shape, rule.q_new, &column.v, &mut rhs);
                     if j == 0 {
                         equations.factor(&mut rhs, false)?;
                     } else {
@@ -500,7 +546,7 @@ impl Problem {
         let rules = self.rules()?;
         let viscous = parameters.contains(&Parameter::Viscosity);
         let summing = outputs.iter().any(|output| !output.work.is_empty());
-        let mut equations = Equations::new(nodes)?;
+        let mut equations = Equations::new(nodes, self.model().head.is_some())?;
         let mut point = Point::new(nodes);
         let mut shape = Shape::new(nodes);
         let mut ends = Ends::new(nodes);
@@ -557,7 +603,7 @@ impl Problem {
                 }
             }
             if n == 0 {
-                first_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref());
+                first_cotangents(&at, &equations, &mut bar, &mut force, held, self.integrator.as_ref());
             } else {
                 let h = steps.length(n);
                 let Rule { q_old, v_old, q_new, v_new, memory } = rule;
@@ -571,15 +617,11 @@ impl Problem {
                 if held {
                     mu[..2].fill(0.0);
                 }
-                for k in 0..nodes {
-                    let mass = dynamics.model.rod.mass[k];
-                    let [a, b, c, d] = point.damping[k];
+                equations.add_differences_transposed(&mu, &mut bar.q);
+                for (k, [a, b, c, d]) in point.damping.iter().enumerate() {
                     let (x, y) = (mu[2 * k], mu[2 * k + 1]);
                     for (i, damped) in [(2 * k, a * x + c * y), (2 * k + 1, b * x + d * y)] {
-                        let q_star = mass * mu[i] - bar.a[i] / q_new + v_new * damped;
-                        let v_star = bar.v[i] - q_new * damped;
-                        let w = bar.memory[i];
-                        bar.q[i] = q_star;
+                        let (q_star, v_star, w) = (bar.q[i], bar.v[i] - q_new * damped, bar.memory[i]);
                         bar.v[i] = h * q_star + v_star;
                         bar.a[i] = q_old * q_star + v_old * v_star + old * w;
                         bar.memory[i] = q_w * q_star + v_w * v_star + kept * w;
@@ -690,20 +732,14 @@ fn first_columns(
     equations.assemble(dynamics, state, Direction { q: 1.0, v: 0.0, a: 0.0 })?;
     point.look(dynamics, state, viscous);
     let at = At { dynamics, state, point };
-    let held = dynamics.held.is_some();
     let column = |effect: &Effect| {
         let [q, v] = first_by(dynamics, effect, shape);
         let mut a = vec![0.0; q.len()];
-        equations.matrix.multiply(&q, &mut a, false);
-        push(&at, effect, shape, 1.0, &mut a);
+        equations.differences(&q, &mut a);
+        resist(&at, effect, shape, 1.0, &v, &mut a);
         for (k, mass) in dynamics.model.rod.mass.iter().enumerate() {
-            let [b, c, d, e] = point.damping[k];
-            let (x, y) = (v[2 * k], v[2 * k + 1]);
-            a[2 * k] = -(a[2 * k] + b * x + c * y) / mass;
-            a[2 * k + 1] = -(a[2 * k + 1] + d * x + e * y) / mass;
-        }
-        if held {
-            a[..2].fill(0.0);
+            a[2 * k] /= mass;
+            a[2 * k + 1] /= mass;
         }
         Column { q, v, memory: a.clone(), a }
     };
@@ -714,7 +750,7 @@ fn first_columns(
 /// that parameters push along.
 fn first_cotangents(
     at: &At<'_>,
-    equations: &mut Equations,
+    equations: &Equations,
     bar: &mut Column,
     force: &mut [f64],
     held: bool,
@@ -729,13 +765,13 @@ fn first_cotangents(
     if held {
         force[..2].fill(0.0);
     }
-    equations.matrix.multiply(force, &mut equations.residual, true);
+    let minus: Vec<f64> = force.iter().map(|x| -x).collect();
+    equations.add_differences_transposed(&minus, &mut bar.q);
     for (k, [a, b, c, d]) in at.point.damping.iter().enumerate() {
         let (x, y) = (force[2 * k], force[2 * k + 1]);
         bar.v[2 * k] += a * x + c * y;
         bar.v[2 * k + 1] += b * x + d * y;
     }
-    bar.q.iter_mut().zip(&equations.residual).for_each(|(bar, x)| *bar += x);
 }
 
 /// Adds `factor`·f_p to `force`.
@@ -773,24 +809,12 @@ fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
     }
 }
 
-/// M Q* − A (f_v Z + f_p), zero at a held node.
+/// Adds −A (f_v V* + f_p), and makes the whole zero at a held node.
 #[inline]
-fn right_hand_side(
-    at: &At<'_>,
-    effect: &Effect,
-    shape: &Shape,
-    rule: &Rule,
-    v_star: &[f64],
-    star: &[f64],
-    rhs: &mut [f64],
-) {
-    let (ratio, size) = (rule.v_new / rule.q_new, rule.q_new);
-    let ((rows, _), (q, _), (v, _)) = (rhs.as_chunks_mut::<2>(), star.as_chunks::<2>(), v_star.as_chunks::<2>());
-    for ((((row, q), v), mass), [a, b, c, d]) in
-        rows.iter_mut().zip(q).zip(v).zip(&at.dynamics.model.rod.mass).zip(&at.point.damping)
-    {
-        let z = [v[0] - ratio * q[0], v[1] - ratio * q[1]];
-        *row = [mass * q[0] - size * (a * z[0] + b * z[1]), mass * q[1] - size * (c * z[0] + d * z[1])];
+fn resist(at: &At<'_>, effect: &Effect, shape: &Shape, size: f64, v_star: &[f64], rhs: &mut [f64]) {
+    let (rows, v) = (rhs.as_chunks_mut::<2>().0, v_star.as_chunks::<2>().0);
+    for ((row, v), [a, b, c, d]) in rows.iter_mut().zip(v).zip(&at.point.damping) {
+        *row = [row[0] - size * (a * v[0] + b * v[1]), row[1] - size * (c * v[0] + d * v[1])];
     }
     push(at, effect, shape, -size, rhs);
     if at.dynamics.held.is_some() {
@@ -798,14 +822,14 @@ fn right_hand_side(
     }
 }
 
-/// The column at the new time from its positions.
+/// The column at the new time from Q − Q*.
 #[inline]
-fn land(rule: &Rule, column: &mut Column, star: &[f64], positions: &[f64]) {
+fn land(rule: &Rule, column: &mut Column, star: &[f64], moved: &[f64]) {
     let Column { q, v, a, memory } = column;
     let per = 1.0 / rule.q_new;
-    for ((((q, v), a), star), new) in q.iter_mut().zip(v).zip(&mut *a).zip(star).zip(positions) {
-        *q = *new;
-        *a = (new - star) * per;
+    for ((((q, v), a), star), new) in q.iter_mut().zip(v).zip(&mut *a).zip(star).zip(moved) {
+        *q = star + new;
+        *a = new * per;
         *v += rule.v_new * *a;
     }
     if let Some(m) = rule.memory {
