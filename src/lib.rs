@@ -85,4 +85,7 @@ pub mod check;
 pub mod report;
 pub mod run;
 
+#[cfg(feature = "design")]
+pub mod design;
+
 pub use error::{Error, Result};

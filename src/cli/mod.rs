@@ -1,6 +1,8 @@
 //! The command line: what is asked, what is printed, and which exit code says how it ended.
 
 mod check;
+#[cfg(feature = "design")]
+mod design;
 mod run;
 mod variables;
 
@@ -44,6 +46,15 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
+    /// Design the stiffness that a scene's [design] asks for: figures, numbers, and a scene with the designed profile
+    #[cfg(feature = "design")]
+    Design {
+        #[command(flatten)]
+        scene: SceneArguments,
+        /// Folder for the results [default: out/<name of the scene>]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
         #[command(flatten)]
@@ -79,6 +90,8 @@ impl SceneArguments {
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out } => run::run(&scene, out),
+        #[cfg(feature = "design")]
+        Command::Design { scene, out } => design::design(&scene, out),
         Command::Check { scene } => check::check(&scene),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };

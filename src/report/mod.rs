@@ -7,4 +7,6 @@ mod page;
 mod record;
 mod tables;
 
+pub(crate) use tables::{beside, put_in_place, write_error};
+
 pub use output::Output;

@@ -58,6 +58,8 @@ pub struct Scene {
     /// What is recorded.
     #[serde(default)]
     pub record: RecordTable,
+    /// What `caudal design` is asked for; a run takes no notice of it.
+    pub design: Option<toml::Table>,
     /// Folder that tables are looked for in.
     #[serde(skip)]
     pub folder: PathBuf,

@@ -430,6 +430,7 @@ impl Problem {
         let mut point = Point::new(nodes);
         let mut shape = Shape::new(nodes);
         let mut gradient = Gradient::new(nodes);
+        let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
         let mut columns: Vec<Column> = Vec::new();
         let viscous = parameters.contains(&Parameter::Viscosity);
         let summing = outputs.iter().any(|output| !output.work.is_empty());
@@ -447,8 +448,8 @@ impl Problem {
         self.advance(|dynamics, n, state, h| {
             look(state);
             shape.take(dynamics, state.t);
-            let effects: Vec<Effect> =
-                parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)).collect();
+            effects.clear();
+            effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
                 columns = first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point, viscous)?;
             } else {
@@ -551,6 +552,7 @@ impl Problem {
         let mut shape = Shape::new(nodes);
         let mut ends = Ends::new(nodes);
         let mut gradient = Gradient::new(nodes);
+        let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
         let zeros = || vec![0.0; 2 * nodes];
         // The cotangents of a state, and of the one before it.
         let mut bar = Column { q: zeros(), v: zeros(), a: zeros(), memory: zeros() };
@@ -576,19 +578,21 @@ impl Problem {
             };
             equations.assemble(dynamics, &state, direction)?;
             point.look(dynamics, &state, viscous);
-            let effects: Vec<Effect> =
-                parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)).collect();
+            effects.clear();
+            effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             let at = At { dynamics, state: &state, point: &point };
             for (o, output) in outputs.iter().enumerate() {
                 let weight = weights[n * outputs.len() + o];
                 let begun = later[o];
                 later[o] += weight;
                 let own = if n == 0 && output.since_start { weight - later[o] } else { weight };
-                gradient.clear();
-                for (c, quantity) in output.now.iter().filter(|_| own != 0.0) {
-                    quantity.add(&at, c * own, &mut gradient);
+                if own != 0.0 {
+                    gradient.clear();
+                    for (c, quantity) in &output.now {
+                        quantity.add(&at, c * own, &mut gradient);
+                    }
+                    gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
                 }
-                gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
                 for (i, factor) in [later[o], begun].into_iter().enumerate() {
                     let span = &ends.spans[i];
                     if output.work.is_empty() || span.h == 0.0 || factor == 0.0 {
