@@ -22,8 +22,9 @@ use crate::system::{State, System};
 /// A standard deviation above this part of the stiffness identifies nothing.
 const IDENTIFIED: f64 = 0.1;
 
-/// Σc² must be this many times what noise alone makes of it.
-const SIGNAL: f64 = 2.0;
+/// Σc² beyond noise must be this many times what noise alone makes of it; with less the stiffness would rest on how well the
+/// noise is known.
+const SIGNAL: f64 = 5.0;
 
 /// Joints of which nothing is known stay at the scene's own stiffness, pulled by this part of the least information there is.
 const WEAK: f64 = 1e-8;
