@@ -103,10 +103,11 @@ fn error(scene: &Scene, found: &Identified) -> f64 {
     (found.joints.iter().map(of).sum::<f64>() / found.joints.len() as f64).sqrt()
 }
 
-/// Relative errors and predicted standard deviations of the joints between ξ = 0.2 and 0.8, root mean squares.
+/// Relative errors and predicted standard deviations of the identified joints between ξ = 0.2 and 0.8, root mean squares.
 fn inner(scene: &Scene, found: &Identified) -> [f64; 2] {
     let rod = common::rod(scene);
-    let inner: Vec<_> = found.joints.iter().filter(|joint| (0.2..=0.8).contains(&joint.xi)).collect();
+    let inner: Vec<_> =
+        found.joints.iter().filter(|j| (0.2..=0.8).contains(&j.xi) && j.verdict == Verdict::Identified).collect();
     let rms = |of: &dyn Fn(&caudal::design::identify::Joint) -> f64| {
         (inner.iter().map(|joint| of(joint).powi(2)).sum::<f64>() / inner.len() as f64).sqrt()
     };
@@ -126,7 +127,7 @@ fn stiffness_is_recovered_from_clean_and_noisy_markers() {
     for (nodes, profile) in [(9, 0), (17, 0), (33, 0), (17, 1), (17, 2)] {
         let scene = scene(EEL, &[&format!("rod.nodes={nodes}"), PROFILES[profile]]);
         let markers = clean(&scene);
-        let even = scene_with_even_profile(&scene, nodes);
+        let even = scene_with_even_profile(nodes);
         for sigma in [0.0, 1e-6, 1e-5, 1e-4, 1e-3] {
             let found = found(&even, &noisy(&markers, sigma, 3));
             let [error, predicted] = inner(&scene, &found);
@@ -136,15 +137,20 @@ fn stiffness_is_recovered_from_clean_and_noisy_markers() {
             );
             if sigma == 0.0 {
                 assert!(error <= if nodes == 33 { 1e-3 } else { 1e-4 }, "{nodes} {profile}: {error:e}");
-            } else if predicted < 0.1 {
-                assert!(error <= 2.0 * predicted, "{nodes} {profile} {sigma:e}: {error:e} {predicted:e}");
+            } else {
+                // With much noise no joint is identified any more, and none is called so.
+                assert!(!error.is_nan() || sigma >= 1e-4);
+                assert!(
+                    error.is_nan() || error <= 2.0 * predicted,
+                    "{nodes} {profile} {sigma:e}: {error:e} {predicted:e}"
+                );
             }
         }
     }
 }
 
 /// The scene that knows nothing of the profile.
-fn scene_with_even_profile(_: &Scene, nodes: usize) -> Scene {
+fn scene_with_even_profile(nodes: usize) -> Scene {
     scene(EEL, &[&format!("rod.nodes={nodes}"), "rod.stiffness_gradient=0.0"])
 }
 
@@ -251,13 +257,7 @@ fn a_shape_against_its_loads_is_refused_node_by_node() {
 
 #[test]
 fn a_hidden_profile_is_tracked_to_ten_micrometres() {
-    let changes = [
-        "design.goal=track-tip",
-        "solver.duration_s=2.0",
-        "solver.time_step_s=4e-3",
-        "rod.youngs_modulus_pa=3e6",
-        "design.iterations=25",
-    ];
+    let changes = ["design.goal=track-tip", "solver.duration_s=2.0", "solver.time_step_s=4e-3", "design.iterations=25"];
     let hidden = scene(EEL, &[&changes[..], &[PROFILES[1]]].concat());
     let even = scene(EEL, &[&changes[..], &["rod.stiffness_gradient=0.0"]].concat());
     let trajectory = Problem::of(&hidden).unwrap().simulate().unwrap();
@@ -268,6 +268,7 @@ fn a_hidden_profile_is_tracked_to_ten_micrometres() {
     let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
     let mut search = Search { scene: &even, table: &table, objective: &objective, problem };
     let found = search.run(|_| ControlFlow::Continue(())).unwrap();
+    // Measured: 4.4e-6.
     println!("tip rms {:e} m after {} iterations", found.objective, found.history.len());
     assert!(found.objective <= 1e-5 && found.history.len() <= 25, "{:e} {}", found.objective, found.history.len());
 }

@@ -90,6 +90,9 @@ pub struct Identified {
     pub missing: Vec<String>,
 }
 
+/// How a number moves with positions: index of the entry, and by its value, velocity and acceleration.
+type Moves = Vec<(usize, [f64; 3])>;
+
 /// Curvatures and moments of one joint over all samples.
 pub(super) struct Series {
     /// Parts of c that do and do not move with the actuation: c = still − gain·driven.
@@ -99,7 +102,7 @@ pub(super) struct Series {
     pub(super) moment: Vec<f64>,
     /// What a position moves: index of the entry, and by value, velocity and acceleration; one list a sample. The first is for
     /// c, with unit stiffness, the second for −m.
-    by: [Vec<Vec<(usize, [f64; 3])>>; 2],
+    by: [Vec<Moves>; 2],
 }
 
 impl Series {

@@ -1,7 +1,8 @@
 //! Dynamic goals: sequential quadratic programming on simulated outputs with their exact sensitivities.
 //!
 //! Unknown is x = ln(EI/EI_ref). Each step solves min gᵀd + ½dᵀ(H + λD₂ᵀD₂)d under bounds, order, the linearised mean and a
-//! trust radius |d_i| ≤ Δ. H is JᵀJ for a tracked tip, else a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical
+//! trust radius |d_i| ≤ Δ. H is JᵀJ for a tracked tip, damped after Marquardt (SIAM J. Appl. Math. 11, 1963) in the place of a
+//! changing radius, else a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical
 //! Optimization, 2006, section 18.3). A step that does not lower the objective, or whose simulation fails, is rejected and
 //! shrinks Δ.
 
@@ -20,6 +21,9 @@ use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Wo
 
 /// Stationary in scaled variables: the gradient of the Lagrangian over the objective.
 const STATIONARY: f64 = 1e-7;
+
+/// First damping of the tracked tip's JᵀJ, over its diagonal.
+const DAMPING: f64 = 1e-3;
 
 /// Largest first trust radius in ln EI, and the smallest worth a step.
 const RADIUS: [f64; 2] = [0.5, 1e-9];
@@ -178,6 +182,9 @@ pub struct Found {
     pub interrupted: bool,
 }
 
+/// Constraints that bind, with their duals.
+type Active = Vec<(String, f64)>;
+
 /// A point of the search.
 struct Point {
     x: Vec<f64>,
@@ -278,7 +285,7 @@ impl Search<'_> {
         let starts = self.table.starts.unwrap_or(if self.table.goal == Goal::TrackTip { 1 } else { 3 }).max(1);
         let most = self.table.iterations.unwrap_or(60);
         let mut history = Vec::new();
-        let mut ends: Vec<(Point, f64, Vec<(String, f64)>)> = Vec::new();
+        let mut ends: Vec<(Point, f64, Active)> = Vec::new();
         let mut interrupted = false;
         for start in 0..starts {
             let first = self.first(&basis, start);
@@ -286,6 +293,7 @@ impl Search<'_> {
             let n = basis.unknowns;
             let mut hessian: Option<DMatrix<f64>> = None;
             let mut radius = RADIUS[0];
+            let mut damping = DAMPING;
             let mut last = (f64::INFINITY, Vec::new());
             for iteration in 0..most {
                 // The objective in units of itself.
@@ -297,7 +305,10 @@ impl Search<'_> {
                 let model = match (&here.value.residuals, &hessian) {
                     (Some((_, rows)), _) => {
                         let jacobian = DMatrix::from_fn(rows.len(), n, |i, j| rows[i][j]);
-                        jacobian.transpose() * jacobian / unit
+                        let square = jacobian.transpose() * jacobian / unit;
+                        // Marquardt's damping: what the tip hardly feels would else lead far down a bent valley.
+                        let diagonal = square.diagonal() * damping;
+                        square + DMatrix::from_diagonal(&diagonal)
                     }
                     (None, Some(hessian)) => hessian.clone() / unit,
                     (None, None) => DMatrix::identity(n, n) * (gradient.norm() / RADIUS[0]).max(1e-12),
@@ -345,7 +356,15 @@ impl Search<'_> {
                             self.table.mean.map_or(0.0, |_| solution.duals.last().copied().unwrap_or(0.0)) * unit;
                         hessian = Some(self.updated(hessian, &here, &next, dual, &basis));
                     }
-                    if won > 0.75 * promised && longest > 0.9 * radius {
+                    if here.value.residuals.is_some() {
+                        damping *= if won > 0.75 * promised {
+                            0.1
+                        } else if won < 0.25 * promised {
+                            4.0
+                        } else {
+                            1.0
+                        };
+                    } else if won > 0.75 * promised && longest > 0.9 * radius {
                         radius = (2.0 * radius).min(2.0);
                     } else if won < 0.25 * promised {
                         radius = 0.5 * longest;
@@ -353,7 +372,11 @@ impl Search<'_> {
                     here = next;
                 } else {
                     report.accepted = false;
-                    radius = 0.25 * longest.min(radius);
+                    if here.value.residuals.is_some() && damping < 1e6 {
+                        damping *= 3.0;
+                    } else {
+                        radius = 0.25 * longest.min(radius);
+                    }
                 }
                 interrupted = tell(&report).is_break();
                 history.push(report);

@@ -613,9 +613,9 @@ impl Problem {
                 let Rule { q_old, v_old, q_new, v_new, memory } = rule;
                 let (new, old, kept, q_w, v_w) =
                     memory.map_or((0.0, 0.0, 0.0, 0.0, 0.0), |m| (m.new, m.old, m.kept, m.q, m.v));
-                for i in 0..2 * nodes {
+                for (i, mu) in mu.iter_mut().enumerate() {
                     bar.a[i] += v_new * bar.v[i] + new * bar.memory[i];
-                    mu[i] = bar.q[i] + bar.a[i] / q_new;
+                    *mu = bar.q[i] + bar.a[i] / q_new;
                 }
                 equations.factor(&mut mu, true)?;
                 if held {
