@@ -217,13 +217,13 @@ fn a_change_along_the_whole_rod_is_the_sum_of_those_at_its_joints() {
         let found = problem.forward(&all, &outputs, 5, |_| {}).unwrap();
         let scale_of = |o: usize| largest((0..found.times.len()).flat_map(|n| found.row(n, o).to_vec()));
         for n in 0..found.times.len() {
-            for o in 0..outputs.len() {
+            for (o, output) in outputs.iter().enumerate() {
                 let (row, scale) = (found.row(n, o), scale_of(o));
                 let sum: f64 = row[1..].iter().sum();
                 assert!(
                     (sum - size * row[0]).abs() <= 1e-9 * scale,
                     "{whole:?} {n} {:?}: {sum:e} {:e} {scale:e}",
-                    outputs[o],
+                    output,
                     row[0]
                 );
             }
