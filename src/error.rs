@@ -139,6 +139,12 @@ pub enum Error {
         /// Begin and end of the last internal step, s.
         within: [f64; 2],
     },
+    /// There is no design that does what is asked.
+    #[error("no design: {reason}")]
+    Design {
+        /// Why not, and what excludes what.
+        reason: String,
+    },
     /// The communication step is not a positive, finite time.
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),

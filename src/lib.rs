@@ -80,6 +80,8 @@ pub mod variable;
 
 pub mod stepper;
 
+pub mod sensitivity;
+
 pub mod jobs;
 
 pub mod check;
@@ -88,5 +90,8 @@ pub mod run;
 pub mod study;
 
 pub mod sweep;
+
+#[cfg(feature = "design")]
+pub mod design;
 
 pub use error::{Error, Result};

@@ -152,7 +152,8 @@ impl Inputs {
         phase + TAU * self.drive.frequency * (t - start)
     }
 
-    fn wave(&self, start: &Start, t: f64) -> Wave {
+    /// Where the drive is at time `t` (s).
+    pub(crate) fn wave(&self, start: &Start, t: f64) -> Wave {
         let [gain, gain_rate] = start.gain(t);
         Wave {
             amplitude: self.drive.amplitude,

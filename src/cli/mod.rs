@@ -1,6 +1,8 @@
 //! The command line: what is asked, what is printed, and which exit code says how it ended.
 
 mod check;
+#[cfg(feature = "design")]
+mod design;
 mod run;
 mod study;
 mod sweep;
@@ -51,6 +53,15 @@ enum Command {
     },
     /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
     Sweep(sweep::Arguments),
+    /// Design the stiffness that a scene's [design] asks for: figures, numbers, and a scene with the designed profile
+    #[cfg(feature = "design")]
+    Design {
+        #[command(flatten)]
+        scene: SceneArguments,
+        /// Folder for the results [default: out/<name of the scene>]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
         #[command(flatten)]
@@ -90,6 +101,8 @@ pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out, verify } => run::run(&scene, out, verify),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
+        #[cfg(feature = "design")]
+        Command::Design { scene, out } => design::design(&scene, out),
         Command::Check { scene } => check::check(&scene),
         Command::Study(study) => study::study(&study),
         Command::Variables { scene } => variables::variables(scene.as_deref()),

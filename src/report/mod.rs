@@ -13,3 +13,4 @@ pub(crate) mod tables;
 pub use findings::{Findings, Table};
 pub use output::Output;
 pub use record::Frame;
+pub(crate) use tables::{beside, put_in_place, write_error};

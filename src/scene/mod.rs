@@ -60,6 +60,8 @@ pub struct Scene {
     /// What is recorded.
     #[serde(default)]
     pub record: RecordTable,
+    /// What `caudal design` is asked for; a run takes no notice of it.
+    pub design: Option<toml::Table>,
     /// Folder that tables are looked for in.
     #[serde(skip)]
     pub folder: PathBuf,
@@ -825,7 +827,7 @@ impl Scene {
 }
 
 /// The whole steps in `duration` (s), and the shorter last one (s) if there is one: together the duration.
-fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
+pub(crate) fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
     let whole = (duration / step).round();
     if (whole * step - duration).abs() <= 1e-9 * duration {
         return (whole as u64, None);

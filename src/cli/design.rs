@@ -1,0 +1,46 @@
+//! `caudal design`.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+
+use caudal::design::{Answer, Design};
+use caudal::error::Result;
+
+use super::run::watch_for_interrupts;
+use super::{SceneArguments, complain, exit, say};
+
+pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
+    let (document, scene) = arguments.read()?;
+    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let interrupted = watch_for_interrupts();
+    let design = Design::of(&document, |iteration, _| {
+        say(&format!(
+            "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  radius {:.1e}{}",
+            iteration.start + 1,
+            iteration.iteration,
+            iteration.objective,
+            iteration.stationarity,
+            iteration.radius,
+            if iteration.accepted { "" } else { "  rejected" }
+        ));
+        if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })?;
+    for line in &design.lines {
+        say(line);
+    }
+    let files = design.write(&folder)?;
+    say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
+    Ok(match &design.answer {
+        Answer::Found(found) if found.interrupted => {
+            complain("interrupted: the files hold the best design so far");
+            ExitCode::from(exit::INTERRUPTED)
+        }
+        Answer::Found(found) if !found.converged => {
+            complain("the search did not converge: the files hold its best design; try more design.iterations");
+            ExitCode::from(exit::FAILED)
+        }
+        _ => ExitCode::SUCCESS,
+    })
+}

@@ -1,0 +1,204 @@
+//! Tracked markers: node positions at times, and their smooth motion by local polynomials.
+
+use std::path::Path;
+
+use nalgebra::DMatrix;
+
+use crate::error::{Error, Result};
+
+/// Fewest samples that a motion can be made of.
+pub const LEAST: usize = 2 * DEGREE + 1;
+
+/// Degree of the local polynomials: velocities and accelerations of a sixth-degree motion are exact.
+const DEGREE: usize = 6;
+
+/// A window over which the residual grows by more than this factor over that of shorter ones bends the motion.
+const BENT: f64 = 1.03;
+
+/// A sample whose residual is more than this many times the usual one is left out.
+const FITS: f64 = 4.0;
+
+/// A window that spans more than this many usual ones has a gap in it.
+const GAP: f64 = 1.5;
+
+/// Positions of nodes at rising times, as `nodes.csv` has them.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Markers {
+    /// Times of complete samples, s.
+    pub times: Vec<f64>,
+    /// Positions, one row a time, two entries a node, m.
+    pub positions: Vec<Vec<f64>>,
+    /// What is missing, in words.
+    pub missing: Vec<String>,
+}
+
+impl Markers {
+    /// Reads the columns time_s, x0_m, y0_m, … of `nodes` nodes, at least `least` samples. One with an empty or NaN entry
+    /// is left out and named.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Scene`] with file and line where it is not such a table.
+    pub fn read(path: &Path, nodes: usize, least: usize) -> Result<Self> {
+        let refuse = |line: u64, problem: String| Error::Scene {
+            place: format!("{}:{line}", path.display()),
+            key: String::new(),
+            problem,
+        };
+        let mut reader = csv::ReaderBuilder::new()
+            .comment(Some(b'#'))
+            .trim(csv::Trim::All)
+            .flexible(true)
+            .from_path(path)
+            .map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+        let header = reader.headers().map_err(|e| refuse(1, e.to_string()))?.clone();
+        let expected: Vec<String> = std::iter::once("time_s".to_string())
+            .chain((0..nodes).flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]))
+            .collect();
+        if !header.iter().eq(expected.iter().map(String::as_str)) {
+            let found = format!("found {} columns from {:?}", header.len(), header.iter().next().unwrap_or_default());
+            let allowed = format!("time_s, x0_m, y0_m, … y{}_m: one marker a node of the scene's rod", nodes - 1);
+            return Err(refuse(1, format!("{found}; allowed: {allowed}")));
+        }
+        let mut markers = Self::default();
+        let mut last = f64::NEG_INFINITY;
+        for record in reader.records() {
+            let record = record.map_err(|e| refuse(e.position().map_or(0, csv::Position::line), e.to_string()))?;
+            let line = record.position().map_or(0, csv::Position::line);
+            if record.len() != header.len() {
+                let problem = format!("found {} columns; allowed: {}, as in the header", record.len(), header.len());
+                return Err(refuse(line, problem));
+            }
+            let number = |i: usize| -> Result<f64> {
+                let text = &record[i];
+                if i > 0 && (text.is_empty() || text.eq_ignore_ascii_case("nan")) {
+                    return Ok(f64::NAN);
+                }
+                text.parse().ok().filter(|x: &f64| x.is_finite()).ok_or_else(|| {
+                    refuse(line, format!("found {text:?} in column {}; allowed: a number, or nothing", &header[i]))
+                })
+            };
+            let time = number(0)?;
+            if time <= last {
+                return Err(refuse(line, format!("found time {time} s after {last} s; allowed: rising times")));
+            }
+            last = time;
+            let row: Vec<f64> = (1..header.len()).map(number).collect::<Result<_>>()?;
+            match row.iter().position(|x| x.is_nan()) {
+                Some(i) => markers.missing.push(format!("node {} at t = {time} s", i / 2)),
+                None => {
+                    markers.times.push(time);
+                    markers.positions.push(row);
+                }
+            }
+        }
+        if markers.times.len() < least {
+            let found = format!("found {} complete samples", markers.times.len());
+            return Err(refuse(1, format!("{found}; allowed: at least {least}")));
+        }
+        Ok(markers)
+    }
+
+    /// The smooth motion at all samples with a full window about them: `half` samples to either side, or as many as the
+    /// data bear: the longest window over which polynomials still fit as well as over shorter ones.
+    ///
+    /// # Errors
+    /// [`Error::Design`] where no sample has a full window.
+    pub fn smooth(&self, half: Option<usize>) -> Result<Motion> {
+        if let Some(half) = half {
+            return self.smoothed(half.max(DEGREE / 2 + 1));
+        }
+        let mut best = self.smoothed(DEGREE / 2 + 1)?;
+        let mut least = best.noise;
+        let mut half = DEGREE / 2 + 1;
+        loop {
+            half += 1 + half / 4;
+            if 6 * half > self.times.len() {
+                return Ok(best);
+            }
+            let Ok(next) = self.smoothed(half) else { return Ok(best) };
+            if next.noise > BENT * least {
+                return Ok(best);
+            }
+            least = least.min(next.noise);
+            best = next;
+        }
+    }
+
+    fn smoothed(&self, half: usize) -> Result<Motion> {
+        let count = self.times.len();
+        let mut spans: Vec<f64> = self.times.windows(2 * half + 1).map(|w| w[2 * half] - w[0]).collect();
+        spans.sort_by(f64::total_cmp);
+        let usual = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
+        let mut motion = Motion { half, ..Motion::default() };
+        let mut squares = Vec::new();
+        for i in half..count.saturating_sub(half) {
+            let window = &self.times[i - half..=i + half];
+            if window[2 * half] - window[0] > GAP * usual {
+                continue;
+            }
+            let Some(weights) = weights(window, self.times[i]) else { continue };
+            let rows = &self.positions[i - half..=i + half];
+            let filtered = |of: usize| -> Vec<f64> {
+                let column = |c: usize| weights.iter().zip(rows).map(|(w, row)| w[of] * row[c]).sum();
+                (0..rows[0].len()).map(column).collect()
+            };
+            let [q, v, a] = [0, 1, 2].map(filtered);
+            // The variance of the middle residual is σ²(1 − w) with w the middle's own weight.
+            let own = (1.0 - weights[half][0]) * q.len() as f64;
+            squares.push(q.iter().zip(&self.positions[i]).map(|(q, x)| (q - x).powi(2)).sum::<f64>() / own);
+            motion.samples.push(Sample { index: i, q, v, a, weights });
+        }
+        if motion.samples.is_empty() {
+            let reason = format!("no sample has {half} others without a gap on either side of it");
+            return Err(Error::Design { reason });
+        }
+        // The median: what moves too fast for the window for a while, as at a start, is no noise.
+        let mut sorted = squares.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted[sorted.len() / 2];
+        motion.noise = median.sqrt();
+        let mut fits = squares.iter().map(|square| *square <= FITS * FITS * median);
+        motion.samples.retain(|_| fits.next().unwrap_or(false));
+        Ok(motion)
+    }
+}
+
+/// The smooth motion of markers.
+#[derive(Debug, Clone, Default)]
+pub struct Motion {
+    /// Samples to either side that a polynomial is fitted to.
+    pub half: usize,
+    /// Standard deviation of the positions about the polynomials, m.
+    pub noise: f64,
+    /// The samples with a full window.
+    pub samples: Vec<Sample>,
+}
+
+/// The motion at one sample.
+#[derive(Debug, Clone)]
+pub struct Sample {
+    /// Its index among the markers' samples.
+    pub index: usize,
+    /// Positions, m, two entries a node.
+    pub q: Vec<f64>,
+    /// Velocities, m/s.
+    pub v: Vec<f64>,
+    /// Accelerations, m/s².
+    pub a: Vec<f64>,
+    /// Weights of the window's samples in value, rate and second rate.
+    pub weights: Vec<[f64; 3]>,
+}
+
+/// The weights of samples at `times` in value, first and second derivative at `time` of the polynomial of least squares.
+fn weights(times: &[f64], time: f64) -> Option<Vec<[f64; 3]>> {
+    let scale = 0.5 * (times.last()? - times.first()?);
+    let powers = DMatrix::from_fn(times.len(), DEGREE + 1, |i, j| ((times[i] - time) / scale).powi(j as i32));
+    let qr = powers.qr();
+    let (q, r) = (qr.q(), qr.r());
+    let inverse = r.solve_upper_triangular(&q.transpose())?;
+    Some(
+        (0..times.len())
+            .map(|j| [inverse[(0, j)], inverse[(1, j)] / scale, 2.0 * inverse[(2, j)] / (scale * scale)])
+            .collect(),
+    )
+}

@@ -1,0 +1,17 @@
+//! Inverse design: which stiffness, from what is known or wanted of the motion. What is convex is one quadratic programme,
+//! solved by Clarabel; the rest is a sequence of them with exact [sensitivities](crate::sensitivity).
+
+pub mod identify;
+pub mod markers;
+pub mod qp;
+mod report;
+pub mod search;
+pub mod shape;
+pub mod table;
+
+pub use identify::{Identified, Verdict, identify};
+pub use markers::Markers;
+pub use report::{Answer, Design};
+pub use search::{Found, Iteration, Objective, Search};
+pub use shape::{Resting, rest};
+pub use table::{Goal, Table};

@@ -1,0 +1,215 @@
+//! Convex quadratic programmes with named constraints, solved by Clarabel.
+
+use clarabel::algebra::CscMatrix;
+use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::error::{Error, Result};
+
+/// A constraint Σ c x ≤ b, or = b.
+#[derive(Debug, Clone)]
+pub struct Constraint {
+    /// What it is, in words.
+    pub name: String,
+    /// Unknowns and their coefficients.
+    pub row: Vec<(usize, f64)>,
+    /// b.
+    pub bound: f64,
+    /// True for =.
+    pub equal: bool,
+}
+
+impl Constraint {
+    /// Σ c x ≤ b.
+    pub fn at_most(name: impl Into<String>, row: Vec<(usize, f64)>, bound: f64) -> Self {
+        Self { name: name.into(), row, bound, equal: false }
+    }
+
+    /// Σ c x = b.
+    pub fn equal(name: impl Into<String>, row: Vec<(usize, f64)>, bound: f64) -> Self {
+        Self { name: name.into(), row, bound, equal: true }
+    }
+}
+
+/// min ½xᵀHx + gᵀx under constraints; H is symmetric and positive semidefinite, stored by rows.
+#[derive(Debug, Clone)]
+pub struct Quadratic {
+    /// H.
+    pub hessian: Vec<f64>,
+    /// g.
+    pub gradient: Vec<f64>,
+    /// Constraints.
+    pub constraints: Vec<Constraint>,
+}
+
+/// A solution, with one dual a constraint; that of an inequality is not negative.
+#[derive(Debug, Clone)]
+pub struct Solution {
+    /// x.
+    pub x: Vec<f64>,
+    /// Duals, in units of the objective.
+    pub duals: Vec<f64>,
+    /// Iterations.
+    pub iterations: u32,
+}
+
+/// A dual, over the largest, from which on a constraint belongs to a conflict.
+const IN_CONFLICT: f64 = 1e-3;
+
+impl Quadratic {
+    /// A problem of `n` unknowns without objective.
+    pub fn new(n: usize) -> Self {
+        Self { hessian: vec![0.0; n * n], gradient: vec![0.0; n], constraints: Vec::new() }
+    }
+
+    /// Adds `weight`·½(Σ c x − b)².
+    pub fn add_square(&mut self, row: &[(usize, f64)], b: f64, weight: f64) {
+        let n = self.gradient.len();
+        for (i, a) in row {
+            for (j, c) in row {
+                self.hessian[i * n + j] += weight * a * c;
+            }
+            self.gradient[*i] -= weight * a * b;
+        }
+    }
+
+    /// The constraints that bind, with their duals.
+    pub fn active(&self, solution: &Solution) -> Vec<(String, f64)> {
+        let binds = |(constraint, dual): &(&Constraint, &f64)| {
+            let slack = constraint.bound - constraint.row.iter().map(|(i, c)| c * solution.x[*i]).sum::<f64>();
+            constraint.equal || (slack.abs() < 1e-6 && **dual > 0.0)
+        };
+        let found = self.constraints.iter().zip(&solution.duals).filter(binds);
+        found.map(|(constraint, dual)| (constraint.name.clone(), *dual)).collect()
+    }
+
+    /// ½xᵀHx + gᵀx.
+    pub fn value(&self, x: &[f64]) -> f64 {
+        let n = x.len();
+        let hx = |i: usize| (0..n).map(|j| self.hessian[i * n + j] * x[j]).sum::<f64>();
+        (0..n).map(|i| x[i] * (0.5 * hx(i) + self.gradient[i])).sum()
+    }
+
+    /// Solves it. The objective is scaled so that the largest diagonal entry of H (of g, without H) is one: unscaled, small
+    /// numbers are called solved while they are not.
+    ///
+    /// # Errors
+    /// [`Error::Design`] for everything but a solution, with the constraints that are in conflict.
+    pub fn solve(&self) -> Result<Solution> {
+        let n = self.gradient.len();
+        let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |max: f64, x| max.max(x.abs()));
+        let mut scale = largest(&mut (0..n).map(|i| self.hessian[i * n + i]));
+        if scale == 0.0 {
+            scale = largest(&mut self.gradient.iter().copied());
+        }
+        if scale == 0.0 {
+            scale = 1.0;
+        }
+        if !scale.is_finite() {
+            return Err(Error::Design { reason: "the objective is not finite".to_string() });
+        }
+        // Clarabel takes the upper triangle, by columns.
+        let (mut starts, mut rows, mut values) = (vec![0], Vec::new(), Vec::new());
+        for j in 0..n {
+            for i in (0..=j).filter(|i| self.hessian[i * n + j] != 0.0) {
+                rows.push(i);
+                values.push(self.hessian[i * n + j] / scale);
+            }
+            starts.push(rows.len());
+        }
+        let hessian = CscMatrix::new(n, n, starts, rows, values);
+        let gradient: Vec<f64> = self.gradient.iter().map(|g| g / scale).collect();
+        let order: Vec<usize> = {
+            let of = |equal: bool| (0..self.constraints.len()).filter(move |k| self.constraints[*k].equal == equal);
+            of(true).chain(of(false)).collect()
+        };
+        let equalities = self.constraints.iter().filter(|c| c.equal).count();
+        let (mut entries, mut bounds) = (Vec::new(), Vec::new());
+        for (row, k) in order.iter().enumerate() {
+            let constraint = &self.constraints[*k];
+            entries.extend(constraint.row.iter().map(|(j, c)| (*j, row, *c)));
+            bounds.push(constraint.bound);
+        }
+        entries.sort_by_key(|(j, row, _)| (*j, *row));
+        let starts = (0..=n).map(|j| entries.partition_point(|entry| entry.0 < j)).collect();
+        let matrix = CscMatrix::new(
+            order.len(),
+            n,
+            starts,
+            entries.iter().map(|entry| entry.1).collect(),
+            entries.iter().map(|entry| entry.2).collect(),
+        );
+        let cones = [ZeroConeT(equalities), NonnegativeConeT(order.len() - equalities)];
+        let settings = DefaultSettings {
+            verbose: false,
+            max_iter: 200,
+            tol_gap_abs: 1e-10,
+            tol_gap_rel: 1e-10,
+            tol_feas: 1e-10,
+            ..DefaultSettings::default()
+        };
+        let mut solver = DefaultSolver::new(&hessian, &gradient, &matrix, &bounds, &cones, settings)
+            .map_err(|e| Error::Design { reason: format!("the programme cannot be set up: {e}") })?;
+        solver.solve();
+        let found = &solver.solution;
+        let mut duals = vec![0.0; order.len()];
+        for (k, z) in order.iter().zip(&found.z) {
+            duals[*k] = z * scale;
+        }
+        if found.status == SolverStatus::Solved {
+            let rough = Solution { x: found.x.clone(), duals, iterations: found.iterations };
+            return Ok(self.polished(&rough, scale).unwrap_or(rough));
+        }
+        let infeasible = matches!(found.status, SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible);
+        let size = largest(&mut duals.iter().copied());
+        let conflict: Vec<&str> = (self.constraints.iter().zip(&duals))
+            .filter(|(_, dual)| infeasible && dual.abs() > IN_CONFLICT * size)
+            .map(|(constraint, _)| constraint.name.as_str())
+            .collect();
+        let reason = if conflict.is_empty() {
+            format!("the programme of {n} unknowns and {} constraints ended as {:?}", order.len(), found.status)
+        } else {
+            format!("these demands exclude each other: {}", conflict.join("; "))
+        };
+        Err(Error::Design { reason })
+    }
+
+    /// The solution to rounding, from the constraints that bind in a rough one; none where they were not those.
+    fn polished(&self, rough: &Solution, scale: f64) -> Option<Solution> {
+        let n = self.gradient.len();
+        let value = |constraint: &Constraint, x: &[f64]| -> f64 { constraint.row.iter().map(|(j, c)| c * x[*j]).sum() };
+        let slack = |k: usize| self.constraints[k].bound - value(&self.constraints[k], &rough.x);
+        let binding: Vec<usize> = (0..self.constraints.len())
+            .filter(|k| self.constraints[*k].equal || rough.duals[*k] / scale > slack(*k))
+            .collect();
+        let size = n + binding.len();
+        let mut matrix = DMatrix::zeros(size, size);
+        let mut rhs = DVector::zeros(size);
+        for i in 0..n {
+            rhs[i] = -self.gradient[i] / scale;
+            for j in 0..n {
+                matrix[(i, j)] = self.hessian[i * n + j] / scale;
+            }
+        }
+        for (row, k) in binding.iter().enumerate() {
+            for (j, c) in &self.constraints[*k].row {
+                matrix[(n + row, *j)] += c;
+                matrix[(*j, n + row)] += c;
+            }
+            rhs[n + row] = self.constraints[*k].bound;
+        }
+        let solved = matrix.lu().solve(&rhs).filter(|x| x.iter().all(|x| x.is_finite()))?;
+        let x: Vec<f64> = solved.iter().take(n).copied().collect();
+        let mut duals = vec![0.0; self.constraints.len()];
+        for (row, k) in binding.iter().enumerate() {
+            duals[*k] = solved[n + row] * scale;
+        }
+        let feasible = self.constraints.iter().zip(&duals).all(|(constraint, dual)| {
+            let slack = constraint.bound - value(constraint, &x);
+            let tolerance = 1e-9 * (1.0 + constraint.bound.abs());
+            if constraint.equal { slack.abs() <= tolerance } else { slack >= -tolerance && *dual >= -1e-9 * scale }
+        });
+        feasible.then_some(Solution { x, duals, iterations: rough.iterations })
+    }
+}

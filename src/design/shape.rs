@@ -1,0 +1,89 @@
+//! Static target shape: the stiffness that rests in it, EI_k c_k = m_k without motion.
+
+use serde::Serialize;
+
+use super::identify::{constraints, series, smooth};
+use super::markers::{Markers, Motion, Sample};
+use super::qp::Quadratic;
+use super::table::Table;
+use crate::error::{Error, Result};
+use crate::model::Dynamics;
+
+/// A curvature or moment below this part of the largest is none.
+const NONE: f64 = 1e-6;
+
+/// A residual moment above this part of a joint's own is said.
+const MISSED: f64 = 1e-6;
+
+/// The stiffness that rests in a shape.
+#[derive(Debug, Clone, Serialize)]
+pub struct Resting {
+    /// EI of the joints, N m².
+    pub stiffness_n_m2: Vec<f64>,
+    /// Joints whose stiffness nothing decides: neither curvature nor moment.
+    pub undecided: Vec<usize>,
+    /// Joints that bounds and other demands keep from the shape: node, and EI (N m²) that it would take.
+    pub missed: Vec<(usize, f64)>,
+    /// Constraints that bind, with their duals.
+    pub active: Vec<(String, f64)>,
+}
+
+/// Finds the stiffness with which the rod of `dynamics` rests at `positions` (m, two entries a node) at time zero.
+///
+/// # Errors
+/// [`Error::Design`] with every joint that would have to bend against its moment, and for demands that exclude each other.
+pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result<Resting> {
+    if dynamics.model.head.is_none() {
+        let reason = "a shape at rest needs a held head: nothing balances the loads of a free rod".to_string();
+        return Err(Error::Design { reason });
+    }
+    let markers = Markers { times: vec![0.0], positions: vec![positions.to_vec()], missing: Vec::new() };
+    let still = vec![0.0; positions.len()];
+    let sample = Sample { index: 0, q: positions.to_vec(), v: still.clone(), a: still, weights: vec![[1.0, 0.0, 0.0]] };
+    let motion = Motion { half: 0, noise: 0.0, samples: vec![sample] };
+    let (all, _) = series(dynamics, &markers, &motion)?;
+    let rod = &dynamics.model.rod;
+    let (reference, basis) = (rod.ei, table.basis(rod));
+    let pairs: Vec<[f64; 2]> = all.iter().map(|series| [series.curvature(1.0)[0], series.moment[0]]).collect();
+    let largest = pairs.iter().fold([0.0_f64; 2], |max, pair| [0, 1].map(|i| max[i].max(pair[i].abs())));
+    let is_none = |pair: &[f64; 2], i: usize| pair[i].abs() <= NONE * largest[i];
+    let against: Vec<String> = (rod.joints().zip(&pairs))
+        .filter(|(_, pair)| {
+            let both = pair[0] * pair[1] < 0.0 && !is_none(pair, 0) && !is_none(pair, 1);
+            both || (is_none(pair, 0) && !is_none(pair, 1))
+        })
+        .map(|(k, [c, m])| format!("node {k} (curvature {:.3e} 1/m beyond the natural one, moment {m:.3e} N m)", c))
+        .collect();
+    if !against.is_empty() {
+        let reason = format!("the shape bends against its loads, or not at all under them, at {}", against.join(", "));
+        return Err(Error::Design { reason });
+    }
+    let mut programme = Quadratic::new(basis.unknowns);
+    for ([c, m], row) in pairs.iter().zip(&basis.rows) {
+        if c.abs() > NONE * largest[0] {
+            // Relative errors of the moments, so that the tip counts like the root.
+            let size = m.abs().max(NONE * largest[1]);
+            let scaled: Vec<(usize, f64)> = row.iter().map(|(i, w)| (*i, w * c * reference / size)).collect();
+            programme.add_square(&scaled, m / size, 1.0);
+        }
+    }
+    smooth(&mut programme, &basis, table.smoothness);
+    for i in 0..basis.unknowns {
+        programme.add_square(&[(i, 1.0)], 1.0, 1e-12); // where nothing decides
+    }
+    programme.constraints = constraints(table, &basis, true);
+    let solution = programme.solve()?;
+    let stiffness: Vec<f64> = basis.joints(&solution.x).iter().map(|x| x * reference).collect();
+    let missed = (rod.joints().zip(&pairs).zip(&stiffness))
+        .filter(|((_, pair), ei)| {
+            !is_none(pair, 0) && (*ei * pair[0] - pair[1]).abs() > MISSED * pair[1].abs().max(NONE * largest[1])
+        })
+        .map(|((k, [c, m]), _)| (k, m / c))
+        .collect();
+    Ok(Resting {
+        undecided: rod.joints().zip(&pairs).filter(|(_, pair)| is_none(pair, 0)).map(|(k, _)| k).collect(),
+        missed,
+        active: programme.active(&solution),
+        stiffness_n_m2: stiffness,
+    })
+}

@@ -1,0 +1,156 @@
+//! `[design]`: what a user asks for.
+
+use serde::{Deserialize, Serialize};
+
+use crate::rod::Rod;
+use crate::scene::{Fault, Scene};
+
+/// What is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Goal {
+    /// The stiffness with which tracked markers moved.
+    Identify,
+    /// The stiffness that rests in a given shape.
+    StaticShape,
+    /// A tip that moves as given.
+    TrackTip,
+    /// The longest way in a direction.
+    Distance,
+    /// The longest way for the work.
+    Efficiency,
+}
+
+/// `[design]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Table {
+    /// What is wanted.
+    pub goal: Goal,
+    /// Where stiffness is unknown, ξ; linear in between. Every joint where it is absent.
+    pub knots: Option<Vec<f64>>,
+    /// Least and largest stiffness, over EI of the scene before its profile.
+    #[serde(default = "wide")]
+    pub bounds: [f64; 2],
+    /// True where stiffness may not rise from head to tip.
+    #[serde(default)]
+    pub monotone: bool,
+    /// Weight of the squared second differences of the stiffness.
+    #[serde(default)]
+    pub smoothness: f64,
+    /// The mean stiffness, over EI of the scene: at most this in a dynamic goal, this else.
+    pub mean: Option<f64>,
+    /// File with node positions.
+    pub data: Option<String>,
+    /// Standard deviation of those positions, m; by default what polynomials leave.
+    pub noise_m: Option<f64>,
+    /// Length of the window that polynomials are fitted over, s; by default as long as the data bear.
+    pub window_s: Option<f64>,
+    /// True where the actuation's strength is unknown too.
+    #[serde(default)]
+    pub actuation_gain: bool,
+    /// Which way counts: "+x" or "-x".
+    pub direction: Option<String>,
+    /// Starts of a dynamic goal.
+    pub starts: Option<usize>,
+    /// Most iterations a start.
+    pub iterations: Option<usize>,
+}
+
+fn wide() -> [f64; 2] {
+    [0.01, 100.0]
+}
+
+impl Table {
+    /// The table of a scene, checked.
+    ///
+    /// # Errors
+    /// What is wrong, and with which key.
+    pub fn of(scene: &Scene) -> std::result::Result<Self, Fault> {
+        let fault = |key: &str, problem: String| Fault { key: key.to_string(), problem };
+        let Some(table) = &scene.design else {
+            return Err(fault("design", "missing; a design needs a table [design] with a goal".to_string()));
+        };
+        let table: Self = table.clone().try_into().map_err(|e: toml::de::Error| {
+            let named = e.message().split('`').nth(1).filter(|name| table.contains_key(*name));
+            let key = named.map_or_else(|| "design".to_string(), |name| format!("design.{name}"));
+            fault(&key, e.message().to_string())
+        })?;
+        let [low, high] = table.bounds;
+        if !(low > 0.0 && high >= low && high.is_finite()) {
+            let problem = format!("found [{low}, {high}]; allowed: [least, largest], both positive");
+            return Err(fault("design.bounds", problem));
+        }
+        if !(table.smoothness >= 0.0 && table.smoothness.is_finite()) {
+            return Err(fault("design.smoothness", format!("found {}; allowed: 0 or more", table.smoothness)));
+        }
+        if let Some(mean) = table.mean.filter(|mean| !(*mean > 0.0 && mean.is_finite())) {
+            return Err(fault("design.mean", format!("found {mean}; allowed: a positive number")));
+        }
+        if let Some(knots) = &table.knots {
+            let rising = knots.windows(2).all(|pair| pair[0] < pair[1]);
+            if knots.is_empty() || !rising || !knots.iter().all(|xi| (0.0..=1.0).contains(xi)) {
+                return Err(fault("design.knots", format!("found {knots:?}; allowed: rising numbers from 0 to 1")));
+            }
+        }
+        for (key, value) in [("design.noise_m", table.noise_m), ("design.window_s", table.window_s)] {
+            if let Some(value) = value.filter(|value| !(*value > 0.0 && value.is_finite())) {
+                return Err(fault(key, format!("found {value}; allowed: a positive number")));
+            }
+        }
+        let needs_data = matches!(table.goal, Goal::Identify | Goal::StaticShape | Goal::TrackTip);
+        if needs_data && table.data.is_none() {
+            return Err(fault("design.data", "missing; this goal needs a CSV file with node positions".to_string()));
+        }
+        match (&table.direction, table.goal) {
+            (Some(direction), Goal::Distance | Goal::Efficiency) if !["+x", "-x"].contains(&direction.as_str()) => {
+                Err(fault("design.direction", format!("found {direction:?}; allowed: \"+x\" or \"-x\"")))
+            }
+            (None, Goal::Distance | Goal::Efficiency) => {
+                Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the way that counts".to_string()))
+            }
+            (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip) => {
+                let problem = "found with a goal that has none; allowed: with \"distance\" and \"efficiency\"";
+                Err(fault("design.direction", problem.to_string()))
+            }
+            _ => Ok(table),
+        }
+    }
+
+    /// The stiffness of every joint of `rod` as weights of the unknowns: all of one, or of the knots about it.
+    pub fn basis(&self, rod: &Rod) -> Basis {
+        let joints = rod.joints();
+        let Some(knots) = &self.knots else {
+            return Basis { unknowns: joints.len(), rows: (0..joints.len()).map(|i| vec![(i, 1.0)]).collect() };
+        };
+        let row = |k: usize| {
+            let xi = k as f64 / (rod.nodes - 1) as f64;
+            let after = knots.partition_point(|knot| *knot <= xi);
+            match (after.checked_sub(1), after < knots.len()) {
+                (Some(i), true) => {
+                    let part = (xi - knots[i]) / (knots[after] - knots[i]);
+                    vec![(i, 1.0 - part), (after, part)]
+                }
+                (Some(i), false) => vec![(i, 1.0)],
+                (None, _) => vec![(0, 1.0)],
+            }
+        };
+        Basis { unknowns: knots.len(), rows: joints.map(row).collect() }
+    }
+}
+
+/// How the stiffness of joints follows from the unknowns.
+#[derive(Debug, Clone)]
+pub struct Basis {
+    /// Number of unknowns.
+    pub unknowns: usize,
+    /// Weights of the unknowns, one row a joint.
+    pub rows: Vec<Vec<(usize, f64)>>,
+}
+
+impl Basis {
+    /// The joints' values.
+    pub fn joints(&self, unknowns: &[f64]) -> Vec<f64> {
+        self.rows.iter().map(|row| row.iter().map(|(i, w)| w * unknowns[*i]).sum()).collect()
+    }
+}

@@ -1,0 +1,530 @@
+//! What is differentiated: every recorded output, by positions, velocities and what parameters move directly.
+
+use nalgebra::Vector2;
+
+use crate::error::{Error, Result, nearest};
+use crate::head::Pose;
+use crate::model::{Dynamics, Model};
+use crate::rod::bend::{self, Joint};
+use crate::rod::{add, elastic, node, stretch};
+use crate::system::State;
+
+/// A quantity at one time. Nodes count from the head, axes are x and y.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Coordinate of a node along an axis, m.
+    Position(usize, usize),
+    /// Velocity of a node along an axis, m/s.
+    Velocity(usize, usize),
+    /// Coordinate of the centre of mass along an axis, m.
+    CentreOfMass(usize),
+    /// Stretching energy, J.
+    Stretching,
+    /// Bending energy, J.
+    Bending,
+    /// Kinetic energy, J.
+    Kinetic,
+    /// Power of the moving natural curvature, W.
+    ActuationPower,
+    /// Power taken by viscosity, W.
+    ViscousPower,
+    /// Power of the background flow, W.
+    FlowPower,
+    /// Power of constant loads, W.
+    LoadPower,
+    /// Power of a held head, W.
+    HeadPower,
+    /// Work of the constant loads from the origin, W·q, J.
+    LoadPotential,
+    /// Force of the tail on a held head along an axis, N.
+    HeadForce(usize),
+    /// Moment of the tail on a held head about node 0, N m.
+    HeadMoment,
+}
+
+/// Work that is summed over the steps as the run's meter sums it, J.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Work {
+    /// Of the moving natural curvature.
+    Actuation,
+    /// Taken by viscosity.
+    Viscous,
+    /// Of the background flow.
+    Flow,
+    /// Of a held head.
+    Head,
+}
+
+/// An output: a sum of quantities, since the start or not, and of work.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Output {
+    /// Quantities with their factors.
+    pub now: Vec<(f64, Quantity)>,
+    /// True where their values at the start are subtracted.
+    pub since_start: bool,
+    /// Work since the start, with factors.
+    pub work: Vec<(f64, Work)>,
+}
+
+impl From<Quantity> for Output {
+    fn from(quantity: Quantity) -> Self {
+        Self { now: vec![(1.0, quantity)], since_start: false, work: Vec::new() }
+    }
+}
+
+impl From<Work> for Output {
+    fn from(work: Work) -> Self {
+        Self { now: Vec::new(), since_start: false, work: vec![(1.0, work)] }
+    }
+}
+
+/// The outputs by the names of the table of variables.
+const NAMES: [&str; 28] = [
+    "x_com_m",
+    "y_com_m",
+    "stretching_energy_j",
+    "bending_energy_j",
+    "kinetic_energy_j",
+    "actuation_power_w",
+    "viscous_power_w",
+    "load_power_w",
+    "head_power_w",
+    "flow_power_w",
+    "head_dx_m",
+    "head_dy_m",
+    "mid_dx_m",
+    "mid_dy_m",
+    "tip_dx_m",
+    "tip_dy_m",
+    "tip_x_m",
+    "tip_y_m",
+    "head_force_x_n",
+    "head_force_y_n",
+    "head_moment_n_m",
+    "net_displacement_m",
+    "actuation_work_j",
+    "viscous_work_j",
+    "load_work_j",
+    "head_work_j",
+    "flow_work_j",
+    "numerical_dissipation_j",
+];
+
+impl Output {
+    /// The same, less its value at the start.
+    pub fn since_start(self) -> Self {
+        Self { since_start: true, ..self }
+    }
+
+    /// The output of this name in the table of variables: every recorded one but time.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVariable`].
+    pub fn named(name: &str, model: &Model) -> Result<Self> {
+        use Quantity as Q;
+        let (mid, tip) = ((model.rod.nodes - 1) / 2, model.rod.nodes - 1);
+        let moved = |k: usize, axis: usize| Self::from(Q::Position(k, axis)).since_start();
+        let energy = [(1.0, Q::Stretching), (1.0, Q::Bending), (1.0, Q::Kinetic)];
+        Ok(match name {
+            "x_com_m" => Q::CentreOfMass(0).into(),
+            "y_com_m" => Q::CentreOfMass(1).into(),
+            "stretching_energy_j" => Q::Stretching.into(),
+            "bending_energy_j" => Q::Bending.into(),
+            "kinetic_energy_j" => Q::Kinetic.into(),
+            "actuation_power_w" => Q::ActuationPower.into(),
+            "viscous_power_w" => Q::ViscousPower.into(),
+            "load_power_w" => Q::LoadPower.into(),
+            "head_power_w" if model.head.is_some() => Q::HeadPower.into(),
+            "head_power_w" => Self { now: Vec::new(), since_start: false, work: Vec::new() },
+            "flow_power_w" => Q::FlowPower.into(),
+            "head_dx_m" => moved(0, 0),
+            "head_dy_m" => moved(0, 1),
+            "mid_dx_m" => moved(mid, 0),
+            "mid_dy_m" => moved(mid, 1),
+            "tip_dx_m" => moved(tip, 0),
+            "tip_dy_m" => moved(tip, 1),
+            "tip_x_m" => Q::Position(tip, 0).into(),
+            "tip_y_m" => Q::Position(tip, 1).into(),
+            "head_force_x_n" if model.head.is_some() => Q::HeadForce(0).into(),
+            "head_force_y_n" if model.head.is_some() => Q::HeadForce(1).into(),
+            "head_moment_n_m" if model.head.is_some() => Q::HeadMoment.into(),
+            "net_displacement_m" => Self::from(Q::CentreOfMass(0)).since_start(),
+            "actuation_work_j" => Work::Actuation.into(),
+            "viscous_work_j" => Work::Viscous.into(),
+            "load_work_j" => Self::from(Q::LoadPotential).since_start(),
+            "head_work_j" if model.head.is_some() => Work::Head.into(),
+            "head_work_j" => Self { now: Vec::new(), since_start: false, work: Vec::new() },
+            "flow_work_j" => Work::Flow.into(),
+            "numerical_dissipation_j" => {
+                let mut now = energy.map(|(_, quantity)| (-1.0, quantity)).to_vec();
+                now.push((1.0, Q::LoadPotential));
+                let mut work = vec![(1.0, Work::Actuation), (-1.0, Work::Viscous), (1.0, Work::Flow)];
+                work.extend(model.head.is_some().then_some((1.0, Work::Head)));
+                Self { now, since_start: true, work }
+            }
+            _ => {
+                let nearest = nearest(name, NAMES.into_iter());
+                return Err(Error::UnknownVariable { name: name.to_string(), nearest });
+            }
+        })
+    }
+}
+
+/// The derivatives of one number.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Gradient {
+    /// By positions and velocities, two entries a node.
+    pub(super) q: Vec<f64>,
+    pub(super) v: Vec<f64>,
+    /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry a node.
+    pub(super) stiffness: Vec<f64>,
+    pub(super) natural: Vec<f64>,
+    pub(super) natural_rate: Vec<f64>,
+    pub(super) natural_step: Vec<f64>,
+    /// By the viscosity.
+    pub(super) viscosity: f64,
+}
+
+impl Gradient {
+    pub(super) fn new(nodes: usize) -> Self {
+        let [a, b] = [nodes, 2 * nodes].map(|n| vec![0.0; n]);
+        Self {
+            q: b.clone(),
+            v: b,
+            stiffness: a.clone(),
+            natural: a.clone(),
+            natural_rate: a.clone(),
+            natural_step: a,
+            viscosity: 0.0,
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        for part in [&mut self.q, &mut self.v] {
+            part.fill(0.0);
+        }
+        for part in [&mut self.stiffness, &mut self.natural, &mut self.natural_rate, &mut self.natural_step] {
+            part.fill(0.0);
+        }
+        self.viscosity = 0.0;
+    }
+}
+
+/// A step, seen from one of its ends.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Span {
+    /// Its length, s.
+    pub(super) h: f64,
+    /// Change of κ̄ over it, one entry a node.
+    pub(super) natural: Vec<f64>,
+    /// Poses of a held head at its begin and end.
+    pub(super) poses: Option<[Pose; 2]>,
+}
+
+/// What the derivatives at one state are made of.
+#[derive(Debug)]
+pub(super) struct Point {
+    /// ∇κ_k by the nodes k−1, k, k+1.
+    pub(super) slopes: Vec<[Vector2<f64>; 3]>,
+    /// ∂f/∂v, a 2×2 block a node: drag on a node depends on its own velocity only.
+    pub(super) damping: Vec<[f64; 4]>,
+    /// ∂f/∂μ, N s/(Pa s m), two entries a node.
+    pub(super) by_viscosity: Vec<f64>,
+    scratch: Vec<f64>,
+}
+
+impl Point {
+    pub(super) fn new(nodes: usize) -> Self {
+        Self {
+            slopes: vec![[Vector2::zeros(); 3]; nodes],
+            damping: vec![[0.0; 4]; nodes],
+            by_viscosity: vec![0.0; 2 * nodes],
+            scratch: vec![0.0; 2 * nodes],
+        }
+    }
+
+    /// Looks at `state`, whose shape `dynamics` was last asked for; `viscous`: the viscosity is a parameter.
+    pub(super) fn look(&mut self, dynamics: &Dynamics, state: &State, viscous: bool) {
+        let (edges, kappa) = (dynamics.edges(), dynamics.kappa());
+        for k in dynamics.model.rod.joints() {
+            let s = bend::curvature_per_turning(kappa[k]);
+            let across = |e: usize| edges[e].n() * (s * edges[e].per_length);
+            let before = if k == 0 { Vector2::zeros() } else { across(k - 1) };
+            let after = across(k);
+            self.slopes[k] = [before, -before - after, after];
+        }
+        let Some((drag, fluid)) = dynamics.drag() else { return };
+        self.damping.fill([0.0; 4]);
+        drag.for_half_edges(edges, &state.v, fluid, &mut |k, _, half| {
+            let by = half.by_velocity;
+            for (sum, entry) in self.damping[k].iter_mut().zip([by.m11, by.m12, by.m21, by.m22]) {
+                *sum += entry;
+            }
+        });
+        if viscous {
+            // The difference over the whole viscosity is exact where drag is affine in it.
+            let size = if fluid.viscosity > 0.0 { fluid.viscosity } else { 1.0 };
+            let mut more = fluid;
+            more.viscosity += size;
+            self.by_viscosity.fill(0.0);
+            self.scratch.fill(0.0);
+            drag.assemble(edges, &state.v, more, &mut self.by_viscosity, None);
+            drag.assemble(edges, &state.v, fluid, &mut self.scratch, None);
+            for (more, less) in self.by_viscosity.iter_mut().zip(&self.scratch) {
+                *more = (*more - less) / size;
+            }
+        }
+    }
+
+    /// Adds `factor`·∇κ_k to `q`.
+    #[inline]
+    pub(super) fn scatter(&self, k: usize, factor: f64, q: &mut [f64]) {
+        let [before, here, after] = self.slopes[k];
+        if k > 0 {
+            add(q, k - 1, before * factor);
+        }
+        add(q, k, here * factor);
+        add(q, k + 1, after * factor);
+    }
+
+    /// ∇κ_k·q.
+    #[inline]
+    pub(super) fn gather(&self, k: usize, q: &[f64]) -> f64 {
+        let [before, here, after] = self.slopes[k];
+        let first = if k > 0 { before.dot(&node(q, k - 1)) } else { 0.0 };
+        first + here.dot(&node(q, k)) + after.dot(&node(q, k + 1))
+    }
+}
+
+/// A state with all that its quantities need.
+#[derive(Clone, Copy)]
+pub(super) struct At<'a> {
+    pub(super) dynamics: &'a Dynamics,
+    pub(super) state: &'a State,
+    pub(super) point: &'a Point,
+}
+
+impl At<'_> {
+    /// m_k = B_k(κ_k − κ̄_k), and κ_k − κ̄_k.
+    fn moment(&self, k: usize) -> [f64; 2] {
+        let deviation = self.dynamics.kappa()[k] - self.dynamics.natural[k];
+        [self.dynamics.model.rod.joint[k] * deviation, deviation]
+    }
+
+    /// Adds `factor`·∇m_k.
+    fn add_moment(&self, k: usize, factor: f64, g: &mut Gradient) {
+        let stiffness = self.dynamics.model.rod.joint[k];
+        self.point.scatter(k, factor * stiffness, &mut g.q);
+        g.stiffness[k] += factor * self.moment(k)[1];
+        g.natural[k] -= factor * stiffness;
+    }
+
+    /// Adds `factor` (N) times the derivative of edge `e`'s direction.
+    fn add_turn(&self, e: usize, factor: f64, g: &mut Gradient) {
+        let edge = &self.dynamics.edges()[e];
+        let slope = edge.n() * (factor * edge.per_length);
+        add(&mut g.q, e, -slope);
+        add(&mut g.q, e + 1, slope);
+    }
+
+    fn joint(&self, k: usize) -> Joint {
+        if !self.dynamics.model.rod.joints().contains(&k) {
+            return Joint::default();
+        }
+        Joint::new(self.dynamics.model.rod.joint[k], self.dynamics.kappa()[k], self.dynamics.natural[k])
+    }
+
+    /// The force (N) that a held head exerts beyond the inertia of node 0, along `along`; adds `factor` times its
+    /// derivative.
+    fn push(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
+        let (dynamics, rod) = (self.dynamics, &self.dynamics.model.rod);
+        let edges = dynamics.edges();
+        let joints = [0, 1].map(|k| self.joint(k));
+        let tension = stretch::tension(&edges[0], rod.ea, rod.spacing);
+        let mut force = -elastic::force(&edges[0], tension, &joints[0], &joints[1]) - dynamics.load(0);
+        // By the vectors of edges 0 and 1.
+        let next = elastic::stiffness(&edges[0], rod.ea / rod.spacing, tension, &joints[0], &joints[1]);
+        let slope = next.transpose() * along * -factor;
+        add(&mut g.q, 0, -slope);
+        add(&mut g.q, 1, slope);
+        if rod.joints().contains(&1) {
+            let slope = elastic::coupling(&edges[0], &edges[1], &joints[1]).transpose() * along * -factor;
+            add(&mut g.q, 1, -slope);
+            add(&mut g.q, 2, slope);
+        }
+        for k in [0, 1].into_iter().filter(|k| rod.joints().contains(k)) {
+            let size = factor * self.point.slopes[k][1 - k].dot(&along);
+            g.stiffness[k] += size * self.moment(k)[1];
+            g.natural[k] -= size * rod.joint[k];
+        }
+        if let Some((drag, fluid)) = dynamics.drag() {
+            drag.for_half_edges(edges, &self.state.v, fluid, &mut |k, e, half| {
+                if k == 0 {
+                    force += half.force;
+                    self.add_turn(e, factor * half.by_direction.dot(&along), g);
+                    add(&mut g.v, 0, half.by_velocity.transpose() * along * factor);
+                }
+            });
+            g.viscosity += factor * node(&self.point.by_viscosity, 0).dot(&along);
+        }
+        force.dot(&along)
+    }
+}
+
+/// The unit vector of an axis.
+fn axis(i: usize) -> Vector2<f64> {
+    if i == 0 { Vector2::x() } else { Vector2::y() }
+}
+
+impl Quantity {
+    /// Its value; adds `factor` times its derivatives.
+    pub(super) fn add(self, at: &At<'_>, factor: f64, g: &mut Gradient) -> f64 {
+        let (dynamics, state) = (at.dynamics, at.state);
+        let rod = &dynamics.model.rod;
+        match self {
+            Self::Position(k, i) => {
+                g.q[2 * k + i] += factor;
+                state.q[2 * k + i]
+            }
+            Self::Velocity(k, i) => {
+                g.v[2 * k + i] += factor;
+                state.v[2 * k + i]
+            }
+            Self::CentreOfMass(i) => {
+                let part = factor / rod.total_mass();
+                for (k, m) in rod.mass.iter().enumerate() {
+                    g.q[2 * k + i] += part * m;
+                }
+                rod.mean(&state.q)[i]
+            }
+            Self::Stretching => {
+                let mut energy = 0.0;
+                for (k, edge) in dynamics.edges().iter().enumerate() {
+                    let pull = edge.t * (factor * stretch::tension(edge, rod.ea, rod.spacing));
+                    add(&mut g.q, k, -pull);
+                    add(&mut g.q, k + 1, pull);
+                    energy += stretch::energy(edge, rod.ea, rod.spacing);
+                }
+                energy
+            }
+            Self::Bending => {
+                let mut energy = 0.0;
+                for k in rod.joints() {
+                    let [moment, deviation] = at.moment(k);
+                    at.point.scatter(k, factor * moment, &mut g.q);
+                    g.stiffness[k] += 0.5 * factor * deviation * deviation;
+                    g.natural[k] -= factor * moment;
+                    energy += 0.5 * moment * deviation;
+                }
+                energy
+            }
+            Self::Kinetic => {
+                let mut energy = 0.0;
+                for (k, m) in rod.mass.iter().enumerate() {
+                    let v = node(&state.v, k);
+                    add(&mut g.v, k, v * (factor * m));
+                    energy += 0.5 * m * v.norm_squared();
+                }
+                energy
+            }
+            Self::ActuationPower => {
+                let mut power = 0.0;
+                for k in rod.joints() {
+                    let (moment, rate) = (at.moment(k)[0], dynamics.natural_rate[k]);
+                    at.add_moment(k, -factor * rate, g);
+                    g.natural_rate[k] -= factor * moment;
+                    power -= moment * rate;
+                }
+                power
+            }
+            Self::ViscousPower | Self::FlowPower => {
+                let Some((drag, fluid)) = dynamics.drag() else { return 0.0 };
+                let mut power = 0.0;
+                let mut both = |k: usize, e: usize, half: crate::drag::HalfEdge| {
+                    let w = node(&state.v, k) - fluid.flow;
+                    // Viscosity takes F·w, the flow puts −F·u in.
+                    let (against, own) =
+                        if self == Self::ViscousPower { (w, half.force) } else { (-fluid.flow, Vector2::zeros()) };
+                    add(&mut g.v, k, (own + half.by_velocity.transpose() * against) * factor);
+                    at.add_turn(e, factor * half.by_direction.dot(&against), g);
+                    power += half.force.dot(&against);
+                };
+                drag.for_half_edges(dynamics.edges(), &state.v, fluid, &mut both);
+                for k in 0..rod.nodes {
+                    let against = if self == Self::ViscousPower { node(&state.v, k) - fluid.flow } else { -fluid.flow };
+                    g.viscosity += factor * node(&at.point.by_viscosity, k).dot(&against);
+                }
+                power
+            }
+            Self::LoadPower => {
+                let mut power = 0.0;
+                for k in (0..rod.nodes).filter(|_| dynamics.is_loaded()) {
+                    let load = dynamics.load(k);
+                    add(&mut g.v, k, load * factor);
+                    power += load.dot(&node(&state.v, k));
+                }
+                power
+            }
+            Self::LoadPotential => {
+                let mut work = 0.0;
+                for k in (0..rod.nodes).filter(|_| dynamics.is_loaded()) {
+                    let load = dynamics.load(k);
+                    add(&mut g.q, k, load * factor);
+                    work += load.dot(&node(&state.q, k));
+                }
+                work
+            }
+            Self::HeadForce(i) => {
+                let inertia = dynamics.held.map_or(0.0, |pose| rod.mass[0] * pose[i].acceleration);
+                -inertia - at.push(axis(i), -factor, g)
+            }
+            Self::HeadMoment => {
+                let (moment, joint) = (at.moment(0), at.joint(0));
+                let s = bend::curvature_per_turning(dynamics.kappa()[0]);
+                at.point.scatter(0, factor * joint.stiffness / s, &mut g.q);
+                g.stiffness[0] += factor * s * moment[1];
+                g.natural[0] -= factor * s * rod.joint[0];
+                joint.couple
+            }
+            Self::HeadPower => {
+                let Some([x, y, angle]) = dynamics.held else { return 0.0 };
+                let v = Vector2::new(x.rate, y.rate);
+                let inertia = v.dot(&Vector2::new(x.acceleration, y.acceleration)) * rod.mass[0];
+                let push = at.push(v, factor, g);
+                push + inertia - angle.rate * Self::HeadMoment.add(at, -factor * angle.rate, g)
+            }
+        }
+    }
+}
+
+impl Work {
+    /// The share of the state at one end of `span` (its end, or its begin) in the work over it; adds `factor` times its
+    /// derivatives.
+    pub(super) fn add(self, at: &At<'_>, span: &Span, end: bool, factor: f64, g: &mut Gradient) -> f64 {
+        let half = 0.5 * span.h;
+        let rod = &at.dynamics.model.rod;
+        match self {
+            Self::Viscous => half * Quantity::ViscousPower.add(at, half * factor, g),
+            Self::Flow => half * Quantity::FlowPower.add(at, half * factor, g),
+            Self::Actuation => {
+                let mut work = 0.0;
+                for k in rod.joints() {
+                    let moment = at.moment(k)[0];
+                    at.add_moment(k, -0.5 * factor * span.natural[k], g);
+                    g.natural_step[k] -= 0.5 * factor * moment;
+                    work -= 0.5 * moment * span.natural[k];
+                }
+                work
+            }
+            Self::Head => {
+                let Some([from, to]) = &span.poses else { return 0.0 };
+                let moved = Vector2::new(to[0].value - from[0].value, to[1].value - from[1].value);
+                let turned = to[2].value - from[2].value;
+                let speed = |pose: &Pose| pose[0].rate.powi(2) + pose[1].rate.powi(2);
+                let inertia = 0.5 * rod.mass[0] * if end { speed(to) } else { -speed(from) };
+                let push = at.push(moved, 0.5 * factor, g);
+                0.5 * push + inertia - 0.5 * turned * Quantity::HeadMoment.add(at, -0.5 * factor * turned, g)
+            }
+        }
+    }
+}

@@ -1,0 +1,123 @@
+//! What a simulation can be differentiated by, and how each moves the equations.
+
+use std::f64::consts::TAU;
+use std::ops::Range;
+
+use crate::actuation::Wave;
+use crate::model::Dynamics;
+use crate::rod::Rod;
+
+/// A parameter of a simulation. Joints are named by their nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Parameter {
+    /// Bending stiffness EI_k of the joint at node k, N m².
+    Stiffness(usize),
+    /// A constant natural curvature (1/m) of the joint at node k, beside the actuation's.
+    NaturalCurvature(usize),
+    /// The actuation's amplitude at the joint of node k alone, over what it is.
+    WaveAmplitude(usize),
+    /// A phase (rad) subtracted inside the actuation's sine at the joint of node k alone.
+    WavePhase(usize),
+    /// Amplitude κ_amp of the actuation.
+    Amplitude,
+    /// Frequency of the actuation, Hz.
+    Frequency,
+    /// Phase φ₀ (rad) subtracted inside the actuation's sine.
+    Phase,
+    /// Dynamic viscosity of the medium, Pa s. Drag must be affine in it, as every law of the program is.
+    Viscosity,
+}
+
+/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) with g'' = −g: every kind is one harmonic of its phase.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Shape {
+    wave: Option<Wave>,
+    /// g and g', one entry a node.
+    pub(super) g: [Vec<f64>; 2],
+    time: f64,
+}
+
+impl Shape {
+    pub(super) fn new(nodes: usize) -> Self {
+        Self { g: [vec![0.0; nodes], vec![0.0; nodes]], ..Self::default() }
+    }
+
+    /// Takes the shape at time `t` (s).
+    pub(super) fn take(&mut self, dynamics: &Dynamics, t: f64) {
+        let Some((actuation, _)) = &dynamics.model.actuation else { return };
+        let wave = dynamics.inputs.wave(&dynamics.model.start, t);
+        let [g, slope] = &mut self.g;
+        g.fill(0.0);
+        slope.fill(0.0);
+        let unit = Wave { amplitude: 1.0, gain: 1.0, gain_rate: 0.0, phase: wave.phase, phase_rate: 1.0 };
+        actuation.add(unit, g, slope);
+        if dynamics.model.head.is_some() {
+            (g[0], slope[0]) = (0.5 * g[0], 0.5 * slope[0]); // half a joint
+        }
+        (self.wave, self.time) = (Some(wave), t);
+    }
+}
+
+/// How a parameter moves the equations at a time: at every one of `joints` B_k moves by `stiffness`, κ̄_k by
+/// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g'); the viscosity by `viscosity`.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Effect {
+    pub(super) joints: Range<usize>,
+    pub(super) stiffness: f64,
+    own: f64,
+    natural: [f64; 2],
+    rate: [f64; 2],
+    pub(super) viscosity: f64,
+}
+
+impl Effect {
+    /// dκ̄_k.
+    #[inline]
+    pub(super) fn natural(&self, shape: &Shape, k: usize) -> f64 {
+        self.own + self.natural[0] * shape.g[0][k] + self.natural[1] * shape.g[1][k]
+    }
+
+    /// d(dκ̄_k/dt), 1/s.
+    #[inline]
+    pub(super) fn rate(&self, shape: &Shape, k: usize) -> f64 {
+        self.rate[0] * shape.g[0][k] + self.rate[1] * shape.g[1][k]
+    }
+
+    /// True where natural curvature moves.
+    pub(super) fn bends(&self) -> bool {
+        self.own != 0.0 || self.natural != [0.0; 2] || self.rate != [0.0; 2]
+    }
+}
+
+impl Parameter {
+    /// How it moves the equations at the time of `shape`.
+    pub(super) fn effect(self, rod: &Rod, shape: &Shape) -> Effect {
+        let none = Effect { joints: 0..0, stiffness: 0.0, own: 0.0, natural: [0.0; 2], rate: [0.0; 2], viscosity: 0.0 };
+        let half = |k: usize| if k == 0 { 0.5 } else { 1.0 };
+        // A change of amplitude, of phase ψ and of its rate.
+        let driven = |joints: Range<usize>, amplitude: f64, phase: f64, phase_rate: f64| {
+            let Some(wave) = shape.wave else { return none.clone() };
+            let Wave { amplitude: size, gain, gain_rate, phase_rate: omega, .. } = wave;
+            Effect {
+                joints,
+                natural: [amplitude * gain, size * gain * phase],
+                rate: [
+                    amplitude * gain_rate - size * gain * omega * phase,
+                    amplitude * gain * omega + size * (gain_rate * phase + gain * phase_rate),
+                ],
+                ..none.clone()
+            }
+        };
+        let size = shape.wave.map_or(0.0, |wave| wave.amplitude);
+        match self {
+            Self::Stiffness(k) => Effect { joints: k..k + 1, stiffness: 1.0 / (half(k) * rod.spacing), ..none },
+            Self::NaturalCurvature(k) => Effect { joints: k..k + 1, own: half(k) * rod.spacing, ..none },
+            Self::WaveAmplitude(k) => driven(k..k + 1, size, 0.0, 0.0),
+            Self::WavePhase(k) => driven(k..k + 1, 0.0, -1.0, 0.0),
+            Self::Amplitude => driven(rod.joints(), 1.0, 0.0, 0.0),
+            Self::Frequency => driven(rod.joints(), 0.0, TAU * shape.time, TAU),
+            Self::Phase => driven(rod.joints(), 0.0, -1.0, 0.0),
+            Self::Viscosity => Effect { viscosity: 1.0, ..none },
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! The derivative of the `shaped` start: how first positions and velocities move with the natural curvature.
+
+use nalgebra::{Rotation2, Vector2};
+
+use crate::head::Pose;
+use crate::rod::{Rod, bend};
+
+/// A vector and its derivative.
+type Tangent = [Vector2<f64>; 2];
+
+/// Turned by +90°.
+fn turned(x: Vector2<f64>) -> Vector2<f64> {
+    Vector2::new(-x.y, x.x)
+}
+
+/// Writes the derivatives of the first positions and velocities to `q` and `v`, two entries a node, along the direction
+/// in which the natural curvatures `natural` and their rates `rate` (1/s) move by `by` and `rate_by`; `held` is the pose
+/// of a held head. It follows [`Start::place`](crate::start::Start::place) line by line: chain, turn, rest.
+pub fn shaped(
+    rod: &Rod,
+    [natural, rate]: [&[f64]; 2],
+    [by, rate_by]: [&[f64]; 2],
+    held: Option<&Pose>,
+    q: &mut [f64],
+    v: &mut [f64],
+) {
+    let zero = [Vector2::zeros(); 2];
+    let (mut angle, mut spin) = held.map_or(([0.0; 2], [0.0; 2]), |pose| ([pose[2].value, 0.0], [pose[2].rate, 0.0]));
+    let mut x: Vec<Tangent> = vec![zero; rod.nodes];
+    let mut w: Vec<Tangent> = vec![zero; rod.nodes];
+    if let Some(pose) = held {
+        x[0][0] = Vector2::new(pose[0].value, pose[1].value);
+        w[0][0] = Vector2::new(pose[0].rate, pose[1].rate);
+    }
+    for e in 0..rod.nodes - 1 {
+        if rod.joints().contains(&e) {
+            let s = bend::curvature_per_turning(natural[e]);
+            angle = [angle[0] + bend::turning(natural[e]), angle[1] + by[e] / s];
+            spin = [spin[0] + rate[e] / s, spin[1] + rate_by[e] / s - 0.5 * rate[e] * natural[e] * by[e] / (s * s)];
+        }
+        let edge = Vector2::new(angle[0].cos(), angle[0].sin()) * rod.spacing;
+        let across = turned(edge);
+        x[e + 1] = [x[e][0] + edge, x[e][1] + across * angle[1]];
+        w[e + 1] = [w[e][0] + across * spin[0], w[e][1] + across * spin[1] - edge * (spin[0] * angle[1])];
+    }
+    if held.is_none() {
+        straighten(rod, &mut x, &mut w);
+        rest(rod, &x, &mut w);
+    }
+    for (k, (x, w)) in x.iter().zip(&w).enumerate() {
+        q[2 * k..2 * k + 2].copy_from_slice(x[1].as_slice());
+        v[2 * k..2 * k + 2].copy_from_slice(w[1].as_slice());
+    }
+}
+
+/// Mass-weighted mean.
+fn mean(rod: &Rod, values: &[Tangent]) -> Tangent {
+    let sum = |i: usize| rod.mass.iter().zip(values).map(|(m, x)| x[i] * *m).sum::<Vector2<f64>>() / rod.total_mass();
+    [sum(0), sum(1)]
+}
+
+fn straighten(rod: &Rod, x: &mut [Tangent], w: &mut [Tangent]) {
+    let straight: Vec<Tangent> =
+        (0..rod.nodes).map(|k| [Vector2::new(rod.arc_length(k), 0.0), Vector2::zeros()]).collect();
+    let ([centre, centre_by], [target, _]) = (mean(rod, x), mean(rod, &straight));
+    let (mut cross, mut dot) = ([0.0; 2], [0.0; 2]);
+    for ((m, x), straight) in rod.mass.iter().zip(&*x).zip(&straight) {
+        let r = straight[0] - target;
+        for (i, p) in [x[0] - centre, x[1] - centre_by].into_iter().enumerate() {
+            cross[i] += m * p.perp(&r);
+            dot[i] += m * p.dot(&r);
+        }
+    }
+    let turn = Rotation2::new(cross[0].atan2(dot[0]));
+    let turn_by = (dot[0] * cross[1] - cross[0] * dot[1]) / (cross[0] * cross[0] + dot[0] * dot[0]);
+    for (x, w) in x.iter_mut().zip(w) {
+        let (p, u) = (turn * (x[0] - centre), turn * w[0]);
+        *x = [target + p, turn * (x[1] - centre_by) + turned(p) * turn_by];
+        *w = [u, turn * w[1] + turned(u) * turn_by];
+    }
+}
+
+fn rest(rod: &Rod, x: &[Tangent], w: &mut [Tangent]) {
+    let ([centre, centre_by], [drift, drift_by]) = (mean(rod, x), mean(rod, w));
+    let (mut momentum, mut inertia) = ([0.0; 2], [0.0; 2]);
+    for ((m, x), w) in rod.mass.iter().zip(x).zip(&*w) {
+        let (r, r_by, u, u_by) = (x[0] - centre, x[1] - centre_by, w[0] - drift, w[1] - drift_by);
+        momentum[0] += m * r.perp(&u);
+        momentum[1] += m * (r_by.perp(&u) + r.perp(&u_by));
+        inertia[0] += m * r.norm_squared();
+        inertia[1] += 2.0 * m * r.dot(&r_by);
+    }
+    let spin = momentum[0] / inertia[0];
+    let spin_by = (momentum[1] - spin * inertia[1]) / inertia[0];
+    for (x, w) in x.iter().zip(w) {
+        let (r, r_by) = (x[0] - centre, x[1] - centre_by);
+        w[0] -= drift + turned(r) * spin;
+        w[1] -= drift_by + turned(r_by) * spin + turned(r) * spin_by;
+    }
+}
