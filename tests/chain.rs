@@ -63,7 +63,7 @@ fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_
             scenes += 1;
         }
     }
-    assert_eq!(scenes, 28);
+    assert!(scenes >= 28, "{scenes}");
 }
 
 /// A state of random shape, motion, moments and forces.
