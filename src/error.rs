@@ -142,6 +142,17 @@ pub enum Error {
         /// The most similar name there is.
         nearest: Option<&'static str>,
     },
+    /// No derivative of this order can be set.
+    #[error("a derivative of order {order} cannot be set; allowed: 1 to {highest}")]
+    Order {
+        /// The order asked for.
+        order: usize,
+        /// The highest there is.
+        highest: usize,
+    },
+    /// A saved state that cannot be taken over.
+    #[error("the saved state cannot be read: {0}")]
+    Snapshot(String),
     /// Only inputs can be set.
     #[error("variable `{0}` is not an input: it cannot be set")]
     NotAnInput(&'static str),

@@ -1,16 +1,22 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
 mod dense;
+pub mod snapshot;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+use uuid::Uuid;
+
 use dense::Dense;
+pub use snapshot::Snapshot;
 
 use crate::error::{Error, Result, nearest};
 use crate::integrator::{Integrator, Pace, StepError};
 use crate::metrics::{Meter, Reading, Totals};
-use crate::model::{Dynamics, Inputs, Model};
+use crate::model::course::HIGHEST_ORDER;
+use crate::model::{Course, Dynamics, Inputs, Model};
 use crate::newton::{Newton, Work};
 use crate::scene::Scene;
 use crate::system::{Direction, Form, State, System};
@@ -52,14 +58,19 @@ pub struct Stepper {
     /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
     before: Option<Totals>,
     dense: Option<Dense>,
+    /// The scene, as [`Scene::fingerprint`] names it.
+    scene: Uuid,
+    /// An input has changed since the last internal step set out.
+    steered: bool,
     // Room to work in.
+    inputs: (Inputs, Option<Box<Course>>),
     next: State,
     reading: Reading,
     scratch: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Clock {
     origin: f64,
     count: u64,
@@ -72,19 +83,6 @@ struct Kick {
     due: bool,
     /// The accelerations before, and what the method remembered.
     before: [Vec<f64>; 2],
-}
-
-/// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
-/// matrices and factors, which every step makes anew.
-#[derive(Debug, Clone)]
-pub struct Snapshot {
-    clock: Clock,
-    time_step: f64,
-    state: State,
-    kicked: bool,
-    inputs: Inputs,
-    meter: Meter,
-    work: Work,
 }
 
 impl Stepper {
@@ -124,6 +122,9 @@ impl Stepper {
             kick: Kick::default(),
             before: None,
             dense: None,
+            scene: Uuid::nil(),
+            steered: false,
+            inputs: (dynamics.inputs.clone(), None),
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,
@@ -142,7 +143,7 @@ impl Stepper {
         let (solver, model) = (&scene.solver, scene.model()?);
         let form = scene.form(&model.rod);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
-        Self::init(model, scene.integrator()?, newton, scene.pace())
+        Ok(Self { scene: scene.fingerprint, ..Self::init(model, scene.integrator()?, newton, scene.pace())? })
     }
 
     /// Time now, s.
@@ -269,6 +270,9 @@ impl Stepper {
             if look(self).is_break() && count < parts {
                 return Ok(false);
             }
+            if self.steered && count < parts {
+                self.set_out(end_of(clock, parts))?;
+            }
         }
         Ok(true)
     }
@@ -307,6 +311,9 @@ impl Stepper {
                             self.clock = Clock { origin: self.state.t, count: 0 };
                             return Ok(false);
                         }
+                        if self.steered && self.state.t < end {
+                            self.set_out(end)?;
+                        }
                         continue;
                     }
                     self.meter.totals.rejections += 1;
@@ -335,6 +342,7 @@ impl Stepper {
     /// Before the first internal step of several to `end`: aims the head, and finds the accelerations that changed inputs
     /// cause at once.
     fn set_out(&mut self, end: f64) -> Result<()> {
+        self.steered = false;
         self.dynamics.aim_head(self.state.t, end);
         if self.kick.due {
             self.dynamics.move_to(self.state.t, &mut self.state);
@@ -372,7 +380,7 @@ impl Stepper {
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
         self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
-        let load = self.dynamics.load_work(&self.state.q, &self.next.q);
+        let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
         self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
         std::mem::swap(&mut self.state, &mut self.next);
@@ -413,62 +421,112 @@ impl Stepper {
     /// [`Error::NotFinite`] for a value so large that energies overflow; nothing is changed then.
     pub fn set(&mut self, name: &str, values: &[f64]) -> Result<()> {
         let variable = self.find(name)?;
-        if variable.causality != Causality::Input {
-            return Err(Error::NotAnInput(variable.name));
+        self.set_all([Change { variable, order: 0, values }].into_iter())
+    }
+
+    /// Sets the time derivative of an input, of `order` 1 to [`HIGHEST_ORDER`]: from now on the input goes on as its value
+    /// and derivatives say, until its value is set again.
+    ///
+    /// # Errors
+    /// Those of [`set`](Self::set), and [`Error::Order`].
+    pub fn set_derivative(&mut self, name: &str, order: usize, values: &[f64]) -> Result<()> {
+        let variable = self.find(name)?;
+        if order == 0 {
+            return Err(Error::Order { order, highest: HIGHEST_ORDER });
         }
-        let expected = variable.len(self.model());
-        if values.len() != expected {
-            return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
+        self.set_all([Change { variable, order, values }].into_iter())
+    }
+
+    /// Makes several changes, in their order, as one.
+    ///
+    /// # Errors
+    /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
+    pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = Change<'a>> + Clone) -> Result<()> {
+        for change in changes.clone() {
+            change.check(self.model())?;
         }
-        if let Some((value, allowed)) = variable.refused(values) {
-            return Err(Error::BadValue { name: variable.name, value, allowed });
+        let t = self.state.t;
+        self.inputs.0.clone_from(&self.dynamics.inputs);
+        self.inputs.1.clone_from(&self.dynamics.course);
+        if let Some(course) = &mut self.dynamics.course {
+            course.rebase(t, &self.dynamics.inputs);
         }
-        let before = self.dynamics.inputs.clone();
-        variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
-        self.dynamics.move_to(self.state.t, &mut self.state);
-        self.before = None;
+        changes.clone().for_each(|change| change.make(&mut self.dynamics, t));
+        self.dynamics.move_to(t, &mut self.state);
         if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
-            self.dynamics.restore(&before);
-            self.dynamics.move_to(self.state.t, &mut self.state);
+            self.dynamics.restore(&self.inputs.0);
+            self.dynamics.course.clone_from(&self.inputs.1);
+            self.dynamics.move_to(t, &mut self.state);
+            self.before = None; // its reading is lost
             return Err(error);
         }
-        self.kick.due |= !self.dynamics.inputs.act_as(&before);
+        self.before = None;
+        self.steered = true;
+        self.kick.due |= !self.dynamics.inputs.act_as(&self.inputs.0);
         self.meter.count(&mut self.reading, 0.0, self.dynamics.model.rod.mass[0]);
         Ok(())
     }
+}
 
-    /// A copy of everything that changes.
-    pub fn save(&self) -> Snapshot {
-        Snapshot {
-            clock: self.clock,
-            time_step: self.time_step,
-            state: self.state.clone(),
-            kicked: self.kick.due,
-            inputs: self.dynamics.inputs.clone(),
-            meter: self.meter.clone(),
-            work: self.newton.work,
+/// A new value of an input, or of a time derivative of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Change<'a> {
+    /// The input.
+    pub variable: &'static Variable,
+    /// The order of the derivative; zero is the value.
+    pub order: usize,
+    /// As many values as the variable has.
+    pub values: &'a [f64],
+}
+
+impl Change<'_> {
+    fn check(&self, model: &Model) -> Result<()> {
+        let Self { variable, order, values } = *self;
+        if variable.causality != Causality::Input {
+            return Err(Error::NotAnInput(variable.name));
+        }
+        if order > HIGHEST_ORDER {
+            return Err(Error::Order { order, highest: HIGHEST_ORDER });
+        }
+        let expected = variable.len(model);
+        if values.len() != expected {
+            return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
+        }
+        let refused = if order == 0 {
+            variable.refused(values)
+        } else {
+            values.iter().find(|x| !x.is_finite()).map(|x| (*x, "a finite number"))
+        };
+        match refused {
+            Some((value, allowed)) => Err(Error::BadValue { name: variable.name, value, allowed }),
+            None => Ok(()),
         }
     }
 
-    /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
-    ///
-    /// # Errors
-    /// [`Error::WrongLength`] for a snapshot of another number of nodes.
-    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
-        let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
-        if expected != found || self.state.links.len() != snapshot.state.links.len() {
-            return Err(Error::WrongLength { name: "snapshot", expected, found });
+    /// Makes it at time `t` (s).
+    fn make(&self, dynamics: &mut Dynamics, t: f64) {
+        let Self { variable, order, values } = *self;
+        if order == 0 {
+            let Some(mut course) = dynamics.course.take() else { return variable.write(dynamics, t, values) };
+            variable.write(dynamics, t, values);
+            course.set_values(&dynamics.inputs);
+            let zeros = vec![0.0; values.len()];
+            for order in 1..=HIGHEST_ORDER {
+                course.change_rates(dynamics, order, |rates| variable.write(rates, t, &zeros));
+            }
+            dynamics.course = Some(course);
+        } else {
+            let mut course = match dynamics.course.take() {
+                Some(course) => course,
+                None => Box::new(Course::resting(&dynamics.model, &dynamics.inputs, t)),
+            };
+            course.change_rates(dynamics, order, |rates| variable.write(rates, t, values));
+            if course.moves_head() {
+                dynamics.take_over_head(t);
+                course.set_values(&dynamics.inputs);
+            }
+            dynamics.course = Some(course);
         }
-        self.clock = snapshot.clock;
-        self.time_step = snapshot.time_step;
-        self.state.copy_from(&snapshot.state);
-        self.kick.due = snapshot.kicked;
-        self.before = None;
-        self.dynamics.restore(&snapshot.inputs);
-        self.dynamics.move_to(self.state.t, &mut self.state);
-        self.meter.clone_from(&snapshot.meter);
-        self.newton.work = snapshot.work;
-        Ok(())
     }
 }
 

@@ -3,7 +3,7 @@
 //! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
 
 use crate::metrics::Meter;
-use crate::model::{Dynamics, HostHead, Model};
+use crate::model::{Dynamics, Model};
 use crate::newton::Work;
 use crate::rod::bend;
 use crate::system::State;
@@ -151,8 +151,8 @@ impl Variable {
         (self.exists)(model)
     }
 
-    /// The entries' nodes.
-    fn entries(&self, model: &Model) -> std::ops::Range<usize> {
+    /// The nodes of its entries; a scalar has one entry.
+    pub fn entries(&self, model: &Model) -> std::ops::Range<usize> {
         match self.size {
             Size::Scalar => 0..1,
             Size::Nodes => 0..model.rod.nodes,
@@ -172,14 +172,22 @@ impl Variable {
         }
     }
 
+    /// Its value at node `k`, one of [`entries`](Self::entries).
+    #[inline]
+    pub fn at(&self, view: &View<'_>, k: usize) -> f64 {
+        (self.get)(view, k)
+    }
+
     /// Its value, or its first.
     pub fn first(&self, view: &View<'_>) -> f64 {
         (self.get)(view, self.entries(view.model()).start)
     }
 
     /// Sets it at time `t` (s); the caller has checked values and length.
-    pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, values: &[f64]) -> Option<()> {
-        self.set.map(|set| set(dynamics, t, values))
+    pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, values: &[f64]) {
+        if let Some(set) = self.set {
+            set(dynamics, t, values);
+        }
     }
 
     /// The first value that is not allowed, and what is.
@@ -228,14 +236,8 @@ fn head_rate(view: &View<'_>, i: usize) -> f64 {
     view.dynamics.inputs.head.as_ref().and_then(|host| host.rate).map_or(0.0, |rate| rate[i])
 }
 
-/// The head as the host moves it, taken over from the scene where this is the host's first word.
-fn host_head(dynamics: &mut Dynamics, t: f64) -> &mut HostHead {
-    let pose = dynamics.held.unwrap_or_default();
-    dynamics.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
-}
-
 fn set_head_rate(dynamics: &mut Dynamics, t: f64, i: usize, value: f64) {
-    host_head(dynamics, t).rate.get_or_insert([0.0; 3])[i] = value;
+    dynamics.take_over_head(t).rate.get_or_insert([0.0; 3])[i] = value;
 }
 
 /// A host's forces along axis `i`.
@@ -310,9 +312,9 @@ pub static VARIABLES: &[Variable] = &[
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.dynamics.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(has_drag).at_least_zero(),
     input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.inputs.fluid.flow.x = x[0]).when(has_drag),
     input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.inputs.fluid.flow.y = x[0]).when(has_drag),
-    input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| host_head(d, t).target[0] = x[0]).when(has_held_head),
-    input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| host_head(d, t).target[1] = x[0]).when(has_held_head),
-    input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| host_head(d, t).target[2] = x[0]).when(has_held_head),
+    input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| d.take_over_head(t).target[0] = x[0]).when(has_held_head),
+    input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| d.take_over_head(t).target[1] = x[0]).when(has_held_head),
+    input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| d.take_over_head(t).target[2] = x[0]).when(has_held_head),
     input("head_vx_m_s", "m/s", "head velocity to reach with the position, x; the motion is cubic once a rate is set, linear before", |v, _| head_rate(v, 0), |d, t, x| set_head_rate(d, t, 0, x[0])).when(has_held_head),
     input("head_vy_m_s", "m/s", "head velocity to reach with the position, y", |v, _| head_rate(v, 1), |d, t, x| set_head_rate(d, t, 1, x[0])).when(has_held_head),
     input("head_spin_rad_s", "rad/s", "angular rate of the head to reach with the angle", |v, _| head_rate(v, 2), |d, t, x| set_head_rate(d, t, 2, x[0])).when(has_held_head),

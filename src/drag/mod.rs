@@ -3,6 +3,7 @@
 pub mod stokes_like;
 
 use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use crate::rod::{Edge, add, node};
 use crate::system::Linearisation;
@@ -57,7 +58,7 @@ pub struct HalfEdge {
 }
 
 /// What the host may change of the fluid.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fluid {
     /// Dynamic viscosity μ, Pa s.
     pub viscosity: f64,

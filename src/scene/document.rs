@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+use uuid::Uuid;
 
 use super::Scene;
 use super::value::refused;
@@ -32,7 +33,11 @@ pub struct Document {
     path: PathBuf,
     text: String,
     overrides: Vec<String>,
+    packed: bool,
 }
+
+/// The files of a packed scene.
+const PACKED: [&str; 2] = ["scene.toml", "overrides.txt"];
 
 impl Document {
     /// Reads a scene file.
@@ -52,7 +57,39 @@ impl Document {
 
     /// A scene from text; `path` is shown in errors, and tables are looked for beside it.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        Self { path: path.into(), text: text.into(), overrides: Vec::new() }
+        Self { path: path.into(), text: text.into(), overrides: Vec::new(), packed: false }
+    }
+
+    /// Reads a scene that was packed into a folder by [`packed`](Self::packed).
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn unpack(folder: &Path) -> Result<Self> {
+        let mut document = Self::read(&folder.join(PACKED[0]))?;
+        document.packed = true;
+        let overrides = folder.join(PACKED[1]);
+        if overrides.exists() {
+            document.overrides = Self::read(&overrides)?.text.lines().map(str::to_string).collect();
+        }
+        Ok(document)
+    }
+
+    /// The files that hold the whole scene, names and contents: its text, its overrides, and the tables that it names.
+    ///
+    /// # Errors
+    /// Those of [`scene`](Self::scene), and [`Error::Read`] for a table.
+    pub fn packed(&self) -> Result<Vec<(String, Vec<u8>)>> {
+        let scene = self.scene()?;
+        let mut files = vec![(PACKED[0].to_string(), self.text.clone().into_bytes())];
+        if !self.overrides.is_empty() {
+            files.push((PACKED[1].to_string(), self.overrides.join("\n").into_bytes()));
+        }
+        for (i, table) in scene.tables().into_iter().enumerate() {
+            let path = scene.table_path(table);
+            let bytes = std::fs::read(&path).map_err(|e| Error::Read { path, reason: e.to_string() })?;
+            files.push((format!("table-{i}.csv"), bytes));
+        }
+        Ok(files)
     }
 
     /// Its text, without overrides.
@@ -132,8 +169,23 @@ impl Document {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
         scene.folder = self.path.parent().map(Path::to_path_buf).unwrap_or_default();
+        scene.packed = self.packed;
+        scene.fingerprint = self.fingerprint(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         Ok(scene)
+    }
+
+    /// Names the text, the overrides, the tables as far as they can be read, and the version.
+    fn fingerprint(&self, scene: &Scene) -> Uuid {
+        let add = |name: Uuid, bytes: &[u8]| Uuid::new_v5(&name, bytes);
+        let mut name = add(Uuid::NAMESPACE_OID, env!("CARGO_PKG_VERSION").as_bytes());
+        for text in std::iter::once(&self.text).chain(&self.overrides) {
+            name = add(name, text.as_bytes());
+        }
+        for table in scene.tables() {
+            name = add(name, &std::fs::read(scene.table_path(table)).unwrap_or_default());
+        }
+        name
     }
 
     fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &Fault) -> Error {

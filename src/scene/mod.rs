@@ -1,6 +1,7 @@
 //! Scenes: what a user edits. TOML with units in the keys; unknown keys and values out of range are refused.
 
 mod document;
+pub mod parameter;
 mod table;
 pub mod value;
 
@@ -9,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
 use serde::Deserialize;
+use uuid::Uuid;
 
 pub use document::{Document, Fault};
 use value::{Finite, Gradient, NotNegative, Positive, ScalarSignal, Tolerance, VectorSignal, Wanted, Whole};
@@ -61,6 +63,12 @@ pub struct Scene {
     /// Folder that tables are looked for in.
     #[serde(skip)]
     pub folder: PathBuf,
+    /// True where the tables in that folder have numbers as names, see [`Document::packed`].
+    #[serde(skip)]
+    pub packed: bool,
+    /// Names what this scene says, with its overrides and tables, and the version of the program that reads it.
+    #[serde(skip)]
+    pub fingerprint: Uuid,
 }
 
 /// `[rod]`.
@@ -628,14 +636,40 @@ impl Scene {
     fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             Wanted::Formula(signal) => signal.clone(),
-            Wanted::Table(file) => table::read(&self.folder.join(file), column, columns, self.solver.duration_s.get())?,
+            Wanted::Table(file) => {
+                table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?
+            }
         })
+    }
+
+    /// The tables that it names, each once, in the order of their keys.
+    pub fn tables(&self) -> Vec<&str> {
+        let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
+        let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
+        let mut tables: Vec<&str> = Vec::new();
+        for wanted in position.chain(angle) {
+            if let Wanted::Table(file) = wanted
+                && !tables.contains(&file.as_str())
+            {
+                tables.push(file);
+            }
+        }
+        tables
+    }
+
+    /// Where a table that it names is.
+    pub fn table_path(&self, file: &str) -> PathBuf {
+        match self.tables().iter().position(|other| *other == file) {
+            Some(i) if self.packed => self.folder.join(format!("table-{i}.csv")),
+            _ => self.folder.join(file),
+        }
     }
 
     /// The same scene on another number of nodes.
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
         scene.rod.nodes = Whole::nearest(nodes);
+        scene.fingerprint = Uuid::new_v5(&self.fingerprint, &nodes.to_le_bytes());
         scene
     }
 
