@@ -245,6 +245,42 @@ impl Dynamics {
         self.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
     }
 
+    /// Evaluates natural curvature and head pose at time `t` (s), where no state is yet.
+    pub(crate) fn look_at(&mut self, t: f64) {
+        self.evaluate(t);
+    }
+
+    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry a node, when the inputs change by `by`.
+    pub(crate) fn natural_change(&self, by: &Inputs, t: f64, natural: &mut [f64], rate: &mut [f64]) {
+        let Model { rod, actuation, start, head, .. } = &*self.model;
+        natural.fill(0.0);
+        rate.fill(0.0);
+        if let Some((actuation, _)) = actuation {
+            let own_rate = self.course.as_ref().map(|course| course.rate());
+            let wave = self.inputs.wave(start, t, own_rate);
+            let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
+            let [gain, gain_rate] = start.gain(t);
+            let (amplitude, turn) = (by.drive.amplitude, -by.phase_offset);
+            // κ̄ = S g(φ) and dκ̄/dt = S g' φ' + S' g, with S = `size`, S' = `grows`.
+            let quicker = TAU * by.drive.frequency;
+            actuation.add(Wave { amplitude, gain, gain_rate, ..wave }, natural, rate);
+            actuation.add_derivatives([size * quicker + grows * turn, size * wave.phase_rate * turn], wave.phase, rate);
+            actuation.add_derivatives([size * turn, 0.0], wave.phase, natural);
+            for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
+                (natural[k], rate[k]) = (0.0, 0.0);
+            }
+        }
+        if let Some(own) = &by.natural {
+            for k in rod.joints() {
+                natural[k] += own[k] * rod.spacing;
+            }
+        }
+        if head.is_some() {
+            natural[0] *= 0.5;
+            rate[0] *= 0.5;
+        }
+    }
+
     /// Tells a head that a host moves that the host's next step goes from `t` to `end` (s).
     pub fn aim_head(&mut self, t: f64, end: f64) {
         if let (Some(host), Some(pose)) = (&mut self.inputs.head, &self.held) {

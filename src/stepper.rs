@@ -1,6 +1,7 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
 mod dense;
+pub mod derivatives;
 pub mod snapshot;
 
 use std::ops::ControlFlow;
@@ -58,6 +59,7 @@ pub struct Stepper {
     /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
     before: Option<Totals>,
     dense: Option<Dense>,
+    tangent: Option<Box<derivatives::Tangent>>,
     /// The scene, as [`Scene::fingerprint`] names it.
     scene: Uuid,
     /// An input has changed since the last internal step set out.
@@ -122,6 +124,7 @@ impl Stepper {
             kick: Kick::default(),
             before: None,
             dense: None,
+            tangent: None,
             scene: Uuid::nil(),
             steered: false,
             inputs: (dynamics.inputs.clone(), None),
@@ -210,7 +213,7 @@ impl Stepper {
         if !(h.is_finite() && start + h > start) {
             return Err(Error::Step(h));
         }
-        let (head, kicked) = (self.dynamics.inputs.head.clone(), self.kick.due);
+        let (head, kicked) = (self.dynamics.inputs.head, self.kick.due);
         let outcome = match self.pace {
             Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
             Pace::Adaptive(tolerance) => self.adaptive_steps(start + h, tolerance, look),

@@ -80,6 +80,8 @@ impl View<'_> {
 
 /// Reads a variable, or one entry of it: the index is a node.
 type Get = fn(&View<'_>, usize) -> f64;
+/// The first change of a variable, from what is read now and its change.
+type Tangent = fn(&View<'_>, &View<'_>, usize) -> f64;
 /// Sets a variable at a time.
 type Set = fn(&mut Dynamics, f64, &[f64]);
 
@@ -103,6 +105,8 @@ pub struct Variable {
     pub recorded: bool,
     exists: fn(&Model) -> bool,
     get: Get,
+    /// Where it is not linear in state and readings; else its change is what is read of theirs.
+    tangent: Option<Tangent>,
     set: Option<Set>,
     /// Values that are allowed, beyond being finite.
     allowed: Option<Allowed>,
@@ -125,6 +129,7 @@ impl Variable {
             recorded: false,
             exists: |_| true,
             get,
+            tangent: None,
             set: None,
             allowed: None,
         }
@@ -140,6 +145,10 @@ impl Variable {
 
     const fn when(self, exists: fn(&Model) -> bool) -> Self {
         Self { exists, ..self }
+    }
+
+    const fn changing(self, tangent: Tangent) -> Self {
+        Self { tangent: Some(tangent), ..self }
     }
 
     const fn at_least_zero(self) -> Self {
@@ -176,6 +185,15 @@ impl Variable {
     #[inline]
     pub fn at(&self, view: &View<'_>, k: usize) -> f64 {
         (self.get)(view, k)
+    }
+
+    /// The first change of an output at node `k` when what is read `now` changes by `change`.
+    pub(crate) fn change(&self, now: &View<'_>, change: &View<'_>, k: usize) -> f64 {
+        match (self.causality, self.tangent) {
+            (Causality::Output | Causality::Independent, None) => (self.get)(change, k),
+            (Causality::Output, Some(tangent)) => tangent(now, change, k),
+            _ => 0.0,
+        }
     }
 
     /// Its value, or its first.
@@ -255,6 +273,12 @@ fn set_natural_curvature(dynamics: &mut Dynamics, values: &[f64]) {
     natural[joints].copy_from_slice(values);
 }
 
+fn joint_moment_change(now: &View<'_>, change: &View<'_>, k: usize) -> f64 {
+    let (kappa, moment) = (now.meter.now.kappa[k], now.meter.now.moment[k]);
+    let (turned, more) = (change.meter.now.kappa[k], change.meter.now.moment[k]);
+    more * bend::curvature_per_turning(kappa) + moment * 0.5 * kappa * turned
+}
+
 fn of(values: &Option<Vec<f64>>, i: usize) -> f64 {
     values.as_ref().map_or(0.0, |values| values[i])
 }
@@ -301,7 +325,7 @@ pub static VARIABLES: &[Variable] = &[
     output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
     output("vy_m_s", "m/s", "velocity of the nodes, y", |v, k| v.state.v[2 * k + 1]).sized(Size::Nodes),
     output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / v.model().rod.spacing).sized(Size::Joints),
-    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints),
+    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints).changing(joint_moment_change),
 
     input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length", |v, _| v.dynamics.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(has_actuation),
     input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.dynamics.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(has_actuation).at_least_zero(),

@@ -24,4 +24,8 @@ pub trait Actuation: std::fmt::Debug + Send + Sync {
     /// Adds the dimensionless natural curvature κ̄_k to `natural` and dκ̄_k/dt (1/s) to `rate`, one entry a node; a
     /// whole joint's worth at every node, the caller halves where a joint is half.
     fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]);
+
+    /// Adds `sizes[0]` times the first and `sizes[1]` times the second derivative by phase of that function of `phase`
+    /// (rad) to `out`, one entry a node.
+    fn add_derivatives(&self, sizes: [f64; 2], phase: f64, out: &mut [f64]);
 }

@@ -40,4 +40,11 @@ impl Actuation for TravellingWave {
             *rate += turning * (c * cos + s * sin) + growing * value;
         }
     }
+
+    fn add_derivatives(&self, [first, second]: [f64; 2], phase: f64, out: &mut [f64]) {
+        let (sin, cos) = phase.sin_cos();
+        for (out, [c, s]) in out.iter_mut().zip(&self.table) {
+            *out += first * (c * cos + s * sin) - second * (c * sin - s * cos);
+        }
+    }
 }

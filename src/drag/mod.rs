@@ -55,6 +55,8 @@ pub struct HalfEdge {
     pub by_velocity: Matrix2<f64>,
     /// ∂(force)/∂φ with φ the direction of the edge, N.
     pub by_direction: Vector2<f64>,
+    /// ∂(force)/∂μ, N/(Pa s).
+    pub by_viscosity: Vector2<f64>,
 }
 
 /// What the host may change of the fluid.
@@ -96,6 +98,9 @@ pub trait InFluid: std::fmt::Debug + Send + Sync {
 
     /// The law for `fluid`.
     fn in_fluid(&self, fluid: Fluid) -> Self::Law;
+
+    /// Its derivative by viscosity, as a law.
+    fn by_viscosity(&self, fluid: Fluid) -> Self::Law;
 }
 
 impl<L: InFluid> Drag for HalfEdges<L> {
@@ -128,7 +133,7 @@ impl<L: InFluid> Drag for HalfEdges<L> {
     }
 
     fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
-        let law = self.law.in_fluid(fluid);
+        let (law, by_viscosity) = (self.law.in_fluid(fluid), self.law.by_viscosity(fluid));
         for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
             for (k, weight) in (e..).zip(weights) {
                 let w = node(v, k) - fluid.flow;
@@ -136,6 +141,7 @@ impl<L: InFluid> Drag for HalfEdges<L> {
                     force: law.traction(edge.t, w) * *weight,
                     by_velocity: law.by_velocity(edge.t, w) * *weight,
                     by_direction: law.by_direction(edge.t, w) * *weight,
+                    by_viscosity: by_viscosity.traction(edge.t, w) * *weight,
                 };
                 visit(k, e, half);
             }

@@ -4,7 +4,10 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Dynamics, HostHead, Inputs, Model};
+use nalgebra::Vector2;
+
+use super::{Drive, Dynamics, HostHead, Inputs, Model};
+use crate::drag::Fluid;
 
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
@@ -114,14 +117,19 @@ fn factors(tau: f64) -> impl Iterator<Item = f64> {
 
 impl Inputs {
     /// No input at all: the derivative of inputs that rest.
-    fn none(model: &Model) -> Self {
+    pub(crate) fn none(model: &Model) -> Self {
         let mut none = Self::of(model);
-        none.drive.amplitude = 0.0;
-        none.drive.frequency = 0.0;
-        none.fluid.viscosity = 0.0;
-        none.fluid.flow = nalgebra::Vector2::zeros();
-        none.head = model.head.as_ref().map(|_| HostHead::taking_over(&Default::default(), 0.0));
+        none.clear(model);
         none
+    }
+
+    /// Makes every input zero, without allocating.
+    pub(crate) fn clear(&mut self, model: &Model) {
+        self.drive = Drive { amplitude: 0.0, frequency: 0.0 };
+        (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
+        self.fluid = Fluid { viscosity: 0.0, flow: Vector2::zeros() };
+        self.head = model.head.as_ref().map(|_| HostHead::taking_over(&Default::default(), 0.0));
+        [&mut self.natural, &mut self.force].into_iter().flatten().for_each(|values| values.fill(0.0));
     }
 
     /// Copies all but phase and head from `other`, without allocating where there is room.
