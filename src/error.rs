@@ -131,6 +131,9 @@ pub enum Error {
         /// Begin and end of the last internal step, s.
         within: [f64; 2],
     },
+    /// An FMU cannot be made.
+    #[error("the FMU cannot be made: {0}")]
+    Fmu(String),
     /// The communication step is not a positive, finite time.
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),

@@ -80,6 +80,7 @@ pub mod variable;
 pub mod stepper;
 
 pub mod check;
+pub mod fmu;
 pub mod report;
 pub mod run;
 

@@ -1,6 +1,7 @@
 //! The command line: what is asked, what is printed, and which exit code says how it ended.
 
 mod check;
+mod fmu;
 mod run;
 mod variables;
 
@@ -49,6 +50,20 @@ enum Command {
         #[command(flatten)]
         scene: SceneArguments,
     },
+    /// Pack a scene as an FMU, a component for co-simulation hosts by the FMI standard
+    Fmu {
+        #[command(flatten)]
+        scene: SceneArguments,
+        /// The file to write [default: <name of the scene>.fmu]
+        #[arg(long, short, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Version of the standard; both makes FILE-fmi2.fmu and FILE-fmi3.fmu
+        #[arg(long, value_enum, default_value = "3")]
+        fmi: fmu::Version,
+        /// The shared library that goes into it [default: the one beside this program or in ../lib]
+        #[arg(long, value_name = "FILE")]
+        library: Option<PathBuf>,
+    },
     /// List the variables a host can get and set: all, or those of a scene with their sizes
     Variables {
         /// The scene [default: every variable there is]
@@ -80,6 +95,7 @@ pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out } => run::run(&scene, out),
         Command::Check { scene } => check::check(&scene),
+        Command::Fmu { scene, out, fmi, library } => fmu::fmu(&scene, out, fmi, library),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };
     outcome.unwrap_or_else(|error| {

@@ -5,6 +5,6 @@ mod figures;
 mod output;
 mod page;
 mod record;
-mod tables;
+pub(crate) mod tables;
 
 pub use output::Output;

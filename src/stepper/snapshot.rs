@@ -1,5 +1,6 @@
 //! Snapshots: everything of a stepper that changes, kept in memory or as bytes that another process can take over.
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use uuid::Uuid;
 
@@ -72,7 +73,7 @@ impl Stepper {
     /// [`Error::WrongLength`] for a snapshot of another number of nodes.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
         let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
-        if expected != found || self.state.links.len() != snapshot.state.links.len() {
+        if !self.fits(snapshot) {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
         self.clock = snapshot.clock;
@@ -92,34 +93,17 @@ impl Stepper {
     /// A snapshot as bytes, which a stepper of the same scene in any process of this version takes over.
     ///
     /// # Errors
-    /// [`Error::Snapshot`].
+    /// Those of [`seal`].
     pub fn to_bytes(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
-        let failed = |error: postcard::Error| Error::Snapshot(error.to_string());
-        let content = postcard::to_stdvec(snapshot).map_err(failed)?;
-        let mut bytes = postcard::to_stdvec(&Label::of(self.scene, &content)).map_err(failed)?;
-        bytes.extend(content);
-        Ok(bytes)
+        seal(self.scene, snapshot)
     }
 
     /// The snapshot in `bytes`.
     ///
     /// # Errors
-    /// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
+    /// Those of [`open`].
     pub fn from_bytes(&self, bytes: &[u8]) -> Result<Snapshot> {
-        let refuse = |text: &str| Err(Error::Snapshot(text.to_string()));
-        let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
-        let Some((label, content)) = label else { return refuse("these bytes are no state of caudal, or are damaged") };
-        let here = Label::of(self.scene, content);
-        if label.version != here.version {
-            return refuse(&format!("it was saved by caudal {}; this is {}", label.version, here.version));
-        }
-        if label.scene != here.scene {
-            return refuse("it was saved from another scene, or from this one with other parameters");
-        }
-        if label.checksum != here.checksum {
-            return refuse("it is damaged: its checksum is wrong");
-        }
-        let snapshot: Snapshot = postcard::from_bytes(content).map_err(|error| Error::Snapshot(error.to_string()))?;
+        let snapshot = open(self.scene, bytes)?;
         if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes are not this scene's") }
     }
 
@@ -138,4 +122,41 @@ impl Stepper {
             && inputs(&other.inputs)
             && other.course.as_ref().is_none_or(|course| course.parts().all(inputs))
     }
+}
+
+/// `content` as bytes for whoever has the same scene, by its [fingerprint](crate::scene::Scene::fingerprint), and the
+/// same version of the program.
+///
+/// # Errors
+/// [`Error::Snapshot`].
+pub fn seal(scene: Uuid, content: &impl Serialize) -> Result<Vec<u8>> {
+    let failed = |error: postcard::Error| Error::Snapshot(error.to_string());
+    let content = postcard::to_stdvec(content).map_err(failed)?;
+    let mut bytes = postcard::to_stdvec(&Label::of(scene, &content)).map_err(failed)?;
+    bytes.extend(content);
+    Ok(bytes)
+}
+
+/// What [`seal`] has made into `bytes`.
+///
+/// # Errors
+/// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
+pub fn open<T: DeserializeOwned>(scene: Uuid, bytes: &[u8]) -> Result<T> {
+    let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
+    let Some((label, content)) = label else { return refuse("these bytes are no state of caudal, or are damaged") };
+    let here = Label::of(scene, content);
+    if label.version != here.version {
+        return refuse(&format!("it was saved by caudal {}; this is {}", label.version, here.version));
+    }
+    if label.scene != here.scene {
+        return refuse("it was saved from another scene, or from this one with other parameters");
+    }
+    if label.checksum != here.checksum {
+        return refuse("it is damaged: its checksum is wrong");
+    }
+    postcard::from_bytes(content).map_err(|error| Error::Snapshot(error.to_string()))
+}
+
+fn refuse<T>(text: &str) -> Result<T> {
+    Err(Error::Snapshot(text.to_string()))
 }
