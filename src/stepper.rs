@@ -185,6 +185,7 @@ impl Stepper {
     }
 
     /// What variables are read from, now.
+    #[inline]
     pub fn view(&self) -> View<'_> {
         View {
             dynamics: &self.dynamics,

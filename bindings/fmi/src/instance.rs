@@ -131,7 +131,7 @@ struct Inputs {
 /// The stepper: ours, or lent by the step in which the host looks.
 #[derive(Default)]
 struct Held {
-    own: Option<Stepper>,
+    own: Option<Box<Stepper>>,
     lent: Option<NonNull<Stepper>>,
 }
 
@@ -140,7 +140,7 @@ impl Held {
         match self.lent {
             // SAFETY: set by `Instance::do_step` around the host's callback only, from a reference that lives longer.
             Some(lent) => Some(unsafe { lent.as_ref() }),
-            None => self.own.as_ref(),
+            None => self.own.as_deref(),
         }
     }
 
@@ -148,7 +148,7 @@ impl Held {
         match self.lent {
             // SAFETY: as above, and that reference is not used while the host looks.
             Some(mut lent) => Some(unsafe { lent.as_mut() }),
-            None => self.own.as_mut(),
+            None => self.own.as_deref_mut(),
         }
     }
 }
@@ -212,7 +212,7 @@ impl Instance {
             original,
             lengths: Vec::new(),
             nodes_place: VARIABLES.iter().position(|variable| variable.name == caudal::fmu::NODES).unwrap_or(usize::MAX),
-            stepper: Held { own: Some(stepper), lent: None },
+            stepper: Held { own: Some(Box::new(stepper)), lent: None },
             stale: false,
             log,
             logged: Vec::new(),
@@ -264,8 +264,9 @@ impl Instance {
     }
 
     /// Refuses a call in any but these modes.
+    #[inline]
     pub fn only_in(&self, modes: &[Mode]) -> Outcome {
-        if modes.contains(&self.mode) { Ok(()) } else { refuse(format!("not allowed in mode {:?}", self.mode)) }
+        if modes.contains(&self.mode) { Ok(()) } else { wrong_mode(self.mode) }
     }
 
     /// The mode in which inputs and parameters are set and all is read.
@@ -375,7 +376,7 @@ impl Instance {
                 *waiting = std::array::from_fn(|order| !values[order].is_empty());
             }
             self.inputs.any = self.inputs.waiting.iter().flatten().any(|waiting| *waiting);
-            (self.stepper.own, self.stale) = (Some(stepper), false);
+            (self.stepper.own, self.stale) = (Some(Box::new(stepper)), false);
         }
         if self.inputs.any {
             self.hand_over()?;
@@ -759,7 +760,7 @@ impl Instance {
         } else {
             self.settings = state.settings.clone();
             match self.build() {
-                Ok(stepper) => self.stepper.own = Some(stepper),
+                Ok(stepper) => self.stepper.own = Some(Box::new(stepper)),
                 Err(error) => {
                     (self.settings, self.stepper.own, self.stale) = before;
                     return Err(error.into());
@@ -812,6 +813,12 @@ fn inputs_by_place<'a>(inputs: &'a Inputs, model: &Model) -> impl Iterator<Item 
     })
 }
 
+#[cold]
+fn wrong_mode(mode: Mode) -> Outcome {
+    refuse(format!("not allowed in mode {mode:?}"))
+}
+
+#[cold]
 fn unknown<T>(reference: u32) -> Outcome<T> {
     refuse(format!("there is no variable with value reference {reference}"))
 }
