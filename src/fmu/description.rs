@@ -321,11 +321,17 @@ fn experiment(fmu: &Fmu<'_>) -> Attributes {
     vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
 }
 
+/// The variables of a description. FMI 2.0 does not need the time, and some of its hosts complain of it.
+fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
+    let shown = move |variable: &Variable| standard == Standard::Fmi3 || variable.causality != Causality::Independent;
+    fmu.catalogue.variables().filter(move |(_, variable)| shown(variable))
+}
+
 /// The variables in their order, every entry of its own in FMI 2.0; then the parameters.
 fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
     let model = fmu.stepper.model();
     let mut entries = Vec::new();
-    for (place, variable) in fmu.catalogue.variables() {
+    for (place, variable) in variables(fmu, standard) {
         match (standard, variable.size) {
             (Standard::Fmi3, _) | (_, Size::Scalar) => {
                 entries.push(Entry::variable(fmu, standard, place, variable, None));
@@ -347,7 +353,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
     // Where each variable's first entry is in FMI 2.0, which counts from 1.
     let mut first = vec![0; VARIABLES.len()];
     let mut count = 1;
-    for (place, variable) in fmu.catalogue.variables() {
+    for (place, variable) in variables(fmu, standard) {
         first[place] = count;
         count += variable.len(model) as u32;
     }
