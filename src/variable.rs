@@ -241,11 +241,12 @@ impl Variable {
     pub fn follows(&self, k: usize, input: &Self, model: &Model, form: Form) -> std::ops::Range<usize> {
         let entries = input.entries(model);
         let feeds = self.feeds.iter().filter(|feed| feed.input == input.name);
-        let reach = feeds.filter(|feed| !(feed.in_positions_only && form == Form::Chain)).map(|feed| match feed.reach {
-            Reach::Own => k..k + 1,
-            Reach::First(count) if input.size != Size::Scalar => 0..count,
-            Reach::All | Reach::First(_) => entries.clone(),
-        });
+        let reach =
+            feeds.filter(|feed| !(feed.in_positions_only && form == Form::Chain)).map(|feed| match feed.reach {
+                Reach::Own => k..k + 1,
+                Reach::First(count) if input.size != Size::Scalar => 0..count,
+                Reach::All | Reach::First(_) => entries.clone(),
+            });
         let reach = reach.max_by_key(std::ops::Range::len).unwrap_or(0..0);
         reach.start.max(entries.start)..reach.end.min(entries.end).max(entries.start.max(reach.start))
     }

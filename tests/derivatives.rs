@@ -43,7 +43,9 @@ fn read(stepper: &Stepper) -> Vec<f64> {
 }
 
 fn names(stepper: &Stepper) -> Vec<String> {
-    let entries = |variable: &&Variable| variable.entries(stepper.model()).map(|k| format!("{}[{k}]", variable.name)).collect::<Vec<_>>();
+    let entries = |variable: &&Variable| {
+        variable.entries(stepper.model()).map(|k| format!("{}[{k}]", variable.name)).collect::<Vec<_>>()
+    };
     outputs(stepper).iter().flat_map(entries).collect()
 }
 
@@ -61,11 +63,15 @@ fn the_change_by_every_input_is_what_setting_it_shows() {
                 let change = stepper.directional(|inputs| inputs.set(input, &seed)).unwrap();
                 let exact: Vec<f64> = outputs
                     .iter()
-                    .flat_map(|v| match v.size {
-                        caudal::variable::Size::Scalar => 0..1,
-                        caudal::variable::Size::Nodes => 0..model.nodes,
-                        caudal::variable::Size::Joints => model.joints(),
-                    }.map(|k| change.of(v, k)).collect::<Vec<_>>())
+                    .flat_map(|v| {
+                        match v.size {
+                            caudal::variable::Size::Scalar => 0..1,
+                            caudal::variable::Size::Nodes => 0..model.nodes,
+                            caudal::variable::Size::Joints => model.joints(),
+                        }
+                        .map(|k| change.of(v, k))
+                        .collect::<Vec<_>>()
+                    })
                     .collect();
                 let step = 1e-4 * now[entry].abs().max(1.0);
                 let mut at = |sign: f64| {
@@ -82,7 +88,12 @@ fn the_change_by_every_input_is_what_setting_it_shows() {
                     let difference = (more[i] - less[i]) / (2.0 * step);
                     let error = (difference - exact[i]).abs() / scale;
                     // Work at once is quadratic in a change, so its central difference is exact as well.
-                    assert!(error < 3e-8, "{scene}: d{name}/d{}[{entry}]: {} against {difference}", input.name, exact[i]);
+                    assert!(
+                        error < 3e-8,
+                        "{scene}: d{name}/d{}[{entry}]: {} against {difference}",
+                        input.name,
+                        exact[i]
+                    );
                 }
             }
         }
@@ -94,7 +105,9 @@ fn the_rate_of_every_output_is_what_small_steps_show() {
     for (scene, mut stepper) in scenes() {
         let names = names(&stepper);
         stepper.set("actuation_amplitude", &[3.5]).unwrap();
-        stepper.set_derivative("natural_curvature_1_m", 1, &vec![2.0; stepper.get("natural_curvature_1_m").unwrap().len()]).unwrap();
+        stepper
+            .set_derivative("natural_curvature_1_m", 1, &vec![2.0; stepper.get("natural_curvature_1_m").unwrap().len()])
+            .unwrap();
         stepper.set_derivative("viscosity_pa_s", 1, &[3.0]).unwrap();
         stepper.set_derivative("force_y_n", 1, &[1.0; 7]).unwrap();
         stepper.do_step(2e-3).unwrap();
@@ -104,11 +117,15 @@ fn the_rate_of_every_output_is_what_small_steps_show() {
         let rates = stepper.rates().unwrap();
         let exact: Vec<f64> = outputs
             .iter()
-            .flat_map(|v| match v.size {
-                caudal::variable::Size::Scalar => 0..1,
-                caudal::variable::Size::Nodes => 0..rod.nodes,
-                caudal::variable::Size::Joints => rod.joints(),
-            }.map(|k| rates.of(v, k)).collect::<Vec<_>>())
+            .flat_map(|v| {
+                match v.size {
+                    caudal::variable::Size::Scalar => 0..1,
+                    caudal::variable::Size::Nodes => 0..rod.nodes,
+                    caudal::variable::Size::Joints => rod.joints(),
+                }
+                .map(|k| rates.of(v, k))
+                .collect::<Vec<_>>()
+            })
             .collect();
         let here = read(&stepper);
         let mut slope = |h: f64| -> Vec<f64> {

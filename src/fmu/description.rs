@@ -2,8 +2,8 @@
 
 use std::io::Result;
 
-use quick_xml::writer::{ElementWriter, Writer};
 use quick_xml::events::{BytesDecl, Event};
+use quick_xml::writer::{ElementWriter, Writer};
 
 use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
 use crate::integrator::Pace;
@@ -186,9 +186,9 @@ impl Entry {
         ];
         let own = own.into_iter().chain(self.role.iter().cloned());
         match standard {
-            Standard::Fmi2 => element(xml, "ScalarVariable", own.collect(), |xml| {
-                leaf(xml, self.kind, self.value.clone())
-            }),
+            Standard::Fmi2 => {
+                element(xml, "ScalarVariable", own.collect(), |xml| leaf(xml, self.kind, self.value.clone()))
+            }
             Standard::Fmi3 => {
                 let attributes = own.chain(self.value.iter().cloned()).collect();
                 match VARIABLES.iter().position(|variable| variable.name == NODES) {
@@ -259,7 +259,9 @@ pub(super) fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
             })
         })?;
         leaf(xml, "DefaultExperiment", experiment(fmu))?;
-        element(xml, "ModelVariables", Vec::new(), |xml| entries.iter().try_for_each(|entry| entry.write(xml, standard)))?;
+        element(xml, "ModelVariables", Vec::new(), |xml| {
+            entries.iter().try_for_each(|entry| entry.write(xml, standard))
+        })?;
         element(xml, "ModelStructure", Vec::new(), |xml| structure(xml, fmu, standard, &entries))
     })?;
     let mut text = String::from_utf8(xml.into_inner()).map_err(std::io::Error::other)?;
@@ -365,7 +367,8 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
             variable.follows(node, input, model, form).map(move |k| (k as i64 + offset) as u32)
         })),
         Standard::Fmi3 => {
-            let any = |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
+            let any =
+                |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
             list(inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32))
         }
     };

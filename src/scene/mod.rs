@@ -636,9 +636,7 @@ impl Scene {
     fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             Wanted::Formula(signal) => signal.clone(),
-            Wanted::Table(file) => {
-                table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?
-            }
+            Wanted::Table(file) => table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?,
         })
     }
 

@@ -118,7 +118,10 @@ fn call(work: impl FnOnce() -> Outcome) -> caudal_status {
 ///
 /// # Safety
 /// `simulation` is null or a simulation that no other thread uses now.
-unsafe fn on(simulation: *mut caudal_simulation, work: impl FnOnce(&mut caudal_simulation) -> Outcome) -> caudal_status {
+unsafe fn on(
+    simulation: *mut caudal_simulation,
+    work: impl FnOnce(&mut caudal_simulation) -> Outcome,
+) -> caudal_status {
     // SAFETY: the caller's promise.
     let Some(simulation) = (unsafe { simulation.as_mut() }) else { return call(|| refuse("no simulation")) };
     if simulation.broken {
@@ -381,7 +384,10 @@ pub unsafe extern "C" fn caudal_rate(
 
 /// Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn caudal_save(simulation: *mut caudal_simulation, state: *mut *mut caudal_state) -> caudal_status {
+pub unsafe extern "C" fn caudal_save(
+    simulation: *mut caudal_simulation,
+    state: *mut *mut caudal_state,
+) -> caudal_status {
     // SAFETY: the caller's promises.
     unsafe { on(simulation, |simulation| keep(simulation.stepper.save(), state)) }
 }
@@ -402,7 +408,10 @@ unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> Outcome {
 
 /// Goes back to a state; what follows is equal to the bit to what followed then.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn caudal_restore(simulation: *mut caudal_simulation, state: *const caudal_state) -> caudal_status {
+pub unsafe extern "C" fn caudal_restore(
+    simulation: *mut caudal_simulation,
+    state: *const caudal_state,
+) -> caudal_status {
     // SAFETY: the caller's promises.
     unsafe {
         on(simulation, |simulation| match state.as_ref() {

@@ -16,7 +16,12 @@ fn here() -> PathBuf {
 fn the_header_is_what_cbindgen_makes_of_the_library() {
     let mut made = Vec::new();
     let config = cbindgen::Config::from_file(here().join("cbindgen.toml")).unwrap();
-    cbindgen::Builder::new().with_config(config).with_src(here().join("src/lib.rs")).generate().unwrap().write(&mut made);
+    cbindgen::Builder::new()
+        .with_config(config)
+        .with_src(here().join("src/lib.rs"))
+        .generate()
+        .unwrap()
+        .write(&mut made);
     let path = here().join("include/caudal.h");
     if std::env::var_os("CAUDAL_WRITE_HEADER").is_some() {
         std::fs::write(&path, &made).unwrap();
@@ -136,5 +141,5 @@ fn pkg_config_knows_how_to_compile_and_link() {
         .arg(rpath)
         .arg("-o")
         .arg(&program));
-    run(Command::new(program).arg(here().join("../../models/glycerol.toml")));
+    run(Command::new(program).arg(here().join("../../models/baseline-smooth.toml")));
 }

@@ -459,8 +459,7 @@ fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target
     Ok(targets)
 }
 
-type Derivative =
-    fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> Outcome;
+type Derivative = fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> Outcome;
 
 /// # Safety
 /// The host's promises.

@@ -7,13 +7,13 @@ use std::ptr::NonNull;
 
 use caudal::error::{Error, Result};
 use caudal::fmu::{Catalogue, LOG_CATEGORIES, Target, token};
+use caudal::model::Model;
 use caudal::model::course::HIGHEST_ORDER;
 use caudal::scene::{Document, NODES, Scene, parameter};
-use caudal::model::Model;
 use caudal::stepper::snapshot::{self, Snapshot};
 use caudal::stepper::{Change, Stepper};
-use serde::{Deserialize, Serialize};
 use caudal::variable::{Causality, Size, VARIABLES, Variable};
+use serde::{Deserialize, Serialize};
 
 /// How a call ended; the numbers are those of both versions of the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -211,7 +211,10 @@ impl Instance {
             settings: original.clone(),
             original,
             lengths: Vec::new(),
-            nodes_place: VARIABLES.iter().position(|variable| variable.name == caudal::fmu::NODES).unwrap_or(usize::MAX),
+            nodes_place: VARIABLES
+                .iter()
+                .position(|variable| variable.name == caudal::fmu::NODES)
+                .unwrap_or(usize::MAX),
             stepper: Held { own: Some(Box::new(stepper)), lent: None },
             stale: false,
             log,
@@ -511,7 +514,9 @@ impl Instance {
             return refuse(format!("{} is not an input: it cannot be set", variable.name));
         }
         let finite = values.iter().find(|value| !value.is_finite());
-        if let Some((value, allowed)) = finite.map(|x| (*x, "a finite number")).or_else(|| if order == 0 { variable.refused(values) } else { None }) {
+        if let Some((value, allowed)) =
+            finite.map(|x| (*x, "a finite number")).or_else(|| if order == 0 { variable.refused(values) } else { None })
+        {
             return refuse(format!("{}: found {value}; allowed: {allowed}", variable.name));
         }
         if order == 0 && !self.inputs.waiting[place][0] {
@@ -587,7 +592,10 @@ impl Instance {
         instance.stepper.own = Some(stepper);
         if instance.logged.contains(&Status::Ok.category()) {
             let (from, to) = (start + from, start + time);
-            instance.say(Status::Ok, &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"));
+            instance.say(
+                Status::Ok,
+                &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"),
+            );
         }
         outcome.map(|whole| Reached { time: start + time, early: !whole })
     }
@@ -738,7 +746,9 @@ impl Instance {
         let (model, form) = (stepper.model(), stepper.form());
         let inputs = || VARIABLES.iter().enumerate().filter(|(_, input)| input.is_input() && input.exists_in(model));
         let of = |node: usize| {
-            inputs().flat_map(move |(place, input)| variable.follows(node, input, model, form).map(move |k| (node, place, k)))
+            inputs().flat_map(move |(place, input)| {
+                variable.follows(node, input, model, form).map(move |k| (node, place, k))
+            })
         };
         Ok(variable.entries(model).flat_map(of).collect())
     }

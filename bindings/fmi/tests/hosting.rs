@@ -16,7 +16,15 @@ use common::{Fmi3, MESSAGES, Unpacked, document, models, reference};
 
 /// FMI 2.0 by its functions.
 struct Fmi2 {
-    instantiate: unsafe extern "C" fn(*const c_char, c_int, *const c_char, *const c_char, *const Callbacks, c_int, c_int) -> *mut c_void,
+    instantiate: unsafe extern "C" fn(
+        *const c_char,
+        c_int,
+        *const c_char,
+        *const c_char,
+        *const Callbacks,
+        c_int,
+        c_int,
+    ) -> *mut c_void,
     free: unsafe extern "C" fn(*mut c_void),
     setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int,
     enter: unsafe extern "C" fn(*mut c_void) -> c_int,
@@ -61,7 +69,8 @@ impl Fmi2 {
 
     fn instance(&self, fmu: &Unpacked) -> *mut c_void {
         let location = std::ffi::CString::new(format!("file://{}", fmu.resources.display())).unwrap();
-        let callbacks = Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
+        let callbacks =
+            Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
         let instance = unsafe {
             (self.instantiate)(c"two".as_ptr(), 1, fmu.token.as_ptr(), location.as_ptr(), &raw const callbacks, 0, 0)
         };
@@ -114,7 +123,8 @@ fn the_trajectory_is_the_stepper_s_to_the_bit_in_both_versions() {
             let first = nodes - 1 - joints;
             let own: Vec<f64> = (0..joints).map(|k| 0.05 * (0.3 * f64::from(step) + k as f64).sin()).collect();
             stepper.set("natural_curvature_1_m", &own).unwrap();
-            let of_nodes: Vec<f64> = (0..nodes).map(|k| if (first..nodes - 1).contains(&k) { own[k - first] } else { 0.0 }).collect();
+            let of_nodes: Vec<f64> =
+                (0..nodes).map(|k| if (first..nodes - 1).contains(&k) { own[k - first] } else { 0.0 }).collect();
             assert_eq!(fmi3.write(b, "natural_curvature_1_m", &of_nodes), 0);
             let references = references2("natural_curvature_1_m", first..nodes - 1);
             assert_eq!(unsafe { (fmi2.set)(a, references.as_ptr(), joints, own.as_ptr()) }, 0);
@@ -203,7 +213,8 @@ fn parameters_are_the_scene_s_keys_and_nodes_is_structural() {
     }
     fmi.initialize(a);
     unsafe { assert_eq!((fmi.set)(a, &of("rod.youngs_modulus_pa"), 1, &2e6, 1), 3, "fixed after initialisation") };
-    let mut stepper = Stepper::of(&document("driven-head", &["rod.nodes=17", "rod.youngs_modulus_pa=3e6"]).scene().unwrap()).unwrap();
+    let mut stepper =
+        Stepper::of(&document("driven-head", &["rod.nodes=17", "rod.youngs_modulus_pa=3e6"]).scene().unwrap()).unwrap();
     for step in 0..20 {
         stepper.do_step(1e-2).unwrap();
         assert_eq!(fmi.advance(a, f64::from(step) * 1e-2, 1e-2).0, 0);
@@ -227,7 +238,16 @@ struct Middle {
     stop_at: Option<f64>,
 }
 
-unsafe extern "C" fn middle(environment: *mut c_void, t: f64, set: u8, get: u8, finished: u8, can_return: u8, early: *mut u8, at: *mut f64) {
+unsafe extern "C" fn middle(
+    environment: *mut c_void,
+    t: f64,
+    set: u8,
+    get: u8,
+    finished: u8,
+    can_return: u8,
+    early: *mut u8,
+    at: *mut f64,
+) {
     let host = unsafe { &mut *environment.cast::<Middle>() };
     assert_eq!((get, finished), (1, 1));
     host.times.push(t);
@@ -251,7 +271,13 @@ unsafe extern "C" fn middle(environment: *mut c_void, t: f64, set: u8, get: u8, 
 fn hosts_look_and_steer_in_the_middle_of_a_step_and_may_end_it_early() {
     let document = document("glycerol", &[]);
     let fmu = Unpacked::of(&document, Standard::Fmi3);
-    let mut host = Box::new(Middle { fmi: Fmi3::of(&fmu), instance: null_mut(), times: Vec::new(), heights: Vec::new(), stop_at: None });
+    let mut host = Box::new(Middle {
+        fmi: Fmi3::of(&fmu),
+        instance: null_mut(),
+        times: Vec::new(),
+        heights: Vec::new(),
+        stop_at: None,
+    });
     let environment = (&raw mut *host).cast();
     host.instance = host.fmi.instance(Some(middle), environment);
     let instance = host.instance;
@@ -329,8 +355,11 @@ fn mistakes_are_answered_and_failed_steps_leave_the_last_good_state() {
         (fmi.free)(a);
         // Other GUIDs and places.
         let location = std::ffi::CString::new(format!("file://{}", two.resources.display())).unwrap();
-        let callbacks = Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
-        let new = |kind, guid: *const c_char, place: *const c_char| (fmi.instantiate)(c"x".as_ptr(), kind, guid, place, &raw const callbacks, 0, 0);
+        let callbacks =
+            Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
+        let new = |kind, guid: *const c_char, place: *const c_char| {
+            (fmi.instantiate)(c"x".as_ptr(), kind, guid, place, &raw const callbacks, 0, 0)
+        };
         assert!(new(0, two.token.as_ptr(), location.as_ptr()).is_null());
         assert!(new(1, c"{other}".as_ptr(), location.as_ptr()).is_null());
         assert!(new(1, two.token.as_ptr(), c"file:///nowhere".as_ptr()).is_null());
@@ -433,8 +462,11 @@ fn a_step_and_a_get_cost_little_beyond_the_stepper() {
     let get = shortest(1000, || assert_eq!(unsafe { (fmi.get)(a, &reference, 1, &mut value, 1) }, 0));
     let many = [reference; 50];
     let mut values = [0.0; 50];
-    let get_many = shortest(100, || assert_eq!(unsafe { (fmi.get)(a, many.as_ptr(), 50, values.as_mut_ptr(), 50) }, 0)) / 50.0;
-    println!("step: {own:.0} ns of the stepper, {through:.0} ns through FMI 3.0; get {get:.1} ns, {get_many:.1} ns each of 50 (t = {t})");
+    let get_many =
+        shortest(100, || assert_eq!(unsafe { (fmi.get)(a, many.as_ptr(), 50, values.as_mut_ptr(), 50) }, 0)) / 50.0;
+    println!(
+        "step: {own:.0} ns of the stepper, {through:.0} ns through FMI 3.0; get {get:.1} ns, {get_many:.1} ns each of 50 (t = {t})"
+    );
     // Aims: 100 ns beyond the stepper's own, 20 ns a get. The bounds leave room for a busy machine.
     assert!(through - own < 300.0 + 0.1 * own, "{own} {through}");
     assert!(get < 60.0 && get_many < 60.0, "{get}, {get_many}");

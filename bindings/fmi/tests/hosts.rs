@@ -30,7 +30,10 @@ fn python() -> Result<PathBuf, String> {
     let advice = "install Python 3 with its venv module (Debian: apt-get install python3-venv)";
     run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder), advice)?;
     let advice = "the packages of bindings/fmi/tests/requirements.txt must be within reach of pip";
-    run(Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(tests.join("requirements.txt")), advice)?;
+    run(
+        Command::new(&python).args(["-m", "pip", "install", "--quiet", "-r"]).arg(tests.join("requirements.txt")),
+        advice,
+    )?;
     std::fs::write(&done, wanted).map_err(|error| error.to_string())?;
     Ok(python)
 }
