@@ -70,7 +70,9 @@ fn hosts_and_checkers_take_the_fmus_and_see_the_stepper_s_trajectory() {
             entry["other_nodes"] = 20.into();
         }
         expected.insert(scene.name.clone(), entry);
-        [Standard::Fmi2, Standard::Fmi3].map(|standard| write(&document, standard, folder.path()));
+        for standard in [Standard::Fmi2, Standard::Fmi3] {
+            write(&document, standard, folder.path());
+        }
     }
     std::fs::write(folder.path().join("expected.json"), serde_json::to_string(&expected).unwrap()).unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/hosts/run.py");
