@@ -94,7 +94,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`seal`].
-    pub fn to_bytes(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
+    pub fn serialize(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
         seal(self.scene, snapshot)
     }
 
@@ -102,7 +102,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`open`].
-    pub fn from_bytes(&self, bytes: &[u8]) -> Result<Snapshot> {
+    pub fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot> {
         let snapshot = open(self.scene, bytes)?;
         if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes are not this scene's") }
     }

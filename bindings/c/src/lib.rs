@@ -147,8 +147,8 @@ unsafe fn text<'a>(text: *const c_char, what: &str) -> Outcome<&'a str> {
 unsafe fn values<'a, T>(start: *const T, length: usize) -> Outcome<&'a [T]> {
     match (start.is_null(), length) {
         (_, 0) => Ok(&[]),
-        // SAFETY: the caller's promise.
         (false, length) if length <= isize::MAX as usize / size_of::<T>() => {
+            // SAFETY: the caller's promise, and the size is one that can be.
             Ok(unsafe { std::slice::from_raw_parts(start, length) })
         }
         _ => refuse("a null pointer in the place of an array"),
@@ -434,7 +434,7 @@ pub unsafe extern "C" fn caudal_serialize(
     unsafe {
         on(simulation, |simulation| {
             let (Some(state), Some(size)) = (state.as_ref(), size.as_mut()) else { return refuse("no state or size") };
-            let content = simulation.stepper.to_bytes(&state.0)?;
+            let content = simulation.stepper.serialize(&state.0)?;
             let room = std::mem::replace(size, content.len());
             if bytes.is_null() {
                 return Ok(());
@@ -460,7 +460,7 @@ pub unsafe extern "C" fn caudal_deserialize(
     // SAFETY: the caller's promises.
     unsafe {
         on(simulation, |simulation| {
-            let snapshot = simulation.stepper.from_bytes(values(bytes, size)?)?;
+            let snapshot = simulation.stepper.deserialize(values(bytes, size)?)?;
             keep(snapshot, state)
         })
     }

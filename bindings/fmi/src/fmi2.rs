@@ -341,7 +341,7 @@ pub unsafe fn forget(place: *mut *mut c_void) -> Outcome {
 /// `place` is null or a state of ours; `bytes` is null or holds `size` bytes.
 pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u8, size: usize) -> Outcome {
     // SAFETY: the caller's promise.
-    let content = instance.to_bytes(unsafe { state(place) }?)?;
+    let content = instance.serialize(unsafe { state(place) }?)?;
     if size < content.len() {
         return refuse(format!("{size} bytes are too few for a state of {}", content.len()));
     }
@@ -360,7 +360,7 @@ pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, pl
     }
     // SAFETY: the caller's promise.
     unsafe {
-        let state = instance.from_bytes(values(bytes, size)?)?;
+        let state = instance.deserialize(values(bytes, size)?)?;
         keep(state, place);
     }
     Ok(())
@@ -387,7 +387,7 @@ pub unsafe extern "C" fn fmi2FreeFMUstate(c: Component, place: *mut *mut c_void)
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SerializedFMUstateSize(c: Component, place: *mut c_void, size: *mut usize) -> Status {
     // SAFETY: the host's promises.
-    unsafe { call(c, |instance| put(size, instance.to_bytes(state(place)?)?.len())) }
+    unsafe { call(c, |instance| put(size, instance.serialize(state(place)?)?.len())) }
 }
 
 #[unsafe(no_mangle)]

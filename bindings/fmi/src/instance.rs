@@ -631,7 +631,7 @@ impl Instance {
         }
         // On to the time at which the host wants to end.
         let left = wish.map_or(0.0, |wish: f64| wish.min(goal) - stepper.time());
-        if whole || !(left > 1e-9 * h) {
+        if whole || left <= 1e-9 * h {
             return Ok(whole);
         }
         stepper.do_step(left).map_err(Refusal::discard)?;
@@ -788,12 +788,12 @@ impl Instance {
     }
 
     /// A saved state as bytes, which any instance of this scene takes over.
-    pub fn to_bytes(&self, state: &SavedState) -> Outcome<Vec<u8>> {
+    pub fn serialize(&self, state: &SavedState) -> Outcome<Vec<u8>> {
         Ok(snapshot::seal(self.scene.fingerprint, state)?)
     }
 
     /// The saved state in `bytes`.
-    pub fn from_bytes(&self, bytes: &[u8]) -> Outcome<SavedState> {
+    pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
         let state: SavedState = snapshot::open(self.scene.fingerprint, bytes)?;
         let Inputs { values, waiting, .. } = &state.inputs;
         let nodes = state.settings.nodes as usize;

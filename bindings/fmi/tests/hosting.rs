@@ -12,7 +12,7 @@ use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::variable::{VARIABLES, Variable};
-use common::{Fmi3, MESSAGES, Unpacked, document, models, reference};
+use common::{Fmi3, MESSAGES, Unpacked, document, reference};
 
 /// FMI 2.0 by its functions.
 struct Fmi2 {
