@@ -1,5 +1,6 @@
 //! What a run leaves behind: tables, figures, summary and an animated page, in one folder.
 
+pub mod cases;
 pub mod chart;
 mod figures;
 mod output;
@@ -8,3 +9,4 @@ mod record;
 pub(crate) mod tables;
 
 pub use output::Output;
+pub use record::Frame;

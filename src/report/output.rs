@@ -60,10 +60,14 @@ impl Output {
     /// [`Error::Write`]; those of [`Stepper::at`].
     pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
         match self.times {
-            Times::Steps(every, step) => {
-                self.times = Times::Steps(every, step + 1);
+            Times::Steps(every, last) => {
+                let step = stepper.meter().totals.steps;
+                self.times = Times::Steps(every, step);
+                if step == last {
+                    return Ok(()); // half a step
+                }
                 self.record.step(&stepper.view());
-                if (step + 1).is_multiple_of(every) { self.row(&stepper.view()) } else { Ok(()) }
+                if step.is_multiple_of(every) { self.row(&stepper.view()) } else { Ok(()) }
             }
             Times::Every(interval, mut next) => {
                 while next as f64 * interval <= stepper.time() {
