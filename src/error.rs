@@ -139,6 +139,9 @@ pub enum Error {
         /// Begin and end of the last internal step, s.
         within: [f64; 2],
     },
+    /// An FMU cannot be made.
+    #[error("the FMU cannot be made: {0}")]
+    Fmu(String),
     /// The communication step is not a positive, finite time.
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),
@@ -150,6 +153,17 @@ pub enum Error {
         /// The most similar name there is.
         nearest: Option<&'static str>,
     },
+    /// No derivative of this order can be set.
+    #[error("a derivative of order {order} cannot be set; allowed: 1 to {highest}")]
+    Order {
+        /// The order asked for.
+        order: usize,
+        /// The highest there is.
+        highest: usize,
+    },
+    /// A saved state that cannot be taken over.
+    #[error("the saved state cannot be read: {0}")]
+    Snapshot(String),
     /// Only inputs can be set.
     #[error("variable `{0}` is not an input: it cannot be set")]
     NotAnInput(&'static str),

@@ -83,6 +83,7 @@ pub mod stepper;
 pub mod jobs;
 
 pub mod check;
+pub mod fmu;
 pub mod report;
 pub mod run;
 pub mod study;
