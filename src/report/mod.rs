@@ -6,5 +6,6 @@ mod output;
 mod page;
 mod record;
 pub(crate) mod tables;
+pub mod trajectory;
 
 pub use output::Output;

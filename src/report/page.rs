@@ -43,10 +43,28 @@ struct Figure<'a> {
 
 /// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
 #[derive(Serialize)]
-struct Motion {
+pub struct Motion {
     times: Vec<f64>,
     points: Vec<Vec<f64>>,
     com: Vec<[f64; 2]>,
+}
+
+/// Fills a page's template, which may include the style, the player of a motion and the player's script.
+///
+/// # Errors
+/// [`Error::Page`] where the template fails.
+pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
+    let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
+    let mut environment = Environment::new();
+    environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    for (name, text) in [
+        ("style.css", include_str!("style.css")),
+        ("player.html", include_str!("player.html")),
+        ("player.js", include_str!("player.js")),
+    ] {
+        environment.add_template(name, text).map_err(failed)?;
+    }
+    environment.render_str(template, Serde(content)).map_err(failed)
 }
 
 impl Page<'_> {
@@ -55,11 +73,6 @@ impl Page<'_> {
     /// # Errors
     /// [`Error::Page`] where the template fails.
     pub fn html(&self) -> Result<String> {
-        let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
-        let mut environment = Environment::new();
-        environment.set_auto_escape_callback(|_| AutoEscape::Html);
-        environment.add_template("page", include_str!("page.html")).map_err(failed)?;
-        let page = environment.get_template("page").map_err(failed)?;
         let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         let rows: Vec<(String, String)> = numbers
             .as_object()
@@ -76,25 +89,23 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: self.motion(),
+            motion: Motion::of(self.frames),
         };
-        page.render(Serde(&content)).map_err(failed)
+        render(include_str!("page.html"), &content)
     }
+}
 
-    fn motion(&self) -> Motion {
-        let extent =
-            self.frames.iter().flat_map(|frame| &frame.points).flatten().fold(1e-12, |m: f64, x| m.max(x.abs()));
+impl Motion {
+    /// The motion of `frames`.
+    pub fn of(frames: &[Frame]) -> Self {
+        let extent = frames.iter().flat_map(|frame| &frame.points).flatten().fold(1e-12, |m: f64, x| m.max(x.abs()));
         // Six digits of the largest coordinate.
         let unit = 10.0_f64.powi(5 - extent.log10().floor() as i32);
         let round = |x: f64| (x * unit).round() / unit;
-        Motion {
-            times: self.frames.iter().map(|frame| frame.time).collect(),
-            points: self
-                .frames
-                .iter()
-                .map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect())
-                .collect(),
-            com: self.frames.iter().map(|frame| frame.com.map(round)).collect(),
+        Self {
+            times: frames.iter().map(|frame| frame.time).collect(),
+            points: frames.iter().map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect()).collect(),
+            com: frames.iter().map(|frame| frame.com.map(round)).collect(),
         }
     }
 }
