@@ -19,8 +19,8 @@ use crate::values::to_toml;
 ///
 /// Parameters
 /// ----------
-/// source : str, os.PathLike or dict
-///     The path of a TOML file, or the scene's tables themselves.
+/// source : Scene, str, os.PathLike or dict
+///     The path of a TOML file, the scene's tables themselves, or another scene to start from.
 /// set : dict, optional
 ///     Overrides by dotted key, such as ``{"solver.time_step_s": 1e-3}``.
 ///
@@ -45,13 +45,15 @@ impl Scene {
     #[new]
     #[pyo3(signature = (source, set=None))]
     fn new(py: Python<'_>, source: &Bound<'_, PyAny>, set: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
-        let (path, mut document) = match source.cast::<PyDict>() {
-            Ok(tables) => (PathBuf::from(UNNAMED), Document::new(UNNAMED, to_toml(tables)?.to_string())),
-            Err(_) => {
-                let path: PathBuf = source.extract()?;
-                let document = Document::read(&path).or_raise(py)?;
-                (path, document)
-            }
+        let (path, mut document) = if let Ok(other) = source.cast::<Self>() {
+            (other.get().path.clone(), other.get().document.clone())
+        } else if let Ok(tables) = source.cast::<PyDict>() {
+            let text = toml::to_string(&to_toml(tables)?).map_err(|error| PyValueError::new_err(error.to_string()))?;
+            (PathBuf::from(UNNAMED), Document::new(UNNAMED, text))
+        } else {
+            let path: PathBuf = source.extract()?;
+            let document = Document::read(&path).or_raise(py)?;
+            (path, document)
         };
         for (key, value) in set.into_iter().flatten() {
             document.set(&format!("{key}={}", to_toml(&value)?)).or_raise(py)?;
