@@ -126,9 +126,11 @@ impl Assessment {
         fact(
             "form",
             match stepper.form() {
-                Form::Positions => format!("positions: their rounding error is about {rounding:.1e} relative at most"),
+                Form::Positions => format!(
+                    "positions: one solve is rounded by at most about {rounding:.1e} relative, which Newton's iterations refine"
+                ),
                 Form::Chain => format!(
-                    "chain, whose rounding error does not grow with the mesh; that of positions may reach {rounding:.1e} relative"
+                    "chain, whose rounding error does not grow with the mesh; one solve in positions may be off by {rounding:.1e} relative"
                 ),
             },
         );
@@ -215,7 +217,7 @@ impl Assessment {
             }
             warnings.push(format!("rod.nodes: {problem}"));
         } else if rounding > chain::ACCURACY {
-            warnings.push(format!("the mesh is so fine that rounding errors reach about {rounding:.1e} relative"));
+            warnings.push(format!("the mesh is so fine that one solve in positions may be off by {rounding:.1e} relative: Newton's method takes more iterations, and moments lose digits"));
         }
         if rod.spacing < rod.section.outer {
             warnings.push(format!(

@@ -34,6 +34,14 @@ pub enum Error {
         /// The operating system's reason.
         reason: String,
     },
+    /// A journal of results cannot be used.
+    #[error("{}: {problem}", path.display())]
+    Journal {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it and what to do.
+        problem: String,
+    },
     /// Newton's method did not converge, even after the step was halved.
     #[error(
         "no convergence at t = {time_s} s after {iterations} Newton iterations with a step of {step_s:e} s: last \
@@ -197,7 +205,7 @@ impl Error {
 
     /// True where the input is to blame, so that nothing was run or written.
     pub fn is_bad_input(&self) -> bool {
-        matches!(self, Self::Scene { .. } | Self::Read { .. })
+        matches!(self, Self::Scene { .. } | Self::Read { .. } | Self::Journal { .. })
     }
 }
 

@@ -79,9 +79,13 @@ pub mod variable;
 
 pub mod stepper;
 
+pub mod jobs;
+
 pub mod check;
 pub mod fmu;
 pub mod report;
 pub mod run;
+
+pub mod sweep;
 
 pub use error::{Error, Result};

@@ -88,66 +88,75 @@ pub struct Reading {
     pub kappa: Vec<f64>,
     /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry a node.
     pub moment: Vec<f64>,
+    /// Largest |ℓ/ΔL − 1| of an edge.
+    pub strain: f64,
     /// κ̄_k.
     natural: Vec<f64>,
+    /// Unit tangent of each edge.
+    tangent: Vec<Vector2<f64>>,
 }
 
 impl Reading {
     /// An empty reading for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
         let zeros = || vec![0.0; nodes];
-        Self { kappa: zeros(), moment: zeros(), natural: zeros(), ..Self::default() }
+        let tangent = vec![Vector2::zeros(); nodes - 1];
+        Self { kappa: zeros(), moment: zeros(), natural: zeros(), tangent, ..Self::default() }
     }
 
     /// The number of nodes it is for; zero where its arrays differ in length.
     pub(crate) fn nodes(&self) -> usize {
-        let lengths = [self.kappa.len(), self.moment.len(), self.natural.len()];
-        if lengths == [lengths[0]; 3] { lengths[0] } else { 0 }
+        let lengths = [self.kappa.len(), self.moment.len(), self.natural.len(), self.tangent.len() + 1];
+        if lengths == [lengths[0]; 4] { lengths[0] } else { 0 }
     }
 
-    /// Measures `state`, whose time `dynamics` was last moved to. `scratch` holds two entries a node.
+    /// Measures `state`, whose time `dynamics` was last moved to.
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
-    pub fn take(&mut self, dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<()> {
+    pub fn take(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
         self.time = state.t;
         let mut energy = Energy::default();
         let mut power = Power::default();
         dynamics.shape(state)?;
         let rod = &dynamics.model.rod;
         self.kappa.copy_from_slice(dynamics.kappa());
+        self.natural.copy_from_slice(&dynamics.natural);
         for k in rod.joints() {
             let deviation = self.kappa[k] - dynamics.natural[k];
             self.moment[k] = rod.joint[k] * deviation;
             energy.bending += 0.5 * self.moment[k] * deviation;
             power.actuation -= self.moment[k] * dynamics.natural_rate[k];
         }
-        self.natural.copy_from_slice(&dynamics.natural);
-        for (k, mass) in rod.mass.iter().enumerate() {
-            energy.kinetic += 0.5 * mass * node(&state.v, k).norm_squared();
+        let mut moment_of_mass = Vector2::zeros();
+        for ((mass, q), v) in rod.mass.iter().zip(state.q.as_chunks().0).zip(state.v.as_chunks().0) {
+            moment_of_mass += Vector2::from(*q) * *mass;
+            energy.kinetic += 0.5 * mass * Vector2::from(*v).norm_squared();
         }
+        self.com = moment_of_mass / rod.total_mass();
         if dynamics.is_loaded() {
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
-        self.com = rod.mean(&state.q);
         let edges = dynamics.edges();
-        energy.stretching = if state.links.is_empty() {
-            edges.iter().map(|e| stretch::energy(e, rod.ea, rod.spacing)).sum()
-        } else {
+        let mut stretch: f64 = 0.0;
+        for (tangent, edge) in self.tangent.iter_mut().zip(edges) {
+            *tangent = edge.t;
+            let excess = edge.length - rod.spacing;
+            stretch = stretch.max(excess.abs());
+            energy.stretching += stretch::energy(edge, rod.ea, rod.spacing);
+        }
+        self.strain = stretch / rod.spacing;
+        if !state.links.is_empty() {
             let tension = |(edge, link): (&Edge, &Link)| edge.t.dot(&Vector2::from(link.force));
-            0.5 * rod.spacing / rod.ea * edges.iter().zip(&state.links).map(tension).map(|f| f * f).sum::<f64>()
-        };
+            energy.stretching =
+                0.5 * rod.spacing / rod.ea * edges.iter().zip(&state.links).map(tension).map(|f| f * f).sum::<f64>();
+        }
         if let Some((drag, fluid)) = dynamics.drag() {
             [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
         }
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (rod.mass[0], self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            let held = if state.links.is_empty() {
-                dynamics.unconstrained(state, scratch, None)?;
-                node(scratch, 0)
-            } else {
-                dynamics.reaction(state)?
-            };
+            let held = dynamics.reaction(state);
             self.head_force = -held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;
@@ -161,6 +170,13 @@ impl Reading {
         }
         (self.energy, self.power) = (energy, power);
         Ok(())
+    }
+
+    /// Largest rotation (rad) of an edge since `before`.
+    fn rotation_since(&self, before: &Self) -> f64 {
+        let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();
+        let largest = self.tangent.iter().zip(&before.tangent).map(chord).fold(0.0, f64::max);
+        2.0 * (0.5 * largest.sqrt()).min(1.0).asin()
     }
 
     /// Work (J) from `before` to here, over which the loads did `load`: trapezoidal in time for viscosity and flow, in
@@ -195,6 +211,10 @@ pub struct Totals {
     pub max_lateral: f64,
     /// Length of the path of the centre of mass, m.
     pub path: f64,
+    /// Largest |ℓ/ΔL − 1| of any edge at any step.
+    pub max_strain: f64,
+    /// Largest rotation (rad) of any edge within a step.
+    pub max_rotation: f64,
     /// Steps made.
     pub steps: u64,
     /// Times that a step was halved.
@@ -255,11 +275,11 @@ impl Meter {
     ///
     /// # Errors
     /// Those of [`Reading::take`].
-    pub fn start(dynamics: &mut Dynamics, state: &State, scratch: &mut [f64]) -> Result<Self> {
+    pub fn start(dynamics: &mut Dynamics, state: &State) -> Result<Self> {
         let mut now = Reading::new(dynamics.nodes());
-        now.take(dynamics, state, scratch)?;
+        now.take(dynamics, state)?;
         Ok(Self {
-            totals: Totals { max_lateral: now.com.y.abs(), ..Totals::default() },
+            totals: Totals { max_lateral: now.com.y.abs(), max_strain: now.strain, ..Totals::default() },
             first_energy: now.energy.total(),
             first: (now.time, now.com),
             first_positions: state.q.clone(),
@@ -278,6 +298,8 @@ impl Meter {
         totals.energy_time.add(&next.energy, half_time);
         totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
         totals.path += (next.com - self.now.com).norm();
+        totals.max_strain = totals.max_strain.max(next.strain);
+        totals.max_rotation = totals.max_rotation.max(next.rotation_since(&self.now));
         std::mem::swap(&mut self.now, next);
     }
 

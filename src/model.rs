@@ -5,7 +5,7 @@
 pub mod chain;
 pub mod course;
 
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use nalgebra::Vector2;
@@ -18,7 +18,7 @@ use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::bend::{self, Joint};
-use crate::rod::{Edge, Rod, elastic, node};
+use crate::rod::{Edge, Rod, elastic, node, stretch};
 use crate::start::Start;
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
@@ -427,6 +427,25 @@ impl Dynamics {
         (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
     }
 
+    /// M a − F at node 0 of `state`, whose [`shape`](Self::shape) was taken last: the force (N) that a held head must exert.
+    pub fn reaction(&self, state: &State) -> Vector2<f64> {
+        let Model { rod, .. } = &*self.model;
+        let edge = &self.edges[0];
+        let carried = match state.links.first() {
+            Some(link) => Vector2::from(link.force),
+            None => elastic::force(edge, stretch::tension(edge, rod.ea, rod.spacing), &self.joints[0], &self.joints[1]),
+        };
+        let mut force = node(&state.a, 0) * rod.mass[0] - self.load(0) - carried;
+        if let Some((drag, fluid)) = self.drag() {
+            drag.for_half_edges(&self.edges[..1], &state.v, fluid, &mut |k, _, half| {
+                if k == 0 {
+                    force += half.force;
+                }
+            });
+        }
+        force
+    }
+
     /// Drag and the fluid it is in now.
     pub fn drag(&self) -> Option<(&dyn Drag, Fluid)> {
         self.model.drag.as_ref().map(|(drag, _)| (&**drag, self.inputs.fluid))
@@ -505,34 +524,60 @@ impl System for Dynamics {
         self.move_links_back(increment, &mut state.links);
     }
 
+    /// In positions every edge keeps its length, where the step does not resolve the slowest stretching mode: a guess that
+    /// turns edges too far stretches them, and that tension, as large as what bends the rod, costs Newton's method an
+    /// iteration or two.
+    fn better_guess(&self, from: &State, direction: Direction, to: &mut State) {
+        to.guess_links(from);
+        let rod = &self.model.rod;
+        let resolved = PI * PI * rod.ea * direction.q < rod.total_mass() * rod.length * direction.a;
+        if !to.links.is_empty() || resolved {
+            return;
+        }
+        let (mut moved, mut mean) = (Vector2::zeros(), Vector2::zeros());
+        let (mut old, mut guessed) = (node(&from.q, 0), node(&to.q, 0));
+        for (k, mass) in rod.mass.iter().enumerate().skip(1) {
+            let (old_before, before) = (old, guessed);
+            (old, guessed) = (node(&from.q, k), node(&to.q, k));
+            let edge = guessed - before;
+            let ratio = ((old - old_before).norm_squared() / edge.norm_squared()).sqrt();
+            if ratio.is_finite() {
+                moved += edge * (ratio - 1.0);
+            }
+            mean += moved * *mass;
+            to.move_node(k, direction, moved / direction.q);
+        }
+        if self.held.is_none() {
+            // The centre of mass stays.
+            let mean = mean / (rod.total_mass() * direction.q);
+            (0..rod.nodes).for_each(|k| to.move_node(k, direction, -mean));
+        }
+    }
+
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
         let rod = &self.model.rod;
-        let edge = |q: &[f64], k: usize| node(q, k + 1) - node(q, k);
+        let wall = self.wall().map(|wall| [wall.t; 2]);
+        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], wall.unwrap_or_default()];
+        let mut folded = None;
         for k in 0..rod.nodes - 1 {
-            let (old, new) = (edge(&before.q, k), edge(&after.q, k));
-            let dot = old.dot(&new);
-            if dot < 0.0 && dot < REVERSED * old.norm() * new.norm() {
+            let next = [node(&before.q, k + 1), node(&after.q, k + 1)];
+            let [old, new] = [next[0] - nodes[0], next[1] - nodes[1]];
+            let turned = old.dot(&new);
+            if turned < 0.0 && turned < REVERSED * old.norm() * new.norm() {
                 return Err(Error::EdgeCollapse { time_s: after.t, node: k, length_m: new.norm() });
             }
-        }
-        let wall = self.wall();
-        // cos and sin of the turning at node k, times a positive number.
-        let turning = |q: &[f64], k: usize| {
-            let f = edge(q, k);
-            let e = match &wall {
-                Some(wall) if k == 0 => wall.t,
-                _ => edge(q, k - 1),
-            };
-            [e.dot(&f), e.perp(&f)]
-        };
-        for k in rod.joints() {
-            let ([c0, s0], [c1, s1]) = (turning(&before.q, k), turning(&after.q, k));
-            // From one side to the other, and the way over ±180° is the shorter one.
-            if s0 * s1 < 0.0 && c0 / c0.hypot(s0) + c1 / c1.hypot(s1) < 0.0 {
-                return Err(Error::FoldOver { time_s: after.t, node: k });
+            // cos of the turning at node k, times a positive number; zero where there is no edge before.
+            let cos = [edges[0].dot(&old), edges[1].dot(&new)];
+            if cos[0].min(cos[1]) < 0.0 && folded.is_none() {
+                let sin = [edges[0].perp(&old), edges[1].perp(&new)];
+                // From one side to the other, and the way over ±180° is the shorter one.
+                if sin[0] * sin[1] < 0.0 && cos[0] / cos[0].hypot(sin[0]) + cos[1] / cos[1].hypot(sin[1]) < 0.0 {
+                    folded = Some(k);
+                }
             }
+            (nodes, edges) = (next, [old, new]);
         }
-        Ok(())
+        folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: after.t, node }))
     }
 
     fn residual_floor(&self, state: &State) -> f64 {

@@ -8,7 +8,6 @@ use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
-use uuid::Uuid;
 
 use dense::Dense;
 pub use snapshot::Snapshot;
@@ -61,14 +60,15 @@ pub struct Stepper {
     dense: Option<Dense>,
     tangent: Option<Box<derivatives::Tangent>>,
     /// The scene, as [`Scene::fingerprint`] names it.
-    scene: Uuid,
+    scene: u128,
     /// An input has changed since the last internal step set out.
     steered: bool,
+    /// Where the step of several internal ones ends, s.
+    goal: f64,
     // Room to work in.
     inputs: (Inputs, Option<Box<Course>>),
     next: State,
     reading: Reading,
-    scratch: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
@@ -100,7 +100,6 @@ impl Stepper {
     ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model.into());
         let mut state = dynamics.first_state_in(newton.form());
-        let mut scratch = vec![0.0; state.q.len()];
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
         newton.iterate(&mut dynamics, &mut state, ACCELERATIONS)?;
         newton.work = Work::default();
@@ -113,7 +112,7 @@ impl Stepper {
                 if acceleration > 0.0 { (tolerance * dynamics.length() / acceleration).sqrt() } else { AT_REST }
             }
         };
-        let meter = Meter::start(&mut dynamics, &state, &mut scratch)?;
+        let meter = Meter::start(&mut dynamics, &state)?;
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         Ok(Self {
             integrator,
@@ -125,15 +124,15 @@ impl Stepper {
             before: None,
             dense: None,
             tangent: None,
-            scene: Uuid::nil(),
+            scene: 0,
             steered: false,
+            goal: state.t,
             inputs: (dynamics.inputs.clone(), None),
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,
             state,
             variables,
-            scratch,
             dynamics,
         })
     }
@@ -185,6 +184,7 @@ impl Stepper {
     }
 
     /// What variables are read from, now.
+    #[inline]
     pub fn view(&self) -> View<'_> {
         View {
             dynamics: &self.dynamics,
@@ -204,7 +204,8 @@ impl Stepper {
         self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
     }
 
-    /// The same, with a look at every internal step; a look that breaks ends the step there. True if it came to t + h.
+    /// The same, with a look at every internal step, the halves of failed ones included; a look that breaks ends the step
+    /// there. True if it came to t + h.
     ///
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
@@ -262,19 +263,15 @@ impl Stepper {
         self.set_out(end_of(clock, parts))?;
         for count in 1..=parts {
             let end = end_of(clock, count);
-            let outcome = self.advance(end, part, 0);
+            let outcome = self.advance(end, part, 0, true, &mut look);
+            let complete = self.state.t == end;
             self.clock = match outcome {
-                Ok(()) if multiple => Clock { origin: clock.origin, count: clock.count + count },
+                Ok(_) if multiple && complete => Clock { origin: clock.origin, count: clock.count + count },
                 _ if self.state.t == start => clock,
                 _ => Clock { origin: self.state.t, count: 0 },
             };
-            outcome?;
-            self.meter.totals.steps += 1;
-            if look(self).is_break() && count < parts {
+            if outcome?.is_break() && !(complete && count == parts) {
                 return Ok(false);
-            }
-            if self.steered && count < parts {
-                self.set_out(end_of(clock, parts))?;
             }
         }
         Ok(true)
@@ -297,7 +294,7 @@ impl Stepper {
                 wanted if 2.0 * wanted > left => (0.5 * left, self.state.t + 0.5 * left),
                 wanted => (wanted, self.state.t + wanted),
             };
-            if to <= self.state.t {
+            if h < left && end + h <= end {
                 return Err(Error::Tolerance { time_s: self.state.t, step_s: h, tolerance });
             }
             match self.step(to, h) {
@@ -313,9 +310,6 @@ impl Stepper {
                         if look(self).is_break() && self.state.t < end {
                             self.clock = Clock { origin: self.state.t, count: 0 };
                             return Ok(false);
-                        }
-                        if self.steered && self.state.t < end {
-                            self.set_out(end)?;
                         }
                         continue;
                     }
@@ -345,7 +339,7 @@ impl Stepper {
     /// Before the first internal step of several to `end`: aims the head, and finds the accelerations that changed inputs
     /// cause at once.
     fn set_out(&mut self, end: f64) -> Result<()> {
-        self.steered = false;
+        (self.steered, self.goal) = (false, end);
         self.dynamics.aim_head(self.state.t, end);
         if self.kick.due {
             self.dynamics.move_to(self.state.t, &mut self.state);
@@ -361,20 +355,36 @@ impl Stepper {
         Ok(())
     }
 
-    /// One step of `h` to time `end`, in halves where it fails.
-    fn advance(&mut self, end: f64, h: f64, depth: u32) -> Result<()> {
+    /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
+    /// first half of one.
+    fn advance(
+        &mut self,
+        end: f64,
+        h: f64,
+        depth: u32,
+        whole: bool,
+        look: &mut impl FnMut(&mut Self) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
         match self.step(end, h).and_then(|_| self.accept()) {
             Err(error) if error.is_cured_by_smaller_step() && depth < MAX_HALVINGS => {
                 self.meter.totals.halvings += 1;
-                self.advance(end - 0.5 * h, 0.5 * h, depth + 1)?;
-                self.advance(end, 0.5 * h, depth + 1)
+                if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
+                    return Ok(ControlFlow::Break(()));
+                }
+                self.advance(end, 0.5 * h, depth + 1, whole, look)
             }
-            outcome => outcome,
+            outcome => outcome.map(|()| {
+                self.meter.totals.steps += u64::from(whole);
+                look(self)
+            }),
         }
     }
 
     /// Steps by `h` to time `end`, into `next`.
     fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
+        if self.steered {
+            self.set_out(self.goal)?; // by a look at the step before
+        }
         self.before = None;
         self.next.t = end;
         self.integrator.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
@@ -382,7 +392,7 @@ impl Stepper {
 
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
-        self.reading.take(&mut self.dynamics, &self.next, &mut self.scratch)?;
+        self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
         self.meter.count(&mut self.reading, load, self.dynamics.model.rod.mass[0]);
@@ -460,7 +470,7 @@ impl Stepper {
         }
         changes.clone().for_each(|change| change.make(&mut self.dynamics, t));
         self.dynamics.move_to(t, &mut self.state);
-        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state, &mut self.scratch) {
+        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
             self.dynamics.restore(&self.inputs.0);
             self.dynamics.course.clone_from(&self.inputs.1);
             self.dynamics.move_to(t, &mut self.state);

@@ -1,5 +1,6 @@
 //! What an integrator sees of a model: a second-order system f(t, q, v, a) = 0 and its linearisation.
 
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -80,6 +81,24 @@ impl State {
         self.a[i] -= direction.a * d;
     }
 
+    /// Moves every unknown back by its part of `increment` along `direction`.
+    pub(crate) fn move_all_back(&mut self, direction: Direction, increment: &[f64]) {
+        let moved = self.q.iter_mut().zip(&mut self.v).zip(&mut self.a).zip(increment);
+        for (((q, v), a), d) in moved {
+            *q -= direction.q * d;
+            *v -= direction.v * d;
+            *a -= direction.a * d;
+        }
+    }
+
+    /// Moves node `k` by `d` along `direction`.
+    #[inline]
+    pub(crate) fn move_node(&mut self, k: usize, direction: Direction, d: Vector2<f64>) {
+        for i in 0..2 {
+            self.move_back(2 * k + i, direction, -d[i]);
+        }
+    }
+
     /// Guesses the links from those of `from`: forces and moments stay, every edge turns as its nodes do on their way
     /// from there.
     pub fn guess_links(&mut self, from: &Self) {
@@ -157,6 +176,11 @@ pub trait System {
 
     /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments.
     fn move_links(&self, _increment: &[f64], _state: &mut State) {}
+
+    /// Betters the guess `to` of the state that follows `from`; what moves, moves along `direction`.
+    fn better_guess(&self, from: &State, _direction: Direction, to: &mut State) {
+        to.guess_links(from);
+    }
 
     /// Refuses a step from `before` to `after` that went through a state without meaning.
     ///

@@ -165,6 +165,7 @@ pub struct Variable {
     pub recorded: bool,
     /// The inputs that it follows at once.
     pub feeds: &'static [Feed],
+    fed_in: fn(&Model) -> bool,
     exists: fn(&Model) -> bool,
     get: Get,
     /// Where it is not linear in state and readings; else its change is what is read of theirs.
@@ -190,6 +191,7 @@ impl Variable {
             size: Size::Scalar,
             recorded: false,
             feeds: &[],
+            fed_in: |_| true,
             exists: |_| true,
             get,
             tangent: None,
@@ -212,6 +214,10 @@ impl Variable {
 
     const fn fed(self, feeds: &'static [Feed]) -> Self {
         Self { feeds, ..self }
+    }
+
+    const fn fed_in(self, fed_in: fn(&Model) -> bool) -> Self {
+        Self { fed_in, ..self }
     }
 
     const fn changing(self, tangent: Tangent) -> Self {
@@ -240,12 +246,13 @@ impl Variable {
     /// The nodes of the entries of `input` that its own entry at node `k` follows at once in a model of `form`.
     pub fn follows(&self, k: usize, input: &Self, model: &Model, form: Form) -> std::ops::Range<usize> {
         let entries = input.entries(model);
-        let feeds = self.feeds.iter().filter(|feed| feed.input == input.name);
-        let reach = feeds.filter(|feed| !(feed.in_positions_only && form == Form::Chain)).map(|feed| match feed.reach {
-            Reach::Own => k..k + 1,
-            Reach::First(count) if input.size != Size::Scalar => 0..count,
-            Reach::All | Reach::First(_) => entries.clone(),
-        });
+        let feeds = self.feeds.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));
+        let reach =
+            feeds.filter(|feed| !(feed.in_positions_only && form == Form::Chain)).map(|feed| match feed.reach {
+                Reach::Own => k..k + 1,
+                Reach::First(count) if input.size != Size::Scalar => 0..count,
+                Reach::All | Reach::First(_) => entries.clone(),
+            });
         let reach = reach.max_by_key(std::ops::Range::len).unwrap_or(0..0);
         reach.start.max(entries.start)..reach.end.min(entries.end).max(entries.start.max(reach.start))
     }
@@ -386,7 +393,7 @@ pub static VARIABLES: &[Variable] = &[
     output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).fed(NATURAL_RATE).recorded(),
     output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).fed(&FLUID).recorded(),
     output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(FORCES).recorded(),
-    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(HEAD_POWER).recorded(),
+    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(HEAD_POWER).fed_in(has_held_head).recorded(),
     output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).fed(&FLUID).recorded(),
     output("head_dx_m", "m", "displacement of the head node since the start, x", |v, _| v.displacement(0, 0)).recorded(),
     output("head_dy_m", "m", "displacement of the head node since the start, y", |v, _| v.displacement(0, 1)).recorded(),

@@ -1,5 +1,7 @@
 //! The command does what its contract says: files, exit codes, and nothing half-written.
 
+mod common;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
@@ -51,6 +53,26 @@ fn text(bytes: &[u8]) -> &str {
 }
 
 #[test]
+fn adaptive_steps_are_recorded_at_the_times_asked_for_and_do_not_depend_on_them() {
+    let ends = ["0.05", "0.013"].map(|interval| {
+        let folder = tempfile::tempdir().unwrap();
+        let more = ["solver.tolerance=1e-3", "solver.integrator=esdirk3", "solver.duration_s=1"];
+        let interval_key = format!("record.interval_s={interval}");
+        let sets = more.into_iter().chain([interval_key.as_str()]).flat_map(|set| ["--set", set]).collect::<Vec<_>>();
+        let output = run("models/baseline-smooth.toml", folder.path(), &sets);
+        assert!(output.status.success(), "{output:?}");
+        let trajectory = rows(folder.path().join("trajectory.csv"));
+        let step: f64 = interval.parse().unwrap();
+        let times: Vec<f64> = trajectory.iter().map(|row| row[0]).collect();
+        let wanted: Vec<f64> = (0..).map(|i| f64::from(i) * step).take_while(|t| *t <= 1.0).collect();
+        assert_eq!(times[..wanted.len()], wanted);
+        assert_eq!(*times.last().unwrap(), 1.0);
+        trajectory.last().unwrap().clone()
+    });
+    assert_eq!(ends[0], ends[1]);
+}
+
+#[test]
 fn the_baseline_runs_to_the_numbers_of_the_independent_implementation() {
     let folder = tempfile::tempdir().unwrap();
     let output = run("models/baseline.toml", folder.path(), &[]);
@@ -81,11 +103,7 @@ fn the_baseline_runs_to_the_numbers_of_the_independent_implementation() {
 #[test]
 fn every_scene_of_models_runs_and_is_checked() {
     let mut scenes = 0;
-    for entry in std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join("models")).unwrap() {
-        let path = entry.unwrap().path();
-        if path.extension().is_none_or(|extension| extension != "toml") {
-            continue;
-        }
+    for path in common::scene_files("models") {
         let folder = tempfile::tempdir().unwrap();
         let output = run(path.to_str().unwrap(), folder.path(), &["--set", "solver.duration_s=0.1"]);
         assert_eq!(output.status.code(), Some(0), "{}: {}", path.display(), text(&output.stderr));

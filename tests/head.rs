@@ -58,7 +58,7 @@ fn a_clamped_head_feels_the_load_and_its_moment() {
     forces[16..].copy_from_slice(load.as_slice());
     let (mut dynamics, state) = equilibrium(&scene, &forces, 4);
     let mut reading = Reading::new(9);
-    reading.take(&mut dynamics, &state, &mut [0.0; 18]).unwrap();
+    reading.take(&mut dynamics, &state).unwrap();
     let tip = node(&state.q, 8);
     // The rod hangs well down: −0.235 m.
     assert!(tip.y < -0.2, "{tip}");
@@ -72,7 +72,7 @@ fn a_clamped_head_carries_the_weight_of_its_own_node_too() {
     let scene = scene(&[SILICONE, "head.kind=clamped", "loads.gravity_m_s2=[0, -0.1]"]);
     let (mut dynamics, state) = equilibrium(&scene, &[0.0; 18], 1);
     let mut reading = Reading::new(9);
-    reading.take(&mut dynamics, &state, &mut [0.0; 18]).unwrap();
+    reading.take(&mut dynamics, &state).unwrap();
     let rod = &dynamics.model.rod;
     let weight = Vector2::new(0.0, -0.1 * rod.total_mass());
     let moment = rod.mean(&state.q).perp(&weight);

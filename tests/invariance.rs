@@ -117,7 +117,7 @@ fn assemble(dynamics: &mut Dynamics, state: &State) -> Assembly {
     let linearisation = Linearisation { matrix: &mut matrix, direction: Direction { q: 1e-4, v: 1e-2, a: 1.0 } };
     dynamics.unconstrained(state, &mut residual, Some(linearisation)).unwrap();
     let mut reading = Reading::new(n / 2);
-    reading.take(dynamics, state, &mut vec![0.0; n]).unwrap();
+    reading.take(dynamics, state).unwrap();
     Assembly { residual, jacobian: DMatrix::from_fn(n, n, |i, j| matrix.entry(i, j)), reading }
 }
 

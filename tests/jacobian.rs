@@ -317,7 +317,7 @@ fn the_elastic_forces_are_the_gradient_of_the_energies_that_are_reported() {
             let energy = |q: &[f64]| {
                 let moved = State { q: q.to_vec(), ..state.clone() };
                 let mut reading = Reading::new(model.rod.nodes);
-                reading.take(&mut dynamics.borrow_mut(), &moved, &mut vec![0.0; q.len()]).unwrap();
+                reading.take(&mut dynamics.borrow_mut(), &moved).unwrap();
                 vec![reading.energy.total()]
             };
             deviation(&DMatrix::from_row_slice(1, exact.len(), &exact), &differences(energy, &state.q, 1e-4))

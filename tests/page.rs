@@ -82,3 +82,70 @@ fn the_report_plays_the_tail_in_a_browser() {
     assert!(count([0, 114, 178]) > 500, "the rod is drawn: {} pixels", count([0, 114, 178]));
     assert!(count([213, 94, 0]) > 50, "the centre of mass is drawn: {} pixels", count([213, 94, 0]));
 }
+
+#[test]
+fn the_report_of_a_sweep_sorts_filters_and_plays_in_a_browser() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["sweep", "models/sweep-192.toml", "--set", "solver.duration_s=0.02", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let path = folder.path().join("report.html");
+    let source = std::fs::read_to_string(&path).unwrap();
+    for outside in ["src=", "href=", "@import", "url("] {
+        assert!(!source.contains(outside), "the page is one self-contained file, without {outside}");
+    }
+    assert!(source.len() < 5_000_000, "{} bytes", source.len());
+    let Some(browser) = chromium() else {
+        let _ = writeln!(std::io::stderr(), "skipped: no Chromium on this machine, so the page was not opened");
+        return;
+    };
+    // What a reader does: sorts by displacement, keeps one fluid and the larger amplitude, and clicks the third row.
+    let script = r##"<script>
+        const headed = (text) => [...document.querySelectorAll("#heads th")].findIndex((head) => head.textContent.startsWith(text));
+        const filter = (text, value, event) => {
+          const field = document.querySelectorAll("#filters th")[headed(text)].firstChild;
+          field.value = value; field.dispatchEvent(new Event(event));
+        };
+        const shown = () => [...document.querySelectorAll("#rows tr")];
+        document.body.dataset.before = shown().length;
+        document.querySelectorAll("#heads th")[headed("net displacement")].click();
+        filter("fluid", "glycerol-like", "change");
+        filter("kappa_amp", "1.2", "change");
+        filter("Newton", "> 0", "input");
+        document.body.dataset.after = shown().map((row) => row.dataset.case).join(" ");
+        shown()[2].click();
+        document.body.dataset.clicked = document.querySelector("tr.chosen").dataset.case;
+    </script></body>"##;
+    let page = folder.path().join("clicked.html");
+    std::fs::write(&page, source.replace("</body>", script)).unwrap();
+    let page = browse(&browser, &page, 3000, &["--dump-dom".to_string()]);
+    let body = page.split('<').find(|element| element.starts_with("body")).unwrap();
+    let of_body = |name: &str| body.split(&format!("data-{name}=\"")).nth(1).unwrap().split('"').next().unwrap();
+    assert_eq!(of_body("before"), "192");
+    let mut reader = csv::Reader::from_path(folder.path().join("table.csv")).unwrap();
+    let header = reader.headers().unwrap().clone();
+    let place = |name: &str| header.iter().position(|column| column == name).unwrap();
+    let (fluid, kappa, dx) = (place("fluid"), place("actuation.kappa_amp"), place("net_displacement_m"));
+    let mut expected: Vec<(f64, String)> = reader
+        .records()
+        .map(|row| row.unwrap())
+        .filter(|row| &row[fluid] == "glycerol-like" && &row[kappa] == "1.2")
+        .map(|row| (format!("{:.5e}", row[dx].parse::<f64>().unwrap()).parse().unwrap(), row[0].to_string()))
+        .collect();
+    assert_eq!(expected.len(), 48);
+    expected.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let expected: Vec<_> = expected.into_iter().map(|(_, case)| case).collect();
+    assert_eq!(of_body("after"), expected.join(" "));
+    assert_eq!(of_body("clicked"), expected[2]);
+    assert_eq!(attribute(&page, "stage", "data-case"), expected[2]);
+    assert_eq!(attribute(&page, "rod", "points").split_whitespace().count(), 9, "the rod has its nodes");
+    assert!(attribute(&page, "stage", "data-frames").parse::<usize>().unwrap() >= 30);
+    let svgs = std::fs::read_dir(folder.path()).unwrap();
+    let svgs =
+        svgs.filter(|entry| entry.as_ref().unwrap().path().extension().is_some_and(|kind| kind == "svg")).count();
+    assert_eq!((page.matches("<figure>").count(), svgs), (svgs, 23));
+}

@@ -6,6 +6,7 @@ mod common;
 use std::fmt::Write;
 
 use caudal::error::Error;
+use caudal::integrator::{Method, Pace};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use common::SOFT;
@@ -333,10 +334,7 @@ fn a_bad_override_is_told_as_such_and_a_bad_combination_where_it_stands() {
             "rod.outer_radius_m=0.001",
             "folder/scene.toml:6: rod.inner_radius_m: found 0.011; allowed: from 0 to below outer_radius_m = 0.001",
         ),
-        (
-            "solver.integrator=implicit-euler",
-            "folder/scene.toml:44: solver.beta: found with integrator = \"implicit-euler\"; allowed: only with newmark",
-        ),
+        ("start.kind=jump", "folder/scene.toml:20: start.ramp_s: found without kind = \"ramp\"; allowed: only with it"),
     ] {
         let mut document = Document::new("folder/scene.toml", FULL);
         let error = document.set(set).and_then(|()| document.scene().map(|_| ())).unwrap_err();
@@ -446,6 +444,29 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
     assert!(model.actuation.is_none() && model.drag.is_none() && model.load.is_none() && model.head.is_none());
     assert_eq!(model.rod.mass[0], 0.5 * model.rod.mass[1], "tributary");
     assert_eq!(model.rod.joint[1], model.rod.joint[3], "even stiffness");
+}
+
+#[test]
+fn an_override_takes_the_place_of_what_it_excludes() {
+    let scene = |overrides: &[&str]| common::scene_of(FULL, overrides);
+    let adaptive = scene(&["solver.integrator=esdirk3", "solver.tolerance=1e-3"]);
+    assert_eq!(adaptive.pace(), Pace::Adaptive(1e-3));
+    assert_eq!((adaptive.solver.time_step_s, adaptive.solver.parameters.len()), (None, 0));
+    assert_eq!(
+        scene(&["solver.integrator=esdirk3", "solver.tolerance=1e-3", "solver.time_step_s=0.1"]).steps(),
+        Some(200)
+    );
+    assert!(scene(&["record.interval_s=0.5"]).record.every.is_none());
+    assert!(scene(&["rod.stiffness_profile=[[0.0, 1.0]]"]).rod.stiffness_gradient.is_none());
+}
+
+#[test]
+fn a_scene_that_names_neither_method_nor_step_gets_a_method_that_chooses_its_steps() {
+    let text = SOFT.replace("time_step_s = 2e-3\n", "");
+    let scene = common::scene_of(&text, &[]);
+    assert!(matches!(scene.pace(), Pace::Adaptive(_)) && scene.steps().is_none());
+    assert!(Method::named(scene.integrator_name()).unwrap().adaptive);
+    assert_eq!(scene.spans().collect::<Vec<_>>(), [1.0]);
 }
 
 #[test]

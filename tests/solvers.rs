@@ -2,8 +2,6 @@
 
 mod common;
 
-use std::path::Path;
-
 use caudal::linear::Choice;
 use caudal::scene::{Document, Scene};
 use common::largest;
@@ -21,10 +19,9 @@ const CHAOTIC: &str = "newmark-compare-newmark";
 fn scenes() -> Vec<(String, Document)> {
     let mut scenes = Vec::new();
     for folder in ["models", "tests/reference"] {
-        for entry in std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap() {
-            let path = entry.unwrap().path();
+        for path in common::scene_files(folder) {
             let name = path.file_stem().unwrap().to_string_lossy().into_owned();
-            if path.extension().is_none_or(|extension| extension != "toml") || name == CHAOTIC {
+            if name == CHAOTIC {
                 continue;
             }
             let mut document = Document::read(&path).unwrap();

@@ -3,6 +3,7 @@
 mod check;
 mod fmu;
 mod run;
+mod sweep;
 mod variables;
 
 use std::io::Write;
@@ -45,6 +46,8 @@ enum Command {
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
     },
+    /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
+    Sweep(sweep::Arguments),
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
         #[command(flatten)]
@@ -94,6 +97,7 @@ impl SceneArguments {
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
         Command::Run { scene, out } => run::run(&scene, out),
+        Command::Sweep(arguments) => sweep::sweep(&arguments),
         Command::Check { scene } => check::check(&scene),
         Command::Fmu { scene, out, fmi, library } => fmu::fmu(&scene, out, fmi, library),
         Command::Variables { scene } => variables::variables(scene.as_deref()),

@@ -77,7 +77,7 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode>
 }
 
 /// A flag that Ctrl-C (or a request to terminate) raises; a second one ends the program at once.
-fn watch_for_interrupts() -> Arc<AtomicBool> {
+pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
     let flag = Arc::new(AtomicBool::new(false));
     let raised = Arc::clone(&flag);
     // Without a handler the run can still be ended, only less gently: no reason not to run.

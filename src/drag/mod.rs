@@ -5,7 +5,7 @@ pub mod stokes_like;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::rod::{Edge, add, node};
+use crate::rod::{Edge, add};
 use crate::system::Linearisation;
 pub use stokes_like::StokesLike;
 
@@ -89,7 +89,25 @@ impl<L> HalfEdges<L> {
         let weights = (0..edges).map(|e| e as f64 * spacing).map(|s| [weight(s), weight(s + half)]).collect();
         Self { law, weights }
     }
+
+    /// Every edge with its number and, for both of its ends, the end's velocity (m/s) against the fluid and its weight (m).
+    #[inline]
+    fn walk<'a>(
+        &'a self,
+        edges: &'a [Edge],
+        v: &'a [f64],
+        fluid: Fluid,
+    ) -> impl Iterator<Item = (usize, &'a Edge, Ends)> {
+        let velocities = v.windows(4).step_by(2);
+        edges.iter().zip(&self.weights).zip(velocities).enumerate().map(move |(e, ((edge, weights), v))| {
+            let [start, end] = [Vector2::new(v[0], v[1]), Vector2::new(v[2], v[3])].map(|v| v - fluid.flow);
+            (e, edge, [(start, weights[0]), (end, weights[1])])
+        })
+    }
 }
+
+/// Velocity (m/s) against the fluid, and weight (m), of the half-edges at the start and the end of an edge.
+type Ends = [(Vector2<f64>, f64); 2];
 
 /// A law that needs the fluid before it is a [`Law`].
 pub trait InFluid: std::fmt::Debug + Send + Sync {
@@ -113,35 +131,34 @@ impl<L: InFluid> Drag for HalfEdges<L> {
         mut jacobian: Option<&mut Linearisation<'_>>,
     ) {
         let law = self.law.in_fluid(fluid);
-        for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
-            let velocities = [node(v, e) - fluid.flow, node(v, e + 1) - fluid.flow];
-            for i in 0..2 {
-                add(residual, e + i, law.traction(edge.t, velocities[i]) * weights[i]);
+        for (e, edge, ends) in self.walk(edges, v, fluid) {
+            for (k, (w, weight)) in (e..).zip(ends) {
+                add(residual, k, law.traction(edge.t, w) * weight);
             }
             if let Some(Linearisation { matrix, direction }) = &mut jacobian {
                 // The tangent turns by n·δ(edge vector)/ℓ.
                 let turn = edge.n() * (direction.q * edge.per_length);
-                for i in 0..2 {
-                    let own = law.by_velocity(edge.t, velocities[i]) * (direction.v * weights[i]);
-                    let by_end = law.by_direction(edge.t, velocities[i]) * (turn * weights[i]).transpose();
-                    // Node e + i against nodes e and e + 1.
-                    matrix.add_block(e + i, e + i, &if i == 0 { own - by_end } else { own + by_end });
-                    matrix.add_block(e + i, e + 1 - i, &if i == 0 { by_end } else { -by_end });
-                }
+                let [start, end] = ends.map(|(w, weight)| {
+                    let own = law.by_velocity(edge.t, w) * (direction.v * weight);
+                    (own, law.by_direction(edge.t, w) * (turn * weight).transpose())
+                });
+                matrix.add_block(e, e, &(start.0 - start.1));
+                matrix.add_block(e, e + 1, &start.1);
+                matrix.add_block(e + 1, e, &-end.1);
+                matrix.add_block(e + 1, e + 1, &(end.0 + end.1));
             }
         }
     }
 
     fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
         let (law, by_viscosity) = (self.law.in_fluid(fluid), self.law.by_viscosity(fluid));
-        for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
-            for (k, weight) in (e..).zip(weights) {
-                let w = node(v, k) - fluid.flow;
+        for (e, edge, ends) in self.walk(edges, v, fluid) {
+            for (k, (w, weight)) in (e..).zip(ends) {
                 let half = HalfEdge {
-                    force: law.traction(edge.t, w) * *weight,
-                    by_velocity: law.by_velocity(edge.t, w) * *weight,
-                    by_direction: law.by_direction(edge.t, w) * *weight,
-                    by_viscosity: by_viscosity.traction(edge.t, w) * *weight,
+                    force: law.traction(edge.t, w) * weight,
+                    by_velocity: law.by_velocity(edge.t, w) * weight,
+                    by_direction: law.by_direction(edge.t, w) * weight,
+                    by_viscosity: by_viscosity.traction(edge.t, w) * weight,
                 };
                 visit(k, e, half);
             }
@@ -150,16 +167,13 @@ impl<L: InFluid> Drag for HalfEdges<L> {
 
     fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2] {
         let law = self.law.in_fluid(fluid);
-        let (mut viscous, mut flow) = (0.0, 0.0);
-        for (e, (edge, weights)) in edges.iter().zip(&self.weights).enumerate() {
-            for (k, weight) in (e..).zip(weights) {
-                let w = node(v, k) - fluid.flow;
-                let force = law.traction(edge.t, w) * *weight;
-                viscous += force.dot(&w);
-                flow -= force.dot(&fluid.flow);
-            }
+        let (mut viscous, mut force) = (0.0, Vector2::zeros());
+        for (_, edge, ends) in self.walk(edges, v, fluid) {
+            let [start, end] = ends.map(|(w, weight)| (law.traction(edge.t, w) * weight, w));
+            viscous += start.0.dot(&start.1) + end.0.dot(&end.1);
+            force += start.0 + end.0;
         }
-        [viscous, flow]
+        [viscous, -force.dot(&fluid.flow)]
     }
 
     fn coefficients(&self, fluid: Fluid) -> [f64; 2] {

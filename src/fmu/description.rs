@@ -2,8 +2,8 @@
 
 use std::io::Result;
 
-use quick_xml::writer::{ElementWriter, Writer};
 use quick_xml::events::{BytesDecl, Event};
+use quick_xml::writer::{ElementWriter, Writer};
 
 use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
 use crate::integrator::Pace;
@@ -186,9 +186,9 @@ impl Entry {
         ];
         let own = own.into_iter().chain(self.role.iter().cloned());
         match standard {
-            Standard::Fmi2 => element(xml, "ScalarVariable", own.collect(), |xml| {
-                leaf(xml, self.kind, self.value.clone())
-            }),
+            Standard::Fmi2 => {
+                element(xml, "ScalarVariable", own.collect(), |xml| leaf(xml, self.kind, self.value.clone()))
+            }
             Standard::Fmi3 => {
                 let attributes = own.chain(self.value.iter().cloned()).collect();
                 match VARIABLES.iter().position(|variable| variable.name == NODES) {
@@ -259,7 +259,9 @@ pub(super) fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
             })
         })?;
         leaf(xml, "DefaultExperiment", experiment(fmu))?;
-        element(xml, "ModelVariables", Vec::new(), |xml| entries.iter().try_for_each(|entry| entry.write(xml, standard)))?;
+        element(xml, "ModelVariables", Vec::new(), |xml| {
+            entries.iter().try_for_each(|entry| entry.write(xml, standard))
+        })?;
         element(xml, "ModelStructure", Vec::new(), |xml| structure(xml, fmu, standard, &entries))
     })?;
     let mut text = String::from_utf8(xml.into_inner()).map_err(std::io::Error::other)?;
@@ -321,11 +323,17 @@ fn experiment(fmu: &Fmu<'_>) -> Attributes {
     vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
 }
 
+/// The variables of a description. FMI 2.0 does not need the time, and some of its hosts complain of it.
+fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
+    let shown = move |variable: &Variable| standard == Standard::Fmi3 || variable.causality != Causality::Independent;
+    fmu.catalogue.variables().filter(move |(_, variable)| shown(variable))
+}
+
 /// The variables in their order, every entry of its own in FMI 2.0; then the parameters.
 fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
     let model = fmu.stepper.model();
     let mut entries = Vec::new();
-    for (place, variable) in fmu.catalogue.variables() {
+    for (place, variable) in variables(fmu, standard) {
         match (standard, variable.size) {
             (Standard::Fmi3, _) | (_, Size::Scalar) => {
                 entries.push(Entry::variable(fmu, standard, place, variable, None));
@@ -347,7 +355,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
     // Where each variable's first entry is in FMI 2.0, which counts from 1.
     let mut first = vec![0; VARIABLES.len()];
     let mut count = 1;
-    for (place, variable) in fmu.catalogue.variables() {
+    for (place, variable) in variables(fmu, standard) {
         first[place] = count;
         count += variable.len(model) as u32;
     }
@@ -359,7 +367,8 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
             variable.follows(node, input, model, form).map(move |k| (k as i64 + offset) as u32)
         })),
         Standard::Fmi3 => {
-            let any = |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
+            let any =
+                |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
             list(inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32))
         }
     };

@@ -179,8 +179,8 @@ impl<'a> Fmu<'a> {
             return Err(Error::Fmu("this platform has no name in the FMI standard".to_string()));
         };
         let folder = folders[usize::from(standard == Standard::Fmi3)];
-        let binary = std::fs::read(library)
-            .map_err(|e| Error::Read { path: library.to_path_buf(), reason: e.to_string() })?;
+        let binary =
+            std::fs::read(library).map_err(|e| Error::Read { path: library.to_path_buf(), reason: e.to_string() })?;
         let mut files = vec![("modelDescription.xml".to_string(), self.description(standard)?.into_bytes())];
         files.push((format!("binaries/{folder}/{}.{suffix}", self.identifier()), binary));
         files.extend(document::files(self).into_iter().map(|(name, text)| (name, text.into_bytes())));
@@ -202,7 +202,7 @@ impl<'a> Fmu<'a> {
 
 /// The token of a scene, see [`Fmu::token`].
 pub fn token(scene: &Scene) -> String {
-    format!("{{{}}}", scene.fingerprint)
+    format!("{{{:032x}}}", scene.fingerprint)
 }
 
 /// The name of the shared library as cargo builds it.
@@ -216,7 +216,8 @@ pub fn library_name() -> String {
 /// [`Error::Fmu`] that says what to do.
 pub fn library(executable: &Path) -> Result<PathBuf> {
     let folder = executable.parent().unwrap_or(Path::new("."));
-    let places = [folder.to_path_buf(), folder.join("../lib"), folder.join("deps")].map(|place| place.join(library_name()));
+    let places =
+        [folder.to_path_buf(), folder.join("../lib"), folder.join("deps")].map(|place| place.join(library_name()));
     places.iter().find(|place| place.is_file()).cloned().ok_or_else(|| {
         Error::Fmu(format!(
             "the library {} is neither in {} nor in ../lib of it; `cargo build --release` in the project's folder \

@@ -224,24 +224,4 @@ impl Dynamics {
             links[k].curvature = from_moment(links[k].moment, rod.joint[k], self.natural[k], guess);
         }
     }
-
-    /// M a − F at node 0 of a state in the chain form: the force (N) that a held head must exert.
-    ///
-    /// # Errors
-    /// Those of [`shape`](Self::shape).
-    pub fn reaction(&mut self, state: &State) -> Result<Vector2<f64>> {
-        self.shape(state)?;
-        let mut force = node(&state.a, 0) * self.model.rod.mass[0] - self.load(0);
-        if let Some(link) = state.links.first() {
-            force -= Vector2::from(link.force);
-        }
-        if let Some((drag, fluid)) = self.drag() {
-            drag.for_half_edges(&self.edges[..1], &state.v, fluid, &mut |k, _, half| {
-                if k == 0 {
-                    force += half.force;
-                }
-            });
-        }
-        Ok(force)
-    }
 }

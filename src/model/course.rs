@@ -162,7 +162,8 @@ impl HostHead {
         let factors = std::iter::once(1.0).chain(factors(tau));
         (self.target, self.rate) = ([0.0; 3], None);
         for (term, factor) in terms.filter_map(|inputs| inputs.head.as_ref()).zip(factors) {
-            let add = |to: &mut [f64; 3], from: &[f64; 3]| to.iter_mut().zip(from).for_each(|(to, x)| *to += factor * x);
+            let add =
+                |to: &mut [f64; 3], from: &[f64; 3]| to.iter_mut().zip(from).for_each(|(to, x)| *to += factor * x);
             add(&mut self.target, &term.target);
             if let Some(rate) = &term.rate {
                 add(self.rate.get_or_insert_default(), rate);

@@ -4,6 +4,7 @@ use plotters::coord::Shift;
 use plotters::coord::ranged1d::ValueFormatter;
 use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use crate::error::{Error, Result};
 
@@ -203,6 +204,115 @@ impl Chart {
     }
 }
 
+/// Main effects: what several axes do, each by itself, to the mean of a quantity; one panel an axis, one scale for all.
+#[derive(Debug, Clone)]
+pub struct Effects {
+    /// Title.
+    pub title: String,
+    /// Label of the y axis.
+    pub y: String,
+    /// The axes, with their levels in words.
+    pub axes: Vec<(String, Vec<String>)>,
+    /// Label, and the mean at each level of each axis.
+    pub series: Vec<(String, Vec<Vec<f64>>)>,
+}
+
+impl Effects {
+    /// The figure as an SVG document.
+    ///
+    /// # Errors
+    /// [`Error::Chart`] where the plotting library fails.
+    pub fn svg(&self) -> Result<String> {
+        let mut text = String::new();
+        let size = (SIZE.0.max(150 * self.axes.len() as u32 + 110), SIZE.1);
+        {
+            let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
+            self.draw(&area).map_err(|reason| Error::Chart { title: self.title.clone(), reason })?;
+        }
+        Ok(text)
+    }
+
+    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> std::result::Result<(), String> {
+        let failed = |e: DrawingAreaErrorKind<std::io::Error>| e.to_string();
+        area.fill(&WHITE).map_err(failed)?;
+        let mut y = range(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
+        if self.series.len() > 1 {
+            y.1 += 0.06 * (self.series.len() + 1) as f64 * (y.1 - y.0); // for the legend
+        }
+        let mut chart = ChartBuilder::on(area)
+            .caption(&self.title, ("sans-serif", 20))
+            .margin(12)
+            .margin_right(20)
+            .x_label_area_size(56)
+            .y_label_area_size(78)
+            .build_cartesian_2d(0.0..self.axes.len() as f64, y.0..y.1)
+            .map_err(|e| e.to_string())?;
+        chart
+            .configure_mesh()
+            .disable_x_mesh()
+            .x_labels(0)
+            .y_desc(&self.y)
+            .y_label_formatter(&|value| number(if value.abs() < 1e-9 * (y.1 - y.0) { 0.0 } else { *value }))
+            .axis_desc_style(("sans-serif", 16))
+            .label_style(("sans-serif", 13))
+            .light_line_style(RGBColor(244, 244, 244))
+            .bold_line_style(RGBColor(224, 224, 224))
+            .draw()
+            .map_err(|e| e.to_string())?;
+        // Each axis has the space from its number to the next, its levels the middle part of it.
+        let place = |axis: usize, level: usize, count: usize| {
+            axis as f64 + if count < 2 { 0.5 } else { 0.15 + 0.7 * level as f64 / (count - 1) as f64 }
+        };
+        let bottom = chart.backend_coord(&(0.0, y.0)).1;
+        let middle =
+            |size: i32| TextStyle::from(("sans-serif", size).into_font()).pos(Pos::new(HPos::Center, VPos::Top));
+        for (axis, (name, labels)) in self.axes.iter().enumerate() {
+            // As many labels as there is room for, the first and the last at least.
+            let longest = labels.iter().map(String::len).max().unwrap_or(0).max(1);
+            let room = (20 / longest).clamp(2, 4);
+            let every = (labels.len().saturating_sub(1)).div_ceil(room - 1).max(1);
+            for (level, label) in labels.iter().enumerate().step_by(every) {
+                let x = chart.backend_coord(&(place(axis, level, labels.len()), y.0)).0;
+                area.draw(&Text::new(label.clone(), (x, bottom + 6), middle(13))).map_err(failed)?;
+            }
+            let x = chart.backend_coord(&(axis as f64 + 0.5, y.0)).0;
+            // The last part of a dotted key is enough where space is short.
+            let name = if name.len() > 20 { name.split_once('.').map_or(name.as_str(), |(_, key)| key) } else { name };
+            area.draw(&Text::new(name.to_string(), (x, bottom + 26), middle(13))).map_err(failed)?;
+            if axis > 0 {
+                let line = vec![(axis as f64, y.0), (axis as f64, y.1)];
+                chart.draw_series(LineSeries::new(line, RGBColor(224, 224, 224))).map_err(|e| e.to_string())?;
+            }
+        }
+        for (k, (label, axes)) in self.series.iter().enumerate() {
+            let style = COLOURS[k % COLOURS.len()].stroke_width(2);
+            for (axis, means) in axes.iter().enumerate() {
+                let points = || {
+                    let point = |(level, mean): (usize, &f64)| (place(axis, level, means.len()), *mean);
+                    means.iter().enumerate().map(point).filter(|point| point.1.is_finite())
+                };
+                chart.draw_series(LineSeries::new(points(), style)).map_err(|e| e.to_string())?;
+                let dots = points().map(|p| Circle::new(p, 4, style.filled()));
+                let drawn = chart.draw_series(dots).map_err(|e| e.to_string())?;
+                if axis == 0 {
+                    drawn.label(label).legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
+                }
+            }
+        }
+        if self.series.len() > 1 {
+            chart
+                .configure_series_labels()
+                .background_style(WHITE.mix(0.85))
+                .border_style(GREY)
+                .label_font(("sans-serif", 14))
+                .position(SeriesLabelPosition::UpperMiddle)
+                .draw()
+                .map_err(|e| e.to_string())?;
+        }
+        Ok(())
+    }
+}
+
 /// The values' range with a margin; never empty.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
@@ -223,7 +333,7 @@ fn widened((low, high): (f64, f64), size: f64) -> (f64, f64) {
 }
 
 /// A number as an axis shows it: short, with an exponent where it is very large or small.
-fn number(x: f64) -> String {
+pub fn number(x: f64) -> String {
     let size = x.abs();
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");

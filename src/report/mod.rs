@@ -1,5 +1,6 @@
 //! What a run leaves behind: tables, figures, summary and an animated page, in one folder.
 
+pub mod cases;
 pub mod chart;
 mod figures;
 mod output;
@@ -9,3 +10,4 @@ pub(crate) mod tables;
 pub mod trajectory;
 
 pub use output::Output;
+pub use record::Frame;

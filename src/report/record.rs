@@ -1,5 +1,7 @@
 //! What figures and the page need of a run, thinned so that its size does not grow with the run's.
 
+use serde::{Deserialize, Serialize};
+
 use crate::error::Result;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -15,7 +17,7 @@ const POINTS: usize = 120;
 /// Which times are recorded.
 #[derive(Debug, Clone, Copy)]
 pub enum Times {
-    /// Every so many steps; the steps so far.
+    /// Every so many steps; the last one that was passed.
     Steps(u64, u64),
     /// The multiples of so many seconds; the next multiple.
     Every(f64, u64),
@@ -36,8 +38,11 @@ impl Times {
     /// Those of `look` and of [`Stepper::at`].
     pub fn pass(&mut self, stepper: &mut Stepper, mut look: impl FnMut(&View<'_>, bool) -> Result<()>) -> Result<()> {
         match self {
-            Self::Steps(every, step) => {
-                *step += 1;
+            Self::Steps(every, last) => {
+                let step = stepper.meter().totals.steps;
+                if std::mem::replace(last, step) == step {
+                    return Ok(()); // half a step
+                }
                 look(&stepper.view(), step.is_multiple_of(*every))
             }
             Self::Every(interval, next) => {
@@ -52,7 +57,7 @@ impl Times {
 }
 
 /// The rod at a time.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Time, s.
     pub time: f64,
@@ -60,6 +65,19 @@ pub struct Frame {
     pub points: Vec<[f64; 2]>,
     /// Centre of mass, m.
     pub com: [f64; 2],
+}
+
+impl Frame {
+    /// The rod now.
+    pub fn of(view: &View<'_>) -> Self {
+        let nodes = view.state.q.len() / 2;
+        let points = POINTS.min(nodes);
+        let point = |i: usize| {
+            let k = i * (nodes - 1) / (points - 1);
+            [view.state.q[2 * k], view.state.q[2 * k + 1]]
+        };
+        Self { time: view.state.t, points: (0..points).map(point).collect(), com: view.meter.now.com.into() }
+    }
 }
 
 /// Every n-th of what comes; n doubles when `limit` is reached, so the run's length need not be known.
@@ -114,7 +132,7 @@ impl Record {
         };
         let view = stepper.view();
         record.samples.offer(0, || sample(&record.columns, &view));
-        record.frames.offer(0, || frame(&view));
+        record.frames.offer(0, || Frame::of(&view));
         record
     }
 
@@ -122,7 +140,7 @@ impl Record {
     pub fn step(&mut self, view: &View<'_>) {
         self.step += 1;
         self.samples.offer(self.step, || sample(&self.columns, view));
-        self.frames.offer(self.step, || frame(view));
+        self.frames.offer(self.step, || Frame::of(view));
     }
 
     /// Sees the state at the end, unless it is there already.
@@ -132,7 +150,7 @@ impl Record {
             self.samples.kept.push(sample(&self.columns, view));
         }
         if self.frames.kept.last().map(|frame| frame.time) != now {
-            self.frames.kept.push(frame(view));
+            self.frames.kept.push(Frame::of(view));
         }
     }
 
@@ -153,14 +171,4 @@ impl Record {
 
 fn sample(columns: &[&Variable], view: &View<'_>) -> Vec<f64> {
     columns.iter().map(|variable| variable.first(view)).collect()
-}
-
-fn frame(view: &View<'_>) -> Frame {
-    let nodes = view.state.q.len() / 2;
-    let points = POINTS.min(nodes);
-    let point = |i: usize| {
-        let k = i * (nodes - 1) / (points - 1);
-        [view.state.q[2 * k], view.state.q[2 * k + 1]]
-    };
-    Frame { time: view.state.t, points: (0..points).map(point).collect(), com: view.meter.now.com.into() }
 }

@@ -1,14 +1,16 @@
 //! Tables in the making: each grows beside its place and is put there whole.
 
-use std::io::BufWriter;
+use std::io::{BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use parquet::basic::Compression;
-use parquet::data_type::{DataType, DoubleType, Int32Type};
+use parquet::basic::{Compression, LogicalType, Repetition, Type as PhysicalType};
+use parquet::data_type::{BoolType, ByteArray, ByteArrayType, DataType, DoubleType, Int32Type};
 use parquet::file::properties::WriterProperties;
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::parser::parse_message_type;
+use parquet::schema::types::Type as SchemaType;
+use serde_json::Value;
 use tempfile::{Builder, NamedTempFile};
 
 use crate::error::{Error, Result};
@@ -105,10 +107,7 @@ impl Parquet {
         const SCHEMA: &str = "message nodes { required double time_s; required int32 node; required double x_m; \
             required double y_m; }";
         let schema = parse_message_type(SCHEMA).map_err(|e| parquet_error(&path, &e))?;
-        let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
-        let file = BufWriter::new(beside(&path)?);
-        let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties))
-            .map_err(|e| parquet_error(&path, &e))?;
+        let writer = parquet_writer(&path, schema)?;
         Ok(Self { path, writer, times: Vec::new(), nodes: Vec::new(), x: Vec::new(), y: Vec::new() })
     }
 
@@ -156,6 +155,13 @@ impl Parquet {
     }
 }
 
+/// Begins a Parquet file beside `path`.
+fn parquet_writer(path: &Path, schema: SchemaType) -> Result<SerializedFileWriter<BufWriter<NamedTempFile>>> {
+    let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
+    let file = BufWriter::new(beside(path)?);
+    SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(|e| parquet_error(path, &e))
+}
+
 /// Writes the next column of a group.
 fn column<T: DataType, W: std::io::Write + Send>(
     group: &mut SerializedRowGroupWriter<'_, W>,
@@ -170,4 +176,129 @@ fn column<T: DataType, W: std::io::Write + Send>(
 
 fn parquet_error(path: &Path, error: &parquet::errors::ParquetError) -> Error {
     Error::Write { path: path.to_path_buf(), reason: error.to_string() }
+}
+
+/// A file with `text`, and its place.
+pub fn text_file(path: PathBuf, text: &str) -> Result<(NamedTempFile, PathBuf)> {
+    let mut file = beside(&path)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
+    Ok((file, path))
+}
+
+/// A CSV file of `rows` of any JSON values under `header`; what is null is empty.
+///
+/// # Errors
+/// Those of `rows`; [`Error::Write`].
+pub fn csv_of(
+    path: PathBuf,
+    header: &[String],
+    rows: impl Iterator<Item = Result<Vec<Value>>>,
+) -> Result<(NamedTempFile, PathBuf)> {
+    let mut writer = csv::Writer::from_writer(BufWriter::new(beside(&path)?));
+    let failed = |e: csv::Error| Error::Write { path: path.clone(), reason: e.to_string() };
+    writer.write_record(header).map_err(failed)?;
+    for row in rows {
+        for cell in row? {
+            let text = match cell {
+                Value::Null => String::new(),
+                Value::String(text) => text,
+                other => other.to_string(),
+            };
+            writer.write_field(text).map_err(failed)?;
+        }
+        writer.write_record(None::<&[u8]>).map_err(failed)?;
+    }
+    let buffer = writer.into_inner().map_err(|e| write_error(&path, e.error()))?;
+    let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
+    Ok((file, path))
+}
+
+/// The type of a Parquet column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColumnType {
+    /// Numbers.
+    Number,
+    /// Yes or no.
+    Truth,
+    /// Anything else.
+    Text,
+}
+
+impl ColumnType {
+    /// The type that holds `value` and all that one of this type (`None`: nothing yet) holds.
+    pub fn widened(known: Option<Self>, value: &Value) -> Option<Self> {
+        let own = match value {
+            Value::Null => return known,
+            Value::Number(_) => Self::Number,
+            Value::Bool(_) => Self::Truth,
+            _ => Self::Text,
+        };
+        Some(if known.is_none_or(|known| known == own) { own } else { Self::Text })
+    }
+}
+
+/// The same as a Parquet file with the columns' names and types.
+///
+/// # Errors
+/// Those of `rows`; [`Error::Write`].
+pub fn parquet_of(
+    path: PathBuf,
+    header: &[(String, ColumnType)],
+    rows: impl Iterator<Item = Result<Vec<Value>>>,
+) -> Result<(NamedTempFile, PathBuf)> {
+    let failed = |e: parquet::errors::ParquetError| parquet_error(&path, &e);
+    let column = |(name, kind): &(String, ColumnType)| {
+        let (physical, logical) = match kind {
+            ColumnType::Number => (PhysicalType::DOUBLE, None),
+            ColumnType::Truth => (PhysicalType::BOOLEAN, None),
+            ColumnType::Text => (PhysicalType::BYTE_ARRAY, Some(LogicalType::String)),
+        };
+        let column = SchemaType::primitive_type_builder(name, physical).with_repetition(Repetition::OPTIONAL);
+        column.with_logical_type(logical).build().map(Arc::new)
+    };
+    let columns: Vec<_> = header.iter().map(column).collect::<parquet::errors::Result<_>>().map_err(failed)?;
+    let schema = SchemaType::group_type_builder("cases").with_fields(columns).build().map_err(failed)?;
+    let mut writer = parquet_writer(&path, schema)?;
+    let mut rows = rows.peekable();
+    while rows.peek().is_some() {
+        let group: Vec<Vec<Value>> = rows.by_ref().take(GROUP / 16).collect::<Result<_>>()?;
+        let mut out = writer.next_row_group().map_err(failed)?;
+        for (i, (_, kind)) in header.iter().enumerate() {
+            let cells = || group.iter().map(|row| &row[i]);
+            match kind {
+                ColumnType::Number => optional::<DoubleType, _>(&mut out, cells().map(Value::as_f64)),
+                ColumnType::Truth => optional::<BoolType, _>(&mut out, cells().map(Value::as_bool)),
+                ColumnType::Text => optional::<ByteArrayType, _>(
+                    &mut out,
+                    cells().map(|cell| match cell {
+                        Value::Null => None,
+                        Value::String(text) => Some(ByteArray::from(text.as_str())),
+                        other => Some(ByteArray::from(other.to_string().as_str())),
+                    }),
+                ),
+            }
+            .map_err(failed)?;
+        }
+        out.close().map_err(failed)?;
+    }
+    let buffer = writer.into_inner().map_err(failed)?;
+    let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
+    Ok((file, path))
+}
+
+/// Writes the next column of a group, in which some values are missing.
+fn optional<T: DataType, W: Write + Send>(
+    group: &mut SerializedRowGroupWriter<'_, W>,
+    cells: impl Iterator<Item = Option<T::T>>,
+) -> parquet::errors::Result<()> {
+    let (mut values, mut levels) = (Vec::new(), Vec::new());
+    for cell in cells {
+        levels.push(i16::from(cell.is_some()));
+        values.extend(cell);
+    }
+    if let Some(mut column) = group.next_column()? {
+        column.typed::<T>().write_batch(&values, Some(&levels), None)?;
+        column.close()?;
+    }
+    Ok(())
 }

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::bend::Joint;
-use super::{Edge, Rod, node, stretch};
+use super::{Edge, Rod, stretch};
 use crate::linear::BlockRow;
 use crate::system::Direction;
 
@@ -46,36 +46,37 @@ pub fn assemble(
     matrix: Option<(&mut [BlockRow], Direction)>,
 ) {
     let axial = rod.ea / rod.spacing;
+    let (residual, a) = (residual.as_chunks_mut().0, a.as_chunks().0);
+    let (mut rows, direction) =
+        matrix.map_or((None, Direction { q: 0.0, v: 0.0, a: 0.0 }), |(rows, d)| (Some(rows), d));
+    // Of the edge before: its force; its T and the Q of the joints before and at the node, times the factor of positions.
     let mut before = Vector2::zeros();
-    for (k, mass) in rod.mass.iter().enumerate() {
-        let after = edges.get(k).map_or(Vector2::zeros(), |edge| {
-            force(edge, stretch::tension(edge, rod.ea, rod.spacing), &joints[k], &joints[k + 1])
-        });
-        let sum = node(a, k) * *mass + before - after;
-        residual[2 * k..2 * k + 2].copy_from_slice(sum.as_slice());
-        before = after;
-    }
-    let Some((rows, direction)) = matrix else { return };
-    // T of the edge before a node, and Q of the joints before and at it, all times the factor of the positions.
     let (mut t_before, mut q_before, mut q_here) = (Matrix2::zeros(), Matrix2::zeros(), Matrix2::zeros());
-    for (k, (row, mass)) in rows.iter_mut().zip(&rod.mass).enumerate() {
-        let t_after = edges.get(k).map_or(Matrix2::zeros(), |edge| {
+    for (k, mass) in rod.mass.iter().enumerate() {
+        let (mut after, mut t_after, mut q_after) = (Vector2::zeros(), Matrix2::zeros(), Matrix2::zeros());
+        if let (Some(edge), Some([start, end])) = (edges.get(k), joints.get(k..k + 2)) {
             let tension = stretch::tension(edge, rod.ea, rod.spacing);
-            stiffness(edge, axial, tension, &joints[k], &joints[k + 1]) * direction.q
-        });
-        let q_after = match edges.get(k..k + 2) {
-            Some([edge, next]) => coupling(edge, next, &joints[k + 1]) * direction.q,
-            _ => Matrix2::zeros(),
-        };
-        let inertia = Matrix2::from_diagonal_element(mass * direction.a);
-        *row = [
-            -q_before.transpose(),
-            q_before.transpose() - t_before + q_here.transpose(),
-            inertia + t_before + t_after - q_here - q_here.transpose(),
-            q_here - t_after + q_after,
-            -q_after,
-        ]
-        .map(|block| [block.m11, block.m12, block.m21, block.m22]);
-        (t_before, q_before, q_here) = (t_after, q_here, q_after);
+            after = force(edge, tension, start, end);
+            if rows.is_some() {
+                t_after = stiffness(edge, axial, tension, start, end) * direction.q;
+                if let Some(next) = edges.get(k + 1) {
+                    q_after = coupling(edge, next, end) * direction.q;
+                }
+            }
+        }
+        residual[k] = (Vector2::from(a[k]) * *mass + before - after).into();
+        before = after;
+        if let Some(rows) = &mut rows {
+            let inertia = Matrix2::from_diagonal_element(mass * direction.a);
+            rows[k] = [
+                -q_before.transpose(),
+                q_before.transpose() - t_before + q_here.transpose(),
+                inertia + t_before + t_after - q_here - q_here.transpose(),
+                q_here - t_after + q_after,
+                -q_after,
+            ]
+            .map(|block| [block.m11, block.m12, block.m21, block.m22]);
+            (t_before, q_before, q_here) = (t_after, q_here, q_after);
+        }
     }
 }

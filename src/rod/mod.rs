@@ -107,6 +107,7 @@ pub struct Rod {
     pub joint: Vec<f64>,
     /// Mass of each node, kg.
     pub mass: Vec<f64>,
+    total_mass: f64,
 }
 
 /// What a rod is made from.
@@ -136,7 +137,18 @@ impl Rod {
             joint[0] = 2.0 * ei * stiffness.factor(0.0) / spacing;
         }
         let mass = lumping.masses(nodes, density * section.area() * spacing);
-        Self { nodes, length, spacing, section: *section, ea, ei, first_joint: usize::from(!held_head), joint, mass }
+        Self {
+            nodes,
+            length,
+            spacing,
+            section: *section,
+            ea,
+            ei,
+            first_joint: usize::from(!held_head),
+            joint,
+            total_mass: mass.iter().sum(),
+            mass,
+        }
     }
 
     /// The nodes that carry a joint.
@@ -151,12 +163,12 @@ impl Rod {
 
     /// Total mass, kg.
     pub fn total_mass(&self) -> f64 {
-        self.mass.iter().sum()
+        self.total_mass
     }
 
     /// Mass-weighted mean of a flat array of two entries a node.
     pub fn mean(&self, values: &[f64]) -> Vector2<f64> {
         let sum: Vector2<f64> = self.mass.iter().enumerate().map(|(k, m)| node(values, k) * *m).sum();
-        sum / self.total_mass()
+        sum / self.total_mass
     }
 }

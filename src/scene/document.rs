@@ -3,14 +3,15 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
-use uuid::Uuid;
+use twox_hash::XxHash3_128;
 
 use super::Scene;
 use super::value::refused;
 use crate::error::{Error, Result, nearest};
+use crate::integrator::METHODS;
 
 /// A larger file is no scene.
 const LARGEST: u64 = 16 << 20;
@@ -34,6 +35,8 @@ pub struct Document {
     text: String,
     overrides: Vec<String>,
     packed: bool,
+    /// Who made each override, as errors name it.
+    makers: Vec<String>,
 }
 
 /// The files of a packed scene.
@@ -57,7 +60,7 @@ impl Document {
 
     /// A scene from text; `path` is shown in errors, and tables are looked for beside it.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        Self { path: path.into(), text: text.into(), overrides: Vec::new(), packed: false }
+        Self { path: path.into(), text: text.into(), overrides: Vec::new(), packed: false, makers: Vec::new() }
     }
 
     /// Reads a scene that was packed into a folder by [`packed`](Self::packed).
@@ -69,7 +72,9 @@ impl Document {
         document.packed = true;
         let overrides = folder.join(PACKED[1]);
         if overrides.exists() {
-            document.overrides = Self::read(&overrides)?.text.lines().map(str::to_string).collect();
+            for assignment in Self::read(&overrides)?.text.lines() {
+                document.set(assignment)?;
+            }
         }
         Ok(document)
     }
@@ -102,7 +107,8 @@ impl Document {
         &self.overrides
     }
 
-    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string.
+    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string. What the key takes the place
+    /// of goes: a tolerance that of a time step, a method that of another method's parameters.
     ///
     /// # Errors
     /// [`Error::Scene`] where it has not that form.
@@ -118,8 +124,32 @@ impl Document {
         let quoted = || format!("{key}={}", toml::Value::String(value.to_string()));
         let text = if DeTable::parse(&as_is).is_ok() { as_is } else { quoted() };
         DeTable::parse(&text).map_err(|e| refuse(e.message()))?;
+        self.makers.push(format!("--set {text}"));
         self.overrides.push(text);
         Ok(())
+    }
+
+    /// Overrides a dotted key by `value`; errors name `maker` as the place.
+    pub fn put(&mut self, maker: &str, key: &str, value: &toml::Value) {
+        self.makers.push(maker.to_string());
+        self.overrides.push(format!("{key}={value}"));
+    }
+
+    /// Text and overrides as another kind of file than a scene, or as mere tables.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] with file, line and key.
+    pub fn read_as<T: DeserializeOwned>(&self) -> Result<T> {
+        self.with_root(|root| self.deserialized(root))
+    }
+
+    /// Where `keys` stand in the text, one number each, rising from its beginning to its end.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] where it is not TOML.
+    pub fn positions(&self, keys: &[String]) -> Result<Vec<usize>> {
+        let position = |root: &DeTable<'_>, key: &String| span_of(root, key).map_or(0, |span| span.start);
+        self.with_root(|root| Ok(keys.iter().map(|key| position(root.get_ref(), key)).collect()))
     }
 
     /// The scene, checked.
@@ -134,6 +164,14 @@ impl Document {
     pub fn refuse(&self, fault: &Fault) -> Error {
         let at = |root: &Spanned<DeTable<'_>>| Ok(self.error(root, span_of(root.get_ref(), &fault.key), fault));
         self.with_root(at).unwrap_or_else(|error| error)
+    }
+
+    /// The place of a key as errors name it.
+    pub fn place_of(&self, key: &str) -> String {
+        match self.refuse(&Fault { key: key.to_string(), problem: String::new() }) {
+            Error::Scene { place, .. } => place,
+            _ => self.path.display().to_string(),
+        }
     }
 
     /// Parses text and overrides.
@@ -158,13 +196,7 @@ impl Document {
 
     fn scene_of(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
-        let mut scene = Scene::deserialize(toml::Deserializer::from(root.clone())).map_err(|e| {
-            let span = e.span().filter(|span| *span != root.span());
-            let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
-            let found = span.as_ref().and_then(|span| self.source(span));
-            let (key, problem) = reworded(key, e.message(), found);
-            self.error(root, span, &Fault { key, problem })
-        })?;
+        let mut scene: Scene = self.deserialized(root)?;
         if scene.name.is_empty() {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
@@ -176,16 +208,26 @@ impl Document {
     }
 
     /// Names the text, the overrides, the tables as far as they can be read, and the version.
-    fn fingerprint(&self, scene: &Scene) -> Uuid {
-        let add = |name: Uuid, bytes: &[u8]| Uuid::new_v5(&name, bytes);
-        let mut name = add(Uuid::NAMESPACE_OID, env!("CARGO_PKG_VERSION").as_bytes());
-        for text in std::iter::once(&self.text).chain(&self.overrides) {
-            name = add(name, text.as_bytes());
+    fn fingerprint(&self, scene: &Scene) -> u128 {
+        let tables = scene.files().into_iter().map(|table| std::fs::read(table).unwrap_or_default());
+        let texts =
+            [env!("CARGO_PKG_VERSION"), &self.text].into_iter().chain(self.overrides.iter().map(String::as_str));
+        let mut hasher = XxHash3_128::new();
+        for part in texts.map(|text| text.as_bytes().to_vec()).chain(tables) {
+            hasher.write(&(part.len() as u64).to_le_bytes());
+            hasher.write(&part);
         }
-        for table in scene.tables() {
-            name = add(name, &std::fs::read(scene.table_path(table)).unwrap_or_default());
-        }
-        name
+        hasher.finish_128()
+    }
+
+    fn deserialized<T: DeserializeOwned>(&self, root: &Spanned<DeTable<'_>>) -> Result<T> {
+        T::deserialize(toml::Deserializer::from(root.clone())).map_err(|e| {
+            let span = e.span().filter(|span| *span != root.span());
+            let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
+            let found = span.as_ref().and_then(|span| self.source(span));
+            let (key, problem) = reworded(key, e.message(), found);
+            self.error(root, span, &Fault { key, problem })
+        })
     }
 
     fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &Fault) -> Error {
@@ -214,9 +256,9 @@ impl Document {
     fn place(&self, span: Option<Range<usize>>) -> String {
         let start = span.map_or(0, |span| span.start);
         if start > self.text.len() {
-            let mut overrides = self.overrides.iter().zip(self.starts());
-            if let Some((text, _)) = overrides.find(|(text, at)| (*at..=at + text.len()).contains(&start)) {
-                return format!("--set {text}");
+            let mut overrides = self.overrides.iter().zip(self.starts()).zip(&self.makers);
+            if let Some((_, maker)) = overrides.find(|((text, at), _)| (*at..=at + text.len()).contains(&start)) {
+                return maker.clone();
             }
         }
         let before = &self.text.as_bytes()[..start.min(self.text.len())];
@@ -224,8 +266,22 @@ impl Document {
     }
 }
 
+/// Keys of which a table has one at most.
+const ALTERNATIVES: [[&str; 2]; 3] =
+    [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
+
+/// The keys that make no sense any more where `key` is overridden.
+fn outdated(key: &str) -> impl Iterator<Item = &'static str> {
+    let alternatives = ALTERNATIVES.iter().filter(move |pair| pair.contains(&key)).flatten().copied();
+    let parameters = METHODS.iter().filter(move |_| key == "integrator").flat_map(|method| method.parameters);
+    alternatives.filter(move |other| *other != key).chain(parameters.map(|parameter| parameter.name))
+}
+
 /// Puts `over` on top of `base`, table by table.
 fn merge<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
+    for other in over.keys().flat_map(|key| outdated(key.get_ref())) {
+        base.remove(other);
+    }
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
             (Some(DeValue::Table(base)), (DeValue::Table(over), _)) => merge(base, over),

@@ -10,7 +10,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
 use serde::Deserialize;
-use uuid::Uuid;
+use twox_hash::XxHash3_128;
 
 pub use document::{Document, Fault};
 use value::{Finite, Gradient, NotNegative, Positive, ScalarSignal, Tolerance, VectorSignal, Wanted, Whole};
@@ -68,7 +68,7 @@ pub struct Scene {
     pub packed: bool,
     /// Names what this scene says, with its overrides and tables, and the version of the program that reads it.
     #[serde(skip)]
-    pub fingerprint: Uuid,
+    pub fingerprint: u128,
 }
 
 /// `[rod]`.
@@ -636,9 +636,7 @@ impl Scene {
     fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             Wanted::Formula(signal) => signal.clone(),
-            Wanted::Table(file) => {
-                table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?
-            }
+            Wanted::Table(file) => table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?,
         })
     }
 
@@ -665,11 +663,16 @@ impl Scene {
         }
     }
 
+    /// The files beside it that it reads.
+    pub fn files(&self) -> Vec<PathBuf> {
+        self.tables().into_iter().map(|table| self.table_path(table)).collect()
+    }
+
     /// The same scene on another number of nodes.
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
         scene.rod.nodes = Whole::nearest(nodes);
-        scene.fingerprint = Uuid::new_v5(&self.fingerprint, &nodes.to_le_bytes());
+        scene.fingerprint = XxHash3_128::oneshot_with_seed(nodes, &self.fingerprint.to_le_bytes());
         scene
     }
 

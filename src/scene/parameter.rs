@@ -107,7 +107,12 @@ impl Scene {
         }
         if let Some(medium) = &self.medium {
             list.add("medium.viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", medium.viscosity_pa_s);
-            list.add("medium.density_kg_m3", "kg/m^3", "density of the medium; it enters no force", medium.density_kg_m3);
+            list.add(
+                "medium.density_kg_m3",
+                "kg/m^3",
+                "density of the medium; it enters no force",
+                medium.density_kg_m3,
+            );
             let descriptions = ["background velocity of the medium, x", "background velocity of the medium, y"];
             list.pair("medium.flow_m_s", "m/s", descriptions, medium.flow_m_s);
         }
@@ -128,7 +133,12 @@ impl Scene {
             list.add("solver.tolerance", "1", "largest estimated error of an internal step", tolerance);
         }
         let tolerance = self.solver.newton_tolerance;
-        list.add("solver.newton_tolerance", "1", "largest last increment of Newton's method over the length", tolerance);
+        list.add(
+            "solver.newton_tolerance",
+            "1",
+            "largest last increment of Newton's method over the length",
+            tolerance,
+        );
         if let Ok((method, values)) = self.method() {
             for (parameter, value) in method.parameters.iter().zip(values) {
                 list.0.push(Parameter {

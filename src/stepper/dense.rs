@@ -35,7 +35,7 @@ impl Stepper {
         let dense = self.dense.get_or_insert_with(|| Dense { state: self.state.clone(), meter: self.meter.clone() });
         interpolate(from, &self.state, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
-        let reading = dense.meter.now.take(&mut self.dynamics, &dense.state, &mut self.scratch);
+        let reading = dense.meter.now.take(&mut self.dynamics, &dense.state);
         let outcome = reading.map(|()| {
             dense.meter.totals = totals.until(&self.meter.totals, [&self.reading, &self.meter.now], &dense.meter.now);
             look(&View {

@@ -199,7 +199,11 @@ impl Stepper {
         tangent.natural_rate.copy_from_slice(&self.dynamics.natural_rate);
         self.dynamics.look_at(t - half);
         let sooner = accelerations(&self.dynamics);
-        tangent.natural_rate.iter_mut().zip(&self.dynamics.natural_rate).for_each(|(r, s)| *r = (*r - s) / (2.0 * half));
+        tangent
+            .natural_rate
+            .iter_mut()
+            .zip(&self.dynamics.natural_rate)
+            .for_each(|(r, s)| *r = (*r - s) / (2.0 * half));
         self.dynamics.move_to(t, &mut self.state);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
         if let (Some(later), Some(sooner), Some([.., angle])) = (later, sooner, self.dynamics.held) {

@@ -2,7 +2,7 @@
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
-use uuid::Uuid;
+use twox_hash::XxHash3_128;
 
 use super::{Clock, Stepper};
 use crate::error::{Error, Result};
@@ -33,14 +33,14 @@ pub struct Snapshot {
 struct Label {
     magic: [u8; 8],
     version: String,
-    scene: Uuid,
+    scene: u128,
     /// Of the bytes that follow.
-    checksum: Uuid,
+    checksum: u128,
 }
 
 impl Label {
-    fn of(scene: Uuid, bytes: &[u8]) -> Self {
-        let checksum = Uuid::new_v5(&Uuid::NAMESPACE_OID, bytes);
+    fn of(scene: u128, bytes: &[u8]) -> Self {
+        let checksum = XxHash3_128::oneshot(bytes);
         Self { magic: MAGIC, version: env!("CARGO_PKG_VERSION").to_string(), scene, checksum }
     }
 }
@@ -94,7 +94,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`seal`].
-    pub fn to_bytes(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
+    pub fn serialize(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
         seal(self.scene, snapshot)
     }
 
@@ -102,7 +102,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`open`].
-    pub fn from_bytes(&self, bytes: &[u8]) -> Result<Snapshot> {
+    pub fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot> {
         let snapshot = open(self.scene, bytes)?;
         if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes are not this scene's") }
     }
@@ -129,7 +129,7 @@ impl Stepper {
 ///
 /// # Errors
 /// [`Error::Snapshot`].
-pub fn seal(scene: Uuid, content: &impl Serialize) -> Result<Vec<u8>> {
+pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
     let failed = |error: postcard::Error| Error::Snapshot(error.to_string());
     let content = postcard::to_stdvec(content).map_err(failed)?;
     let mut bytes = postcard::to_stdvec(&Label::of(scene, &content)).map_err(failed)?;
@@ -141,7 +141,7 @@ pub fn seal(scene: Uuid, content: &impl Serialize) -> Result<Vec<u8>> {
 ///
 /// # Errors
 /// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
-pub fn open<T: DeserializeOwned>(scene: Uuid, bytes: &[u8]) -> Result<T> {
+pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
     let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
     let Some((label, content)) = label else { return refuse("these bytes are no state of caudal, or are damaged") };
     let here = Label::of(scene, content);

@@ -7,7 +7,7 @@
 )]
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use caudal::integrator::Method;
@@ -80,6 +80,16 @@ time_step_s = 2e-3
 duration_s = 1.0
 "#;
 
+/// The scenes of a folder of this project: its TOML files but those that name a scene, which are sweeps and the like.
+pub fn scene_files(folder: &str) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(folder)).unwrap();
+    let mut files: Vec<_> = entries.map(|entry| entry.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    files.retain(|path| !std::fs::read_to_string(path).unwrap().lines().any(|line| line.starts_with("scene =")));
+    files.sort();
+    files
+}
+
 /// The scene of `text` with `overrides`.
 pub fn scene_of(text: &str, overrides: &[&str]) -> Scene {
     document_of("test.toml", text, overrides).scene().unwrap_or_else(|error| panic!("{error}"))
@@ -119,6 +129,11 @@ pub fn scene_by(method: &Method, time_step: f64, changes: &[&str]) -> Scene {
     scene(&[changes, &[&method, &step]].concat())
 }
 
+/// The scene files of `models/` and `tests/reference/`.
+pub fn all_scene_files() -> Vec<PathBuf> {
+    ["models", "tests/reference"].into_iter().flat_map(scene_files).collect()
+}
+
 /// Runs `scene` to its end.
 pub fn run(scene: &Scene) -> Stepper {
     run_with(scene, |_| {})
@@ -128,8 +143,11 @@ pub fn run(scene: &Scene) -> Stepper {
 pub fn run_with(scene: &Scene, mut look: impl FnMut(&mut Stepper)) -> Stepper {
     let mut stepper = Stepper::of(scene).unwrap();
     for span in scene.spans() {
+        let mut steps = stepper.meter().totals.steps;
         let whole = stepper.do_step_with(span, |stepper| {
-            look(stepper);
+            if stepper.meter().totals.steps > std::mem::replace(&mut steps, stepper.meter().totals.steps) {
+                look(stepper);
+            }
             ControlFlow::Continue(())
         });
         assert!(whole.unwrap());

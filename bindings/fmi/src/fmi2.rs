@@ -20,11 +20,17 @@ const READABLE: [Mode; 5] = [Mode::Initialization, Mode::Step, Mode::StepFailed,
 /// Modes in which values can be set.
 const SETTABLE: [Mode; 3] = [Mode::Instantiated, Mode::Initialization, Mode::Step];
 /// Modes in which states are saved and restored.
-const STATEFUL: [Mode; 7] =
-    [Mode::Instantiated, Mode::Configuration, Mode::Initialization, Mode::Step, Mode::StepFailed, Mode::Terminated, Mode::Error];
+const STATEFUL: [Mode; 7] = [
+    Mode::Instantiated,
+    Mode::Configuration,
+    Mode::Initialization,
+    Mode::Step,
+    Mode::StepFailed,
+    Mode::Terminated,
+    Mode::Error,
+];
 
-type LoggerFunction =
-    unsafe extern "C" fn(*mut c_void, *const c_char, Status, *const c_char, *const c_char, ...);
+type LoggerFunction = unsafe extern "C" fn(*mut c_void, *const c_char, Status, *const c_char, *const c_char, ...);
 
 #[repr(C)]
 pub struct Callbacks {
@@ -142,7 +148,8 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
     unsafe {
         call(c, |instance| {
             instance.only_in(&[Mode::Instantiated])?;
-            instance.set_experiment(Experiment { start: start_time, stop: (stop_time_defined != 0).then_some(stop_time) })
+            instance
+                .set_experiment(Experiment { start: start_time, stop: (stop_time_defined != 0).then_some(stop_time) })
         })
     }
 }
@@ -334,7 +341,7 @@ pub unsafe fn forget(place: *mut *mut c_void) -> Outcome {
 /// `place` is null or a state of ours; `bytes` is null or holds `size` bytes.
 pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u8, size: usize) -> Outcome {
     // SAFETY: the caller's promise.
-    let content = instance.to_bytes(unsafe { state(place) }?)?;
+    let content = instance.serialize(unsafe { state(place) }?)?;
     if size < content.len() {
         return refuse(format!("{size} bytes are too few for a state of {}", content.len()));
     }
@@ -353,7 +360,7 @@ pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, pl
     }
     // SAFETY: the caller's promise.
     unsafe {
-        let state = instance.from_bytes(values(bytes, size)?)?;
+        let state = instance.deserialize(values(bytes, size)?)?;
         keep(state, place);
     }
     Ok(())
@@ -368,9 +375,7 @@ pub unsafe extern "C" fn fmi2GetFMUstate(c: Component, place: *mut *mut c_void) 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetFMUstate(c: Component, place: *mut c_void) -> Status {
     // SAFETY: the host's promises.
-    unsafe {
-        call(c, |instance| restore(instance, place))
-    }
+    unsafe { call(c, |instance| restore(instance, place)) }
 }
 
 #[unsafe(no_mangle)]
@@ -382,11 +387,16 @@ pub unsafe extern "C" fn fmi2FreeFMUstate(c: Component, place: *mut *mut c_void)
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SerializedFMUstateSize(c: Component, place: *mut c_void, size: *mut usize) -> Status {
     // SAFETY: the host's promises.
-    unsafe { call(c, |instance| put(size, instance.to_bytes(state(place)?)?.len())) }
+    unsafe { call(c, |instance| put(size, instance.serialize(state(place)?)?.len())) }
 }
 
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn fmi2SerializeFMUstate(c: Component, place: *mut c_void, bytes: *mut u8, size: usize) -> Status {
+pub unsafe extern "C" fn fmi2SerializeFMUstate(
+    c: Component,
+    place: *mut c_void,
+    bytes: *mut u8,
+    size: usize,
+) -> Status {
     // SAFETY: the host's promises.
     unsafe { call(c, |instance| serialize(instance, place, bytes, size)) }
 }

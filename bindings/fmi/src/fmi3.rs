@@ -459,8 +459,7 @@ fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target
     Ok(targets)
 }
 
-type Derivative =
-    fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> Outcome;
+type Derivative = fn(&mut Instance, &[(Target, usize)], &[(Target, usize)], &[f64], &mut [f64]) -> Outcome;
 
 /// # Safety
 /// The host's promises.
@@ -571,7 +570,7 @@ pub unsafe extern "C" fn fmi3FreeFMUState(instance: Handle, place: *mut *mut c_v
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3SerializedFMUStateSize(instance: Handle, place: *mut c_void, size: *mut usize) -> Status {
     // SAFETY: the host's promises.
-    unsafe { call(instance, |instance| put(size, instance.to_bytes(state(place)?)?.len())) }
+    unsafe { call(instance, |instance| put(size, instance.serialize(state(place)?)?.len())) }
 }
 
 #[unsafe(no_mangle)]

@@ -7,13 +7,13 @@ use std::ptr::NonNull;
 
 use caudal::error::{Error, Result};
 use caudal::fmu::{Catalogue, LOG_CATEGORIES, Target, token};
+use caudal::model::Model;
 use caudal::model::course::HIGHEST_ORDER;
 use caudal::scene::{Document, NODES, Scene, parameter};
-use caudal::model::Model;
 use caudal::stepper::snapshot::{self, Snapshot};
 use caudal::stepper::{Change, Stepper};
-use serde::{Deserialize, Serialize};
 use caudal::variable::{Causality, Size, VARIABLES, Variable};
+use serde::{Deserialize, Serialize};
 
 /// How a call ended; the numbers are those of both versions of the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,7 +131,7 @@ struct Inputs {
 /// The stepper: ours, or lent by the step in which the host looks.
 #[derive(Default)]
 struct Held {
-    own: Option<Stepper>,
+    own: Option<Box<Stepper>>,
     lent: Option<NonNull<Stepper>>,
 }
 
@@ -140,7 +140,7 @@ impl Held {
         match self.lent {
             // SAFETY: set by `Instance::do_step` around the host's callback only, from a reference that lives longer.
             Some(lent) => Some(unsafe { lent.as_ref() }),
-            None => self.own.as_ref(),
+            None => self.own.as_deref(),
         }
     }
 
@@ -148,7 +148,7 @@ impl Held {
         match self.lent {
             // SAFETY: as above, and that reference is not used while the host looks.
             Some(mut lent) => Some(unsafe { lent.as_mut() }),
-            None => self.own.as_mut(),
+            None => self.own.as_deref_mut(),
         }
     }
 }
@@ -211,8 +211,11 @@ impl Instance {
             settings: original.clone(),
             original,
             lengths: Vec::new(),
-            nodes_place: VARIABLES.iter().position(|variable| variable.name == caudal::fmu::NODES).unwrap_or(usize::MAX),
-            stepper: Held { own: Some(stepper), lent: None },
+            nodes_place: VARIABLES
+                .iter()
+                .position(|variable| variable.name == caudal::fmu::NODES)
+                .unwrap_or(usize::MAX),
+            stepper: Held { own: Some(Box::new(stepper)), lent: None },
             stale: false,
             log,
             logged: Vec::new(),
@@ -264,8 +267,9 @@ impl Instance {
     }
 
     /// Refuses a call in any but these modes.
+    #[inline]
     pub fn only_in(&self, modes: &[Mode]) -> Outcome {
-        if modes.contains(&self.mode) { Ok(()) } else { refuse(format!("not allowed in mode {:?}", self.mode)) }
+        if modes.contains(&self.mode) { Ok(()) } else { wrong_mode(self.mode) }
     }
 
     /// The mode in which inputs and parameters are set and all is read.
@@ -375,7 +379,7 @@ impl Instance {
                 *waiting = std::array::from_fn(|order| !values[order].is_empty());
             }
             self.inputs.any = self.inputs.waiting.iter().flatten().any(|waiting| *waiting);
-            (self.stepper.own, self.stale) = (Some(stepper), false);
+            (self.stepper.own, self.stale) = (Some(Box::new(stepper)), false);
         }
         if self.inputs.any {
             self.hand_over()?;
@@ -510,7 +514,9 @@ impl Instance {
             return refuse(format!("{} is not an input: it cannot be set", variable.name));
         }
         let finite = values.iter().find(|value| !value.is_finite());
-        if let Some((value, allowed)) = finite.map(|x| (*x, "a finite number")).or_else(|| if order == 0 { variable.refused(values) } else { None }) {
+        if let Some((value, allowed)) =
+            finite.map(|x| (*x, "a finite number")).or_else(|| if order == 0 { variable.refused(values) } else { None })
+        {
             return refuse(format!("{}: found {value}; allowed: {allowed}", variable.name));
         }
         if order == 0 && !self.inputs.waiting[place][0] {
@@ -586,7 +592,10 @@ impl Instance {
         instance.stepper.own = Some(stepper);
         if instance.logged.contains(&Status::Ok.category()) {
             let (from, to) = (start + from, start + time);
-            instance.say(Status::Ok, &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"));
+            instance.say(
+                Status::Ok,
+                &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"),
+            );
         }
         outcome.map(|whole| Reached { time: start + time, early: !whole })
     }
@@ -622,7 +631,7 @@ impl Instance {
         }
         // On to the time at which the host wants to end.
         let left = wish.map_or(0.0, |wish: f64| wish.min(goal) - stepper.time());
-        if whole || !(left > 1e-9 * h) {
+        if whole || left <= 1e-9 * h {
             return Ok(whole);
         }
         stepper.do_step(left).map_err(Refusal::discard)?;
@@ -737,7 +746,9 @@ impl Instance {
         let (model, form) = (stepper.model(), stepper.form());
         let inputs = || VARIABLES.iter().enumerate().filter(|(_, input)| input.is_input() && input.exists_in(model));
         let of = |node: usize| {
-            inputs().flat_map(move |(place, input)| variable.follows(node, input, model, form).map(move |k| (node, place, k)))
+            inputs().flat_map(move |(place, input)| {
+                variable.follows(node, input, model, form).map(move |k| (node, place, k))
+            })
         };
         Ok(variable.entries(model).flat_map(of).collect())
     }
@@ -759,7 +770,7 @@ impl Instance {
         } else {
             self.settings = state.settings.clone();
             match self.build() {
-                Ok(stepper) => self.stepper.own = Some(stepper),
+                Ok(stepper) => self.stepper.own = Some(Box::new(stepper)),
                 Err(error) => {
                     (self.settings, self.stepper.own, self.stale) = before;
                     return Err(error.into());
@@ -777,12 +788,12 @@ impl Instance {
     }
 
     /// A saved state as bytes, which any instance of this scene takes over.
-    pub fn to_bytes(&self, state: &SavedState) -> Outcome<Vec<u8>> {
+    pub fn serialize(&self, state: &SavedState) -> Outcome<Vec<u8>> {
         Ok(snapshot::seal(self.scene.fingerprint, state)?)
     }
 
     /// The saved state in `bytes`.
-    pub fn from_bytes(&self, bytes: &[u8]) -> Outcome<SavedState> {
+    pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
         let state: SavedState = snapshot::open(self.scene.fingerprint, bytes)?;
         let Inputs { values, waiting, .. } = &state.inputs;
         let nodes = state.settings.nodes as usize;
@@ -812,6 +823,12 @@ fn inputs_by_place<'a>(inputs: &'a Inputs, model: &Model) -> impl Iterator<Item 
     })
 }
 
+#[cold]
+fn wrong_mode(mode: Mode) -> Outcome {
+    refuse(format!("not allowed in mode {mode:?}"))
+}
+
+#[cold]
 fn unknown<T>(reference: u32) -> Outcome<T> {
     refuse(format!("there is no variable with value reference {reference}"))
 }

@@ -1,6 +1,6 @@
 //! The shared library inside an FMU: the functions of FMI 2.0 and FMI 3.0 for co-simulation over one stepper.
 //!
-//! Both versions are thin: they look at pointers, lengths and modes, and call the [`instance`]. Every exported function
+//! Both versions are thin: they look at pointers, lengths and modes, and call the instance. Every exported function
 //! answers a null pointer, a wrong call and even a panic by a status, and logs why.
 
 mod fmi2;

@@ -128,12 +128,16 @@ struct Alive {
 
 impl Alive {
     fn instance(&self, arguments: &mut Arguments) -> *mut c_void {
-        if self.instances.is_empty() || arguments.chance(50) { return null_mut() }
+        if self.instances.is_empty() || arguments.chance(50) {
+            return null_mut();
+        }
         self.instances[arguments.dice.below(self.instances.len())]
     }
 
     fn state(&self, arguments: &mut Arguments) -> *mut c_void {
-        if self.states.is_empty() || arguments.chance(10) { return null_mut() }
+        if self.states.is_empty() || arguments.chance(10) {
+            return null_mut();
+        }
         self.states[arguments.dice.below(self.states.len())]
     }
 }
@@ -208,22 +212,52 @@ fn any_calls_of_fmi_3_end_in_a_status() {
     let fmu = Unpacked::of(&document("driven-head", &["rod.nodes=9"]), Standard::Fmi3);
     let fmi = common::Fmi3::of(&fmu);
     let states = States {
-        save: fmi.save, restore: fmi.restore, forget: fmi.forget,
-        size: fmi.size, serialize: fmi.serialize, deserialize: fmi.deserialize,
+        save: fmi.save,
+        restore: fmi.restore,
+        forget: fmi.forget,
+        size: fmi.size,
+        serialize: fmi.serialize,
+        deserialize: fmi.deserialize,
     };
     let plain: Vec<Plain> = [
-        "fmi3ExitInitializationMode", "fmi3EnterEventMode", "fmi3Terminate", "fmi3Reset", "fmi3EnterConfigurationMode",
-        "fmi3ExitConfigurationMode", "fmi3EvaluateDiscreteStates", "fmi3EnterContinuousTimeMode", "fmi3EnterStepMode",
-    ].map(|name| fmu.function(name)).into();
-    let typed: Vec<Get3> = ["Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean", "String"]
-        .iter().flat_map(|kind| ["Get", "Set"].map(|verb| fmu.function(&format!("fmi3{verb}{kind}")))).collect();
-    let derivative: [unsafe extern "C" fn(*mut c_void, *const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize) -> c_int; 2] =
-        ["fmi3GetDirectionalDerivative", "fmi3GetAdjointDerivative"].map(|name| fmu.function(name));
-    let rates: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *mut f64, usize) -> c_int = fmu.function("fmi3GetOutputDerivatives");
-    let dependencies: unsafe extern "C" fn(*mut c_void, u32, *mut usize) -> c_int = fmu.function("fmi3GetNumberOfVariableDependencies");
-    let which: unsafe extern "C" fn(*mut c_void, u32, *mut usize, *mut u32, *mut usize, *mut c_int, usize) -> c_int = fmu.function("fmi3GetVariableDependencies");
-    let logging: unsafe extern "C" fn(*mut c_void, u8, usize, *const *const c_char) -> c_int = fmu.function("fmi3SetDebugLogging");
-    let intervals: unsafe extern "C" fn(*mut c_void, *const u32, usize, *mut f64, *mut c_int) -> c_int = fmu.function("fmi3GetIntervalDecimal");
+        "fmi3ExitInitializationMode",
+        "fmi3EnterEventMode",
+        "fmi3Terminate",
+        "fmi3Reset",
+        "fmi3EnterConfigurationMode",
+        "fmi3ExitConfigurationMode",
+        "fmi3EvaluateDiscreteStates",
+        "fmi3EnterContinuousTimeMode",
+        "fmi3EnterStepMode",
+    ]
+    .map(|name| fmu.function(name))
+    .into();
+    let typed: Vec<Get3> =
+        ["Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean", "String"]
+            .iter()
+            .flat_map(|kind| ["Get", "Set"].map(|verb| fmu.function(&format!("fmi3{verb}{kind}"))))
+            .collect();
+    let derivative: [unsafe extern "C" fn(
+        *mut c_void,
+        *const u32,
+        usize,
+        *const u32,
+        usize,
+        *const f64,
+        usize,
+        *mut f64,
+        usize,
+    ) -> c_int; 2] = ["fmi3GetDirectionalDerivative", "fmi3GetAdjointDerivative"].map(|name| fmu.function(name));
+    let rates: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *mut f64, usize) -> c_int =
+        fmu.function("fmi3GetOutputDerivatives");
+    let dependencies: unsafe extern "C" fn(*mut c_void, u32, *mut usize) -> c_int =
+        fmu.function("fmi3GetNumberOfVariableDependencies");
+    let which: unsafe extern "C" fn(*mut c_void, u32, *mut usize, *mut u32, *mut usize, *mut c_int, usize) -> c_int =
+        fmu.function("fmi3GetVariableDependencies");
+    let logging: unsafe extern "C" fn(*mut c_void, u8, usize, *const *const c_char) -> c_int =
+        fmu.function("fmi3SetDebugLogging");
+    let intervals: unsafe extern "C" fn(*mut c_void, *const u32, usize, *mut f64, *mut c_int) -> c_int =
+        fmu.function("fmi3GetIntervalDecimal");
     let mut a = Arguments::new(Standard::Fmi3);
     let mut alive = Alive { instances: Vec::new(), states: Vec::new() };
     let (mut statuses, mut steps) = ([0; 5], 0);
@@ -235,8 +269,20 @@ fn any_calls_of_fmi_3_end_in_a_status() {
                 0 if alive.instances.len() < 4 => {
                     let token = if a.chance(4) { null() } else { fmu.token.as_ptr() };
                     let path = std::ffi::CString::new(fmu.resources.display().to_string()).unwrap();
-                    let new = (fmi.instantiate)(c"fuzz".as_ptr(), token, path.as_ptr(), 0, 0, 0, 1, null(), 0, null_mut(),
-                        if a.chance(2) { Some(log3) } else { None }, None);
+                    let new = (fmi.instantiate)(
+                        c"fuzz".as_ptr(),
+                        token,
+                        path.as_ptr(),
+                        0,
+                        0,
+                        0,
+                        1,
+                        null(),
+                        0,
+                        null_mut(),
+                        if a.chance(2) { Some(log3) } else { None },
+                        None,
+                    );
                     alive.instances.extend((!new.is_null()).then_some(new));
                     continue;
                 }
@@ -279,7 +325,10 @@ fn any_calls_of_fmi_3_end_in_a_status() {
     }
     println!("statuses {statuses:?}, {steps} steps");
     // Both good and refused calls have been tried, and nothing broke.
-    assert!(steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0, "{statuses:?} {steps}");
+    assert!(
+        steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0,
+        "{statuses:?} {steps}"
+    );
 }
 
 #[repr(C)]
@@ -295,23 +344,61 @@ struct Callbacks {
 fn any_calls_of_fmi_2_end_in_a_status() {
     let fmu = Unpacked::of(&document("driven-head", &["rod.nodes=9"]), Standard::Fmi2);
     let states = States {
-        save: fmu.function("fmi2GetFMUstate"), restore: fmu.function("fmi2SetFMUstate"), forget: fmu.function("fmi2FreeFMUstate"),
-        size: fmu.function("fmi2SerializedFMUstateSize"), serialize: fmu.function("fmi2SerializeFMUstate"), deserialize: fmu.function("fmi2DeSerializeFMUstate"),
+        save: fmu.function("fmi2GetFMUstate"),
+        restore: fmu.function("fmi2SetFMUstate"),
+        forget: fmu.function("fmi2FreeFMUstate"),
+        size: fmu.function("fmi2SerializedFMUstateSize"),
+        serialize: fmu.function("fmi2SerializeFMUstate"),
+        deserialize: fmu.function("fmi2DeSerializeFMUstate"),
     };
-    let instantiate: unsafe extern "C" fn(*const c_char, c_int, *const c_char, *const c_char, *const Callbacks, c_int, c_int) -> *mut c_void = fmu.function("fmi2Instantiate");
+    let instantiate: unsafe extern "C" fn(
+        *const c_char,
+        c_int,
+        *const c_char,
+        *const c_char,
+        *const Callbacks,
+        c_int,
+        c_int,
+    ) -> *mut c_void = fmu.function("fmi2Instantiate");
     let free: unsafe extern "C" fn(*mut c_void) = fmu.function("fmi2FreeInstance");
-    let setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int = fmu.function("fmi2SetupExperiment");
-    let plain: Vec<Plain> = ["fmi2EnterInitializationMode", "fmi2ExitInitializationMode", "fmi2Terminate", "fmi2Reset", "fmi2CancelStep",
-        "fmi2EnterEventMode", "fmi2EnterContinuousTimeMode"].map(|name| fmu.function(name)).into();
-    let typed: Vec<Get> = ["fmi2GetInteger", "fmi2GetBoolean", "fmi2GetString", "fmi2SetInteger", "fmi2SetBoolean", "fmi2SetString"].map(|name| fmu.function(name)).into();
+    let setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int =
+        fmu.function("fmi2SetupExperiment");
+    let plain: Vec<Plain> = [
+        "fmi2EnterInitializationMode",
+        "fmi2ExitInitializationMode",
+        "fmi2Terminate",
+        "fmi2Reset",
+        "fmi2CancelStep",
+        "fmi2EnterEventMode",
+        "fmi2EnterContinuousTimeMode",
+    ]
+    .map(|name| fmu.function(name))
+    .into();
+    let typed: Vec<Get> =
+        ["fmi2GetInteger", "fmi2GetBoolean", "fmi2GetString", "fmi2SetInteger", "fmi2SetBoolean", "fmi2SetString"]
+            .map(|name| fmu.function(name))
+            .into();
     let get: unsafe extern "C" fn(*mut c_void, *const u32, usize, *mut f64) -> c_int = fmu.function("fmi2GetReal");
     let set: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const f64) -> c_int = fmu.function("fmi2SetReal");
     let step: unsafe extern "C" fn(*mut c_void, f64, f64, c_int) -> c_int = fmu.function("fmi2DoStep");
-    let derivatives: [unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *mut f64) -> c_int; 2] = ["fmi2SetRealInputDerivatives", "fmi2GetRealOutputDerivatives"].map(|name| fmu.function(name));
-    let directional: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const u32, usize, *const f64, *mut f64) -> c_int = fmu.function("fmi2GetDirectionalDerivative");
-    let status_of: Vec<unsafe extern "C" fn(*mut c_void, c_int, *mut c_void) -> c_int> = ["fmi2GetStatus", "fmi2GetRealStatus", "fmi2GetIntegerStatus", "fmi2GetBooleanStatus", "fmi2GetStringStatus"].map(|name| fmu.function(name)).into();
+    let derivatives: [unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *mut f64) -> c_int; 2] =
+        ["fmi2SetRealInputDerivatives", "fmi2GetRealOutputDerivatives"].map(|name| fmu.function(name));
+    let directional: unsafe extern "C" fn(
+        *mut c_void,
+        *const u32,
+        usize,
+        *const u32,
+        usize,
+        *const f64,
+        *mut f64,
+    ) -> c_int = fmu.function("fmi2GetDirectionalDerivative");
+    let status_of: Vec<unsafe extern "C" fn(*mut c_void, c_int, *mut c_void) -> c_int> =
+        ["fmi2GetStatus", "fmi2GetRealStatus", "fmi2GetIntegerStatus", "fmi2GetBooleanStatus", "fmi2GetStringStatus"]
+            .map(|name| fmu.function(name))
+            .into();
     let location = std::ffi::CString::new(format!("file://{}", fmu.resources.display())).unwrap();
-    let callbacks = Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
+    let callbacks =
+        Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
     let mut a = Arguments::new(Standard::Fmi2);
     let mut alive = Alive { instances: Vec::new(), states: Vec::new() };
     let (mut statuses, mut steps) = ([0; 5], 0);
@@ -335,7 +422,14 @@ fn any_calls_of_fmi_2_end_in_a_status() {
                     continue;
                 }
                 2 => plain[a.dice.below(plain.len())](instance),
-                3 => setup(instance, 0, 0.0, if a.chance(4) { a.number() } else { 0.0 }, c_int::from(a.chance(8)), a.number()),
+                3 => setup(
+                    instance,
+                    0,
+                    0.0,
+                    if a.chance(4) { a.number() } else { 0.0 },
+                    c_int::from(a.chance(8)),
+                    a.number(),
+                ),
                 4 => plain[0](instance),
                 5 => plain[1](instance),
                 6..=9 => get(instance, a.references(), n, a.reals()),
@@ -358,5 +452,8 @@ fn any_calls_of_fmi_2_end_in_a_status() {
         count(&mut statuses, status);
     }
     println!("statuses {statuses:?}, {steps} steps");
-    assert!(steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0, "{statuses:?} {steps}");
+    assert!(
+        steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0,
+        "{statuses:?} {steps}"
+    );
 }

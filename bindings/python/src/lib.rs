@@ -8,6 +8,7 @@ mod error;
 mod run;
 mod scene;
 mod stepper;
+mod sweep;
 mod values;
 
 use pyo3::prelude::*;
@@ -20,5 +21,6 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stepper::Snapshot>()?;
     module.add_class::<stepper::Stepper>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
-    module.add_function(wrap_pyfunction!(run::run, module)?)
+    module.add_function(wrap_pyfunction!(run::run, module)?)?;
+    module.add_function(wrap_pyfunction!(sweep::sweep, module)?)
 }

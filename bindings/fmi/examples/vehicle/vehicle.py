@@ -108,10 +108,10 @@ class Tail:
 class Vehicle:
     """A rigid body in the plane with linear drag, its stern the joint of the tail; stepped by RK4."""
 
-    MASS, INERTIA = 0.05, 2e-4  # kg, kg m^2
+    MASS, INERTIA = 0.15, 1.5e-3  # kg, kg m^2
     STERN = 0.05  # from the centre of mass to the joint, m
-    DRAG = np.array([0.05, 0.2])  # along and across, N s/m
-    SPIN_DRAG = 1e-3  # N m s
+    DRAG = np.array([0.1, 0.4])  # along and across, N s/m
+    SPIN_DRAG = 5e-3  # N m s
 
     def __init__(self) -> None:
         # Position and angle, their rates, and what they add up: impulse of drag (x, y, about the origin) and its work.

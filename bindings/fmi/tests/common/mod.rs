@@ -92,8 +92,18 @@ pub type Update = unsafe extern "C" fn(*mut c_void, f64, u8, u8, u8, u8, *mut u8
 /// FMI 3.0 by its functions.
 pub struct Fmi3 {
     pub instantiate: unsafe extern "C" fn(
-        *const c_char, *const c_char, *const c_char, u8, u8, u8, u8, *const u32, usize, *mut c_void,
-        Option<unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char)>, Option<Update>,
+        *const c_char,
+        *const c_char,
+        *const c_char,
+        u8,
+        u8,
+        u8,
+        u8,
+        *const u32,
+        usize,
+        *mut c_void,
+        Option<unsafe extern "C" fn(*mut c_void, c_int, *const c_char, *const c_char)>,
+        Option<Update>,
     ) -> *mut c_void,
     pub free: unsafe extern "C" fn(*mut c_void),
     pub enter: unsafe extern "C" fn(*mut c_void, u8, f64, f64, u8, f64) -> c_int,
@@ -146,8 +156,18 @@ impl Fmi3 {
     pub fn instance(&self, update: Option<Update>, environment: *mut c_void) -> *mut c_void {
         let instance = unsafe {
             (self.instantiate)(
-                c"one".as_ptr(), self.token.as_ptr(), self.resources.as_ptr(), 0, 0, 0, 1, std::ptr::null(), 0,
-                environment, Some(log3), update,
+                c"one".as_ptr(),
+                self.token.as_ptr(),
+                self.resources.as_ptr(),
+                0,
+                0,
+                0,
+                1,
+                std::ptr::null(),
+                0,
+                environment,
+                Some(log3),
+                update,
             )
         };
         assert!(!instance.is_null(), "{:?}", MESSAGES.lock().unwrap());

@@ -16,6 +16,7 @@ from . import errors
 from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
 from .errors import Error
 from .result import Result, load, run
+from .sweeping import sweep
 
 __all__ = [
     "Error",
@@ -28,4 +29,5 @@ __all__ = [
     "errors",
     "load",
     "run",
+    "sweep",
 ]

@@ -78,9 +78,18 @@ class Stepper:
         traceback: Optional[TracebackType],
     ) -> None: ...
 
+def _rebuild(path: str, text: str, overrides: list[str]) -> Scene: ...
 def _run(
     scene: Scene,
     record: Optional[list[str]],
     out: Optional[Union[str, os.PathLike[str]]],
     progress: Optional[Callable[[float, float], Optional[bool]]],
 ) -> tuple[dict[str, Any], Optional[BaseException]]: ...
+def _sweep(
+    path: Union[str, os.PathLike[str]],
+    set: Optional[dict[str, Any]],
+    out: Optional[Union[str, os.PathLike[str]]],
+    jobs: Optional[int],
+    restart: bool,
+    progress: Optional[Callable[[int, int], Any]],
+) -> list[dict[str, Any]]: ...

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Optional
-
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Optional
 
 if TYPE_CHECKING:
     from .result import Result
@@ -68,6 +66,21 @@ class WriteError(Error, OSError):
 
     path: str
     reason: str
+
+
+class JournalError(Error):
+    """A journal of results cannot be used.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    problem : str
+        What is wrong with it and what to do.
+    """
+
+    path: str
+    problem: str
 
 
 class NotConvergedError(Error, ArithmeticError):

@@ -1,0 +1,225 @@
+//! `caudal sweep`.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::atomic::Ordering;
+use std::time::Duration;
+
+use caudal::error::{Error, Result};
+use caudal::jobs::{Journal, Shard, cores};
+use caudal::sweep::{Results, Sweep, run as run_sweep};
+use clap::{Args, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::run::watch_for_interrupts;
+use super::{complain, exit, refuse, say};
+
+/// Names of journals end in this.
+const JOURNAL: &str = "journal";
+
+#[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
+pub struct Arguments {
+    #[command(subcommand)]
+    merge: Option<Part>,
+    #[command(flatten)]
+    sweep: Option<Common>,
+    /// Threads [default: one a core]
+    #[arg(long, value_name = "N")]
+    jobs: Option<std::num::NonZeroUsize>,
+    /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` puts the parts together
+    #[arg(long, value_name = "I/N")]
+    shard: Option<Shard>,
+    /// Forget what an earlier sweep left in the folder and begin anew
+    #[arg(long)]
+    restart: bool,
+    /// List and check the cases, run none
+    #[arg(long)]
+    dry_run: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Part {
+    /// Make one table and report of the journals of all shards
+    Merge {
+        #[command(flatten)]
+        sweep: Common,
+        /// Journals, or folders with journals [default: the folder of the results]
+        journals: Vec<PathBuf>,
+    },
+}
+
+#[derive(Debug, Args)]
+struct Common {
+    /// The sweep, a TOML file with a base scene and axes
+    sweep: PathBuf,
+    /// Override a key of the base scene, for example --set start.kind=shaped
+    #[arg(long, value_name = "TABLE.KEY=VALUE")]
+    set: Vec<String>,
+    /// Folder for the results [default: out/<name of the sweep>]
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+impl Common {
+    fn read(&self) -> Result<(Sweep, PathBuf)> {
+        let sweep = Sweep::read(&self.sweep, &self.set)?;
+        let folder = self.out.clone().unwrap_or_else(|| sweep.folder());
+        Ok((sweep, folder))
+    }
+}
+
+pub fn sweep(arguments: &Arguments) -> Result<ExitCode> {
+    match (&arguments.merge, &arguments.sweep) {
+        (Some(Part::Merge { sweep, journals }), _) => merge(sweep, journals),
+        (None, Some(common)) if arguments.dry_run => list(common, arguments),
+        (None, Some(common)) => run(common, arguments),
+        (None, None) => Ok(ExitCode::from(exit::WRONG_INPUT)), // clap asks for the sweep
+    }
+}
+
+/// The cases that `arguments` ask for.
+fn wanted(sweep: &Sweep, arguments: &Arguments) -> Vec<usize> {
+    match arguments.shard {
+        Some(shard) => shard.indices(sweep.size()),
+        None => (0..sweep.size()).collect(),
+    }
+}
+
+fn list(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
+    let (sweep, folder) = common.read()?;
+    let job = sweep.job(threads(arguments))?;
+    let cases = wanted(&sweep, arguments);
+    for index in &cases {
+        say(&format!("{index:>6}  {}", sweep.describe(&sweep.case(*index)?)));
+    }
+    say(&format!(
+        "{}: {} of {} cases, inputs {}, to {}",
+        sweep.name,
+        cases.len(),
+        job.size,
+        job.hash,
+        folder.display()
+    ));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn threads(arguments: &Arguments) -> usize {
+    arguments.jobs.map_or_else(cores, usize::from)
+}
+
+fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
+    let (sweep, folder) = common.read()?;
+    let job = sweep.job(threads(arguments))?;
+    let name =
+        arguments.shard.map_or_else(|| "cases".to_string(), |Shard { number, of }| format!("shard-{number}-of-{of}"));
+    let path = folder.join(format!("{name}.{JOURNAL}"));
+    if let Err(e) = std::fs::create_dir_all(&folder) {
+        return Ok(refuse(&Error::Write { path: folder, reason: e.to_string() }));
+    }
+    if arguments.restart && path.exists() {
+        Journal::clear(&path)?;
+    }
+    let mut journal = Journal::open(&path, &job)?;
+    let mut cases = wanted(&sweep, arguments);
+    let all = cases.len();
+    cases.retain(|index| !journal.has(*index));
+    if cases.len() < all {
+        say(&format!("{} of {all} cases are done already; {} to go", all - cases.len(), cases.len()));
+    }
+
+    let interrupted = watch_for_interrupts();
+    let bar = progress_bar(cases.len());
+    let mut failures = 0;
+    let outcome = run_sweep(&sweep, &mut journal, &cases, threads(arguments), &interrupted, |row| {
+        if !row.complete() {
+            failures += 1;
+            bar.set_message(format!("{failures} failed"));
+        }
+        bar.inc(1);
+    });
+    let (done, elapsed) = (bar.position(), bar.elapsed());
+    bar.finish_and_clear();
+    outcome?;
+    if interrupted.load(Ordering::Relaxed) && done < cases.len() as u64 {
+        complain(&format!(
+            "interrupted: {} of {all} cases are done and kept in {}; the same command goes on",
+            all - cases.len() + done as usize,
+            path.display()
+        ));
+        return Ok(ExitCode::from(exit::INTERRUPTED));
+    }
+    say(&format!("{}: {done} cases in {:.2} s", sweep.name, elapsed.as_secs_f64()));
+    if arguments.shard.is_some() {
+        say(&format!("{}: when all shards are there, `caudal sweep merge` makes table and report", path.display()));
+        return Ok(ExitCode::SUCCESS);
+    }
+    finish(&Results::new(&sweep, &job, vec![journal])?, &folder)
+}
+
+/// Table, figures and report, and a word on what failed.
+fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
+    let files = results.write(folder)?;
+    let mut failed = 0;
+    for row in results.rows() {
+        let (index, row) = row?;
+        if !row.complete() {
+            failed += 1;
+            if failed <= 3 {
+                complain(&format!("case {index}: {}", row.ending()));
+            }
+        }
+    }
+    if failed > 0 {
+        complain(&format!("{failed} cases failed; their rows in table.csv say why"));
+    }
+    say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
+    Ok(if failed > 0 { ExitCode::from(exit::FAILED) } else { ExitCode::SUCCESS })
+}
+
+fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
+    let (sweep, folder) = common.read()?;
+    let job = sweep.job(cores())?;
+    let from = if from.is_empty() { std::slice::from_ref(&folder) } else { from };
+    let mut paths = Vec::new();
+    for place in from {
+        if !place.is_dir() {
+            paths.push(place.clone());
+            continue;
+        }
+        let failed = |e: std::io::Error| Error::Read { path: place.clone(), reason: e.to_string() };
+        for entry in std::fs::read_dir(place).map_err(failed)? {
+            let path = entry.map_err(failed)?.path();
+            if path.extension().is_some_and(|extension| extension == JOURNAL) {
+                paths.push(path);
+            }
+        }
+    }
+    paths.sort();
+    let journals: Vec<Journal> = paths.iter().map(|path| Journal::read(path)).collect::<Result<_>>()?;
+    let results = Results::new(&sweep, &job, journals)?;
+    let missing: Vec<usize> = results.missing().collect();
+    if let Some(first) = missing.first() {
+        complain(&format!(
+            "{} of {} cases are in none of the {} journals, case {first} the first of them; let their shards finish",
+            missing.len(),
+            sweep.size(),
+            paths.len()
+        ));
+        return Ok(ExitCode::from(exit::WRONG_INPUT));
+    }
+    if let Err(e) = std::fs::create_dir_all(&folder) {
+        return Ok(refuse(&Error::Write { path: folder, reason: e.to_string() }));
+    }
+    finish(&results, &folder)
+}
+
+/// A bar with the time left and failures so far on a terminal, nothing elsewhere.
+fn progress_bar(cases: usize) -> ProgressBar {
+    let bar = ProgressBar::new(cases as u64);
+    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  case {pos}/{len}  {eta} left  {msg}") {
+        bar.set_style(style);
+    }
+    bar.enable_steady_tick(Duration::from_millis(250));
+    bar
+}

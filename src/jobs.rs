@@ -1,0 +1,456 @@
+//! Many independent runs: on all cores, each result on disk, whole, the moment it is done, and taken up again where they
+//! were after any end, `kill -9` and power cuts included.
+//!
+//! A [`Journal`] is one file of lines, `checksum json`: first what the job is, then one line for each result in the
+//! order in which they came. [`run`] works through indices on several threads.
+
+use std::collections::BTreeMap;
+use std::fs::{File, OpenOptions, TryLockError};
+use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::mpsc::sync_channel;
+use std::time::{Duration, Instant};
+
+use serde::de::{DeserializeOwned, IgnoredAny};
+use serde::{Deserialize, Serialize};
+use twox_hash::{XxHash3_64, XxHash3_128};
+
+use crate::error::{Error, Result};
+
+/// A cut of power costs at most the results of about this time.
+const SYNC_EVERY: Duration = Duration::from_secs(1);
+
+/// The hash (XXH3, 128 bits, in hexadecimal) that says whether two texts are the same.
+pub fn hash(text: &[u8]) -> String {
+    format!("{:032x}", XxHash3_128::oneshot(text))
+}
+
+/// What the results of a journal belong to; two journals of the same job have the same.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Job {
+    /// What kind of work it is, and its name.
+    pub name: String,
+    /// Hash of everything that the results depend on, see [`hash`].
+    pub hash: String,
+    /// Version of the program.
+    pub caudal_version: String,
+    /// Number of results of the whole job.
+    pub size: usize,
+}
+
+impl Job {
+    /// The job `name` of this program with `size` results that depend on `inputs` alone.
+    pub fn new(name: &str, inputs: &[u8], size: usize) -> Self {
+        let caudal_version = env!("CARGO_PKG_VERSION").to_string();
+        Self { name: name.to_string(), hash: hash(inputs), caudal_version, size }
+    }
+
+    /// How `other` differs, in words; `None` where it is the same.
+    pub fn difference(&self, other: &Self) -> Option<String> {
+        let differs = |what: &str, mine: &str, its: &str| (mine != its).then(|| format!("{what} {its}, now {mine}"));
+        differs("of", &self.name, &other.name)
+            .or_else(|| differs("made by caudal", &self.caudal_version, &other.caudal_version))
+            .or_else(|| differs("with", &format!("{} cases", self.size), &format!("{} cases", other.size)))
+            .or_else(|| differs("of inputs with the hash", &self.hash, &other.hash))
+    }
+}
+
+/// A result as it stands in a line.
+#[derive(Serialize, Deserialize)]
+struct Entry<T> {
+    index: usize,
+    result: T,
+}
+
+/// Results on disk; at most one program at a time has it open for writing.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    job: Job,
+    /// Where the line of each result begins.
+    lines: BTreeMap<usize, u64>,
+    end: u64,
+    synced: Instant,
+}
+
+impl Journal {
+    /// Opens the journal of `job` at `path` to go on with it, or begins it; what a kill left half-written is cut off.
+    ///
+    /// # Errors
+    /// [`Error::Journal`] where it belongs to another job or another program is at work on it; [`Error::Write`].
+    pub fn open(path: &Path, job: &Job) -> Result<Self> {
+        let failed = |e: std::io::Error| write_error(path, &e);
+        let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(failed)?;
+        match file.try_lock() {
+            Ok(()) => {}
+            Err(TryLockError::WouldBlock) => {
+                return Err(refused(path, "another program is at work on it".to_string()));
+            }
+            // A file system without locks is no reason not to work.
+            Err(TryLockError::Error(_)) => {}
+        }
+        let mut journal = Self {
+            path: path.to_path_buf(),
+            file,
+            job: job.clone(),
+            lines: BTreeMap::new(),
+            end: 0,
+            synced: Instant::now(),
+        };
+        match journal.scan()? {
+            Some(found) => {
+                if let Some(difference) = job.difference(&found) {
+                    let remedy = "finish that one, choose another folder, or start anew";
+                    return Err(refused(path, format!("it holds the results of another job: {difference}; {remedy}")));
+                }
+            }
+            None if journal.file.metadata().map_err(failed)?.len() == 0 => journal.line(&job.clone())?,
+            None => return Err(refused(path, "it is no journal of results".to_string())),
+        }
+        let end = journal.end;
+        journal.file.set_len(end).map_err(failed)?;
+        Ok(journal)
+    }
+
+    /// Removes the journal at `path`, so that the next one begins anew.
+    ///
+    /// # Errors
+    /// [`Error::Journal`] where it is none or another program is at work on it; [`Error::Read`], [`Error::Write`].
+    pub fn clear(path: &Path) -> Result<()> {
+        let journal = Self::read(path)?;
+        if let Err(TryLockError::WouldBlock) = journal.file.try_lock() {
+            return Err(refused(path, "another program is at work on it".to_string()));
+        }
+        std::fs::remove_file(path).map_err(|e| write_error(path, &e))
+    }
+
+    /// Opens a finished or unfinished journal to read its results.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Journal`] where it is none.
+    pub fn read(path: &Path) -> Result<Self> {
+        let file = File::open(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+        let job = Job::new("", b"", 0);
+        let mut journal =
+            Self { path: path.to_path_buf(), file, job, lines: BTreeMap::new(), end: 0, synced: Instant::now() };
+        journal.job = journal.scan()?.ok_or_else(|| refused(path, "it is no journal of results".to_string()))?;
+        Ok(journal)
+    }
+
+    /// Finds all whole lines; returns the job of the first. A line that is not whole counts as not there.
+    fn scan(&mut self) -> Result<Option<Job>> {
+        let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
+        let mut reader = BufReader::new(&self.file);
+        reader.rewind().map_err(failed)?;
+        let (mut line, mut at, mut job) = (Vec::new(), 0, None);
+        while reader.read_until(b'\n', &mut line).map_err(failed)? > 0 {
+            let whole = content(&line);
+            if at == 0 {
+                let Some(first) = whole.and_then(|json| serde_json::from_slice::<Job>(json).ok()) else {
+                    // The very first line was not finished: nothing is lost by beginning again.
+                    let torn = !line.ends_with(b"\n") && line.iter().take(16).all(u8::is_ascii_hexdigit);
+                    if torn {
+                        self.file.set_len(0).map_err(failed)?;
+                    }
+                    return Ok(None);
+                };
+                job = Some(first);
+            } else if let Some(entry) = whole.and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok()) {
+                self.lines.entry(entry.index).or_insert(at);
+            }
+            if line.ends_with(b"\n") {
+                self.end = at + line.len() as u64;
+            }
+            at += line.len() as u64;
+            line.clear();
+        }
+        Ok(job)
+    }
+
+    /// What it is a journal of.
+    pub fn job(&self) -> &Job {
+        &self.job
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// True where it has the result of `index`.
+    pub fn has(&self, index: usize) -> bool {
+        self.lines.contains_key(&index)
+    }
+
+    /// The indices of its results, rising.
+    pub fn indices(&self) -> impl Iterator<Item = usize> {
+        self.lines.keys().copied()
+    }
+
+    /// The result of `index`, if it is there.
+    ///
+    /// # Errors
+    /// [`Error::Read`]; [`Error::Journal`] where its line has changed on disk or is no such result.
+    pub fn get<T: DeserializeOwned>(&self, index: usize) -> Result<Option<T>> {
+        let Some(at) = self.lines.get(&index) else { return Ok(None) };
+        let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
+        let mut reader = BufReader::new(&self.file);
+        reader.seek(SeekFrom::Start(*at)).map_err(failed)?;
+        let mut line = Vec::new();
+        reader.by_ref().read_until(b'\n', &mut line).map_err(failed)?;
+        let entry = content(&line).and_then(|json| serde_json::from_slice::<Entry<T>>(json).ok());
+        let entry = entry.ok_or_else(|| refused(&self.path, format!("the result of {index} cannot be read back")))?;
+        Ok(Some(entry.result))
+    }
+
+    /// Adds a result: it is on disk, whole, when this returns.
+    ///
+    /// # Errors
+    /// [`Error::Write`]; the results before it stay.
+    pub fn add<T: Serialize>(&mut self, index: usize, result: T) -> Result<()> {
+        let at = self.end;
+        self.line(&Entry { index, result })?;
+        self.lines.insert(index, at);
+        Ok(())
+    }
+
+    fn line(&mut self, content: &impl Serialize) -> Result<()> {
+        let failed = |e: &std::io::Error| write_error(&self.path, e);
+        let json =
+            serde_json::to_vec(content).map_err(|e| Error::Write { path: self.path.clone(), reason: e.to_string() })?;
+        let mut line = format!("{:016x} ", XxHash3_64::oneshot(&json)).into_bytes();
+        line.extend(json);
+        line.push(b'\n');
+        if let Err(error) = self.file.write_all(&line) {
+            let _ = self.file.set_len(self.end); // half a line is of no use
+            return Err(failed(&error));
+        }
+        self.end += line.len() as u64;
+        if self.synced.elapsed() > SYNC_EVERY {
+            self.sync()?;
+        }
+        Ok(())
+    }
+
+    /// Waits until the disk itself has everything.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn sync(&mut self) -> Result<()> {
+        self.file.sync_data().map_err(|e| write_error(&self.path, &e))?;
+        self.synced = Instant::now();
+        Ok(())
+    }
+}
+
+/// The JSON of a whole line.
+fn content(line: &[u8]) -> Option<&[u8]> {
+    let (checksum, json) = line.strip_suffix(b"\n")?.split_at_checked(16)?;
+    let json = json.strip_prefix(b" ")?;
+    let checksum = u64::from_str_radix(std::str::from_utf8(checksum).ok()?, 16).ok()?;
+    (checksum == XxHash3_64::oneshot(json)).then_some(json)
+}
+
+fn write_error(path: &Path, error: &std::io::Error) -> Error {
+    Error::Write { path: path.to_path_buf(), reason: error.to_string() }
+}
+
+fn refused(path: &Path, problem: String) -> Error {
+    Error::Journal { path: path.to_path_buf(), problem }
+}
+
+/// The numbers below `size` in an order that looks random and never changes, so that any part of it is a fair one.
+pub fn shuffled(size: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..size).collect();
+    order.sort_by_cached_key(|index| XxHash3_64::oneshot(&(*index as u64).to_le_bytes()));
+    order
+}
+
+/// One of several equal parts of a job, each for a program of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Shard {
+    /// Which, from 1.
+    pub number: usize,
+    /// Of how many.
+    pub of: usize,
+}
+
+impl Shard {
+    /// Its indices of a job of `size`, rising. Shards are disjoint and together whole, none has two more than another,
+    /// and dear and cheap indices are spread over them by chance.
+    pub fn indices(self, size: usize) -> Vec<usize> {
+        let mut own: Vec<usize> = shuffled(size).into_iter().skip(self.number - 1).step_by(self.of).collect();
+        own.sort_unstable();
+        own
+    }
+}
+
+impl FromStr for Shard {
+    type Err = String;
+
+    /// From `2/8`.
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+        match parts {
+            Some((number, of)) if 1 <= number && number <= of => Ok(Self { number, of }),
+            _ => Err("allowed: i/n with i from 1 to n, such as 1/8".to_string()),
+        }
+    }
+}
+
+/// The number of threads that this machine's cores are for.
+pub fn cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// Does `work` for every index of `todo`, in this order, on `threads` threads; `done` sees every result on the calling
+/// thread, in the order in which they come. Once it breaks or fails no more work is begun, and what is under way is dropped
+/// when it ends: `work` should look at the same sign that made `done` break.
+///
+/// # Errors
+/// Those of `done`.
+pub fn run<T: Send>(
+    todo: &[usize],
+    threads: usize,
+    work: impl Fn(usize) -> T + Sync,
+    mut done: impl FnMut(usize, T) -> Result<ControlFlow<()>>,
+) -> Result<()> {
+    let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
+    let threads = threads.clamp(1, todo.len().max(1));
+    let (sender, results) = sync_channel(2 * threads);
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            let sender = sender.clone();
+            scope.spawn(|| {
+                let sender = sender;
+                while !ended.load(Ordering::Relaxed)
+                    && let Some(index) = todo.get(next.fetch_add(1, Ordering::Relaxed))
+                    && sender.send((*index, work(*index))).is_ok()
+                {}
+            });
+        }
+        drop(sender);
+        // Dropping the receiver lets a thread that waits to hand over its result end.
+        for (index, result) in results {
+            match done(index, result) {
+                Ok(ControlFlow::Continue(())) => {}
+                outcome => {
+                    ended.store(true, Ordering::Relaxed);
+                    return outcome.map(|_| ());
+                }
+            }
+        }
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use super::*;
+
+    #[test]
+    fn a_journal_cut_at_any_byte_goes_on_with_the_results_that_were_whole() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("results.journal");
+        let job = Job::new("test", b"inputs", 3);
+        let mut ends = Vec::new();
+        {
+            let mut journal = Journal::open(&path, &job).unwrap();
+            ends.push(journal.end);
+            for (index, x) in [(2, 0.1 + 0.2), (0, f64::MIN_POSITIVE), (1, -1e300)] {
+                journal.add(index, x).unwrap();
+                ends.push(journal.end);
+            }
+        }
+        let whole = std::fs::read(&path).unwrap();
+        for length in 0..=whole.len() {
+            std::fs::write(&path, &whole[..length]).unwrap();
+            let mut journal = Journal::open(&path, &job).unwrap();
+            let expected = ends[1..].iter().filter(|end| **end <= length as u64).count();
+            assert_eq!(journal.indices().count(), expected, "cut at {length}");
+            for (index, x) in [(2, 0.1 + 0.2), (0, f64::MIN_POSITIVE), (1, -1e300)] {
+                match journal.get::<f64>(index).unwrap() {
+                    Some(found) => assert_eq!(found, x),
+                    None => journal.add(index, x).unwrap(),
+                }
+            }
+            drop(journal);
+            assert_eq!(std::fs::read(&path).unwrap(), whole, "cut at {length}");
+        }
+    }
+
+    #[test]
+    fn a_journal_of_another_job_or_with_a_program_at_work_is_refused_and_one_with_a_damaged_line_loses_only_that() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("results.journal");
+        let job = Job::new("test", b"inputs", 3);
+        let mut journal = Journal::open(&path, &job).unwrap();
+        (0..3).for_each(|index| journal.add(index, index).unwrap());
+        assert!(Journal::open(&path, &job).unwrap_err().to_string().contains("another program"));
+        drop(journal);
+        for other in [Job::new("test", b"others", 3), Job::new("best", b"inputs", 3), Job::new("test", b"inputs", 4)] {
+            assert!(Journal::open(&path, &other).unwrap_err().to_string().contains("another job"));
+        }
+        let mut bytes = std::fs::read(&path).unwrap();
+        let damaged = bytes.windows(9).position(|text| text == b"\"index\":1").unwrap();
+        bytes[damaged + 8] = b'7';
+        std::fs::write(&path, &bytes).unwrap();
+        assert_eq!(Journal::open(&path, &job).unwrap().indices().collect::<Vec<_>>(), [0, 2]);
+        std::fs::write(&path, "precious notes\n").unwrap();
+        assert!(Journal::open(&path, &job).is_err());
+        assert_eq!(std::fs::read_to_string(&path).unwrap(), "precious notes\n");
+    }
+
+    #[test]
+    fn shards_are_disjoint_whole_and_of_like_size() {
+        for (size, of) in [(192, 5), (7, 7), (3, 8), (1000, 1)] {
+            let shards: Vec<_> = (1..=of).map(|number| Shard { number, of }.indices(size)).collect();
+            assert!(shards.iter().all(|shard| (size / of..=size.div_ceil(of)).contains(&shard.len())));
+            let mut all = shards.concat();
+            all.sort_unstable();
+            assert_eq!(all, (0..size).collect::<Vec<_>>());
+        }
+        // The order is part of what a journal of a shard means: it stays.
+        assert_eq!(Shard { number: 1, of: 4 }.indices(12), [3, 8, 9]);
+        assert_eq!("2/8".parse(), Ok(Shard { number: 2, of: 8 }));
+        assert!(["0/2", "3/2", "2", "a/b", "-1/2"].iter().all(|text| text.parse::<Shard>().is_err()));
+    }
+
+    #[test]
+    fn every_index_is_worked_on_once_whatever_the_number_of_threads_and_a_break_ends_it() {
+        let todo: Vec<usize> = (0..1000).rev().collect();
+        for threads in [1, 2, 7] {
+            let mut seen = Vec::new();
+            run(
+                &todo,
+                threads,
+                |index| 2 * index,
+                |index, result| {
+                    assert_eq!(result, 2 * index);
+                    seen.push(index);
+                    Ok(ControlFlow::Continue(()))
+                },
+            )
+            .unwrap();
+            seen.sort_unstable();
+            assert_eq!(seen, (0..1000).collect::<Vec<_>>());
+            let mut count = 0;
+            run(
+                &todo,
+                threads,
+                |index| index,
+                |_, _| {
+                    count += 1;
+                    Ok(if count == 10 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+                },
+            )
+            .unwrap();
+            assert_eq!(count, 10);
+        }
+    }
+}

@@ -1,0 +1,435 @@
+//! Cases side by side: figures of what each axis does, and a page whose table sorts, filters and plays a case.
+
+use std::collections::{BTreeMap, HashMap};
+
+use serde::Serialize;
+use serde_json::{Map, Value};
+
+use super::chart::{Chart, Effects, Mark, Scale, Series, number};
+use super::page::{Motion, render};
+use super::record::Frame;
+use crate::error::Result;
+
+/// Quantities of a summary that figures and page show, in this order.
+pub const QUANTITIES: [Quantity; 11] = [
+    Quantity::new("net_displacement_m", "net displacement", "m", true),
+    Quantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true),
+    Quantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
+    Quantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
+    Quantity::new("actuation_work_j", "actuation work", "J", true),
+    Quantity::new("viscous_work_j", "viscous work", "J", true),
+    Quantity::new("cost_of_transport", "cost of transport", "1", true),
+    Quantity::new("efficiency", "efficiency", "1", true),
+    Quantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
+    Quantity::new("newton_iterations", "Newton iterations", "1", false),
+    Quantity::new("step_halvings", "step halvings", "1", false),
+];
+
+/// Lines that join cases in a figure, at most.
+const JOINED: usize = 200;
+/// Dots of a figure, at most.
+const DOTS: usize = 2000;
+/// Parts in which a sampled axis is averaged.
+const PARTS: usize = 10;
+/// Rows of the page's table, at most.
+const ROWS: usize = 20_000;
+/// Paths in a figure, at most.
+const PATHS: usize = 120;
+
+/// A quantity of a summary.
+#[derive(Debug, Clone, Copy)]
+pub struct Quantity {
+    /// Its key in the summary.
+    pub key: &'static str,
+    /// Its name in words.
+    pub name: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+    /// True where it has figures.
+    pub drawn: bool,
+}
+
+impl Quantity {
+    const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
+        Self { key, name, unit, drawn }
+    }
+}
+
+/// An axis along which the cases differ.
+#[derive(Debug, Clone)]
+pub struct Axis {
+    /// Its name.
+    pub name: String,
+    /// Its levels as text.
+    pub labels: Vec<String>,
+    /// Its levels as numbers, where all are.
+    pub numbers: Option<Vec<f64>>,
+    /// True where every case has a level of its own.
+    pub sampled: bool,
+    /// True where equal steps are equal factors.
+    pub logarithmic: bool,
+}
+
+impl Axis {
+    /// Where level `i` is drawn: at its number, or at its place in the list.
+    fn at(&self, i: usize) -> f64 {
+        match &self.numbers {
+            Some(numbers) if self.logarithmic => numbers[i].log10(),
+            Some(numbers) => numbers[i],
+            None => i as f64,
+        }
+    }
+
+    /// Its name as an axis of a figure shows it.
+    fn title(&self) -> String {
+        match &self.numbers {
+            Some(_) if self.logarithmic => format!("log10 of {}", self.name),
+            Some(_) => self.name.clone(),
+            None => {
+                let labels: Vec<_> =
+                    self.labels.iter().enumerate().map(|(i, label)| format!("{i} = {label}")).collect();
+                format!("{} ({})", self.name, labels.join(", "))
+            }
+        }
+    }
+
+    /// The levels in groups that are averaged together: each by itself, or equal parts of a sample.
+    fn groups(&self) -> Groups {
+        let at: Vec<f64> = (0..self.labels.len()).map(|i| self.at(i)).collect();
+        if !self.sampled {
+            return Groups { of: (0..at.len()).collect(), at, labels: self.labels.clone() };
+        }
+        let mut order: Vec<usize> = (0..at.len()).collect();
+        order.sort_by(|a, b| at[*a].total_cmp(&at[*b]));
+        let parts = PARTS.min(at.len());
+        let mut group = vec![0; at.len()];
+        let mut sums = vec![(0.0, 0.0); parts];
+        for (rank, level) in order.into_iter().enumerate() {
+            let part = rank * parts / at.len();
+            group[level] = part;
+            sums[part] = (sums[part].0 + at[level], sums[part].1 + 1.0);
+        }
+        let middles: Vec<f64> = sums.into_iter().map(|(sum, count)| sum / count).collect();
+        let text = |x: &f64| {
+            number(format!("{:.1e}", if self.logarithmic { 10_f64.powf(*x) } else { *x }).parse().unwrap_or(*x))
+        };
+        let labels = middles.iter().map(text).collect();
+        Groups { of: group, at: middles, labels }
+    }
+}
+
+/// Levels in groups.
+struct Groups {
+    /// The group of each level.
+    of: Vec<usize>,
+    /// Where each group is drawn.
+    at: Vec<f64>,
+    /// Its name.
+    labels: Vec<String>,
+}
+
+impl Groups {
+    /// The mean of the values, given with their levels, in each group; NaN of an empty one.
+    fn means(&self, values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
+        let mut sums = vec![(0.0, 0.0); self.at.len()];
+        for (level, value) in values {
+            let sum = &mut sums[self.of[level]];
+            *sum = (sum.0 + value, sum.1 + 1.0);
+        }
+        sums.into_iter().map(|(sum, count)| sum / count).collect()
+    }
+}
+
+/// What is shown of the cases of a sweep.
+#[derive(Debug)]
+pub struct Cases {
+    name: String,
+    text: String,
+    axes: Vec<Axis>,
+    split: Option<usize>,
+    size: usize,
+    /// Numbers of the cases that are there, and their levels, axis by axis.
+    indices: Vec<usize>,
+    levels: Vec<Vec<usize>>,
+    /// One column for each of [`QUANTITIES`]; NaN where there is none.
+    columns: Vec<Vec<f64>>,
+    endings: BTreeMap<usize, String>,
+    motions: BTreeMap<usize, Vec<Frame>>,
+}
+
+/// A case in the page's data.
+#[derive(Serialize)]
+struct Content<'a> {
+    name: &'a str,
+    version: &'static str,
+    size: usize,
+    done: usize,
+    failed: usize,
+    shown: usize,
+    played: usize,
+    text: &'a str,
+    figures: Vec<(&'a str, &'a str)>,
+    data: Data<'a>,
+}
+
+#[derive(Serialize)]
+struct Data<'a> {
+    axes: Vec<(&'a str, &'a [String])>,
+    quantities: Vec<(&'static str, &'static str)>,
+    indices: Vec<usize>,
+    levels: Vec<Vec<usize>>,
+    columns: Vec<Vec<Option<f64>>>,
+    endings: &'a BTreeMap<usize, String>,
+    motions: BTreeMap<usize, Motion>,
+}
+
+impl Cases {
+    /// No cases yet of a sweep of `size` cases along `axes`, whose file is `text`; the levels of `split` are shown apart.
+    pub fn new(name: &str, axes: Vec<Axis>, split: Option<usize>, size: usize, text: &str) -> Self {
+        Self {
+            name: name.to_string(),
+            text: text.to_string(),
+            levels: vec![Vec::new(); axes.len()],
+            columns: vec![Vec::new(); QUANTITIES.len()],
+            axes,
+            split,
+            size,
+            indices: Vec::new(),
+            endings: BTreeMap::new(),
+            motions: BTreeMap::new(),
+        }
+    }
+
+    /// Adds a case: its number, its level on every axis, its quantities, `complete` and `ending` among them, and its motion
+    /// if that is kept.
+    pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Vec<Frame>) {
+        self.indices.push(index);
+        self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
+        let complete = row.get("complete") == Some(&Value::Bool(true));
+        for (column, quantity) in self.columns.iter_mut().zip(QUANTITIES) {
+            let value = row.get(quantity.key).and_then(Value::as_f64);
+            column.push(value.filter(|_| complete).unwrap_or(f64::NAN));
+        }
+        if !complete {
+            let ending = row.get("ending").and_then(Value::as_str).unwrap_or_default();
+            self.endings.insert(index, ending.to_string());
+        }
+        if motion.len() > 1 {
+            self.motions.insert(index, motion);
+        }
+    }
+
+    /// The levels that are shown apart, with the positions of their cases.
+    fn parts(&self) -> Vec<(String, Vec<usize>)> {
+        let all = 0..self.indices.len();
+        match self.split {
+            None => vec![(String::new(), all.collect())],
+            Some(split) => {
+                let axis = &self.axes[split];
+                let of = |level: usize| all.clone().filter(|i| self.levels[split][*i] == level).collect();
+                axis.labels.iter().enumerate().map(|(level, label)| (label.clone(), of(level))).collect()
+            }
+        }
+    }
+
+    /// The figures, as file names and SVG: each axis' effect on the displacement, main effects on every quantity, paths of
+    /// the centres of mass, and the split's levels against each other.
+    ///
+    /// # Errors
+    /// [`Error::Chart`](crate::Error::Chart).
+    pub fn figures(&self) -> Result<Vec<(String, String)>> {
+        let mut figures = Vec::new();
+        let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
+        let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
+        let shown: Vec<usize> =
+            (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
+        let parts = self.parts();
+        if let Some((quantity, column)) = drawn().next().filter(|(_, column)| known(column)) {
+            for (label, cases) in &parts {
+                for axis in &shown {
+                    let chart = self.against(*axis, quantity, column, label, cases);
+                    figures.push((file(&["displacement", &self.axes[*axis].name, label]), chart.svg()?));
+                }
+            }
+            if let Some(chart) = self.compared(quantity, column) {
+                figures.push(("compared.svg".to_string(), chart.svg()?));
+            }
+        }
+        for (label, cases) in &parts {
+            if let Some(chart) = self.paths(label, cases) {
+                figures.push((file(&["paths", label]), chart.svg()?));
+            }
+        }
+        for (quantity, column) in drawn().filter(|(_, column)| known(column)) {
+            figures.push((file(&["effects", quantity.key]), self.effects(&shown, quantity, column, &parts).svg()?));
+        }
+        Ok(figures)
+    }
+
+    fn titled(&self, what: &str, label: &str) -> String {
+        if label.is_empty() { format!("{}: {what}", self.name) } else { format!("{}, {label}: {what}", self.name) }
+    }
+
+    /// A quantity against one axis: lines join the cases that differ in nothing else, and a line of means lies on top.
+    fn against(&self, axis: usize, quantity: &Quantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
+        let of = &self.axes[axis];
+        let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
+        let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
+        let mut joined: HashMap<Vec<usize>, Vec<(f64, f64)>> = HashMap::new();
+        let others = |i: usize| (0..self.axes.len()).filter(|a| *a != axis).map(|a| self.levels[a][i]).collect();
+        let mut order: Vec<Vec<usize>> = Vec::new();
+        if !of.sampled {
+            for i in cases() {
+                let key: Vec<usize> = others(i);
+                joined
+                    .entry(key.clone())
+                    .or_insert_with(|| {
+                        order.push(key);
+                        Vec::new()
+                    })
+                    .push(point(i));
+            }
+        }
+        let stride = order.len().div_ceil(JOINED).max(1);
+        let lines = order.iter().step_by(stride).map(|key| joined[key].clone()).filter(|line| line.len() > 1);
+        let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
+        let stride = cases().count().div_ceil(DOTS).max(1);
+        series.push(Series::new("cases", cases().step_by(stride).map(point).collect(), Mark::Dots));
+        let groups = of.groups();
+        let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
+        series.push(Series::new("mean", groups.at.into_iter().zip(means).collect(), Mark::Dotted));
+        Chart {
+            title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
+            x: of.title(),
+            y: format!("{} ({})", quantity.name, quantity.unit),
+            scale: Scale::Linear,
+            series,
+        }
+    }
+
+    /// The main effects of all axes on a quantity: means at each level, relative to the mean of all where signs allow.
+    fn effects(&self, shown: &[usize], quantity: &Quantity, column: &[f64], parts: &[(String, Vec<usize>)]) -> Effects {
+        let values = || column.iter().filter(|x| x.is_finite());
+        let relative = values().all(|x| *x > 0.0) || values().all(|x| *x < 0.0);
+        let groups: Vec<_> = shown.iter().map(|axis| self.axes[*axis].groups()).collect();
+        let series = parts.iter().map(|(label, cases)| {
+            let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
+            let (count, sum) = cases().fold((0.0, 0.0), |(count, sum), i| (count + 1.0, sum + column[i]));
+            let scale = if relative { sum / count } else { 1.0 };
+            let of = |(axis, groups): (&usize, &Groups)| {
+                groups.means(cases().map(|i| (self.levels[*axis][i], column[i] / scale)))
+            };
+            (label.clone(), shown.iter().zip(&groups).map(of).collect())
+        });
+        let unit = if relative { "over its mean".to_string() } else { format!("({})", quantity.unit) };
+        Effects {
+            title: self.titled(&format!("main effects on the {}", quantity.name), ""),
+            y: format!("{} {unit}", quantity.name),
+            axes: shown
+                .iter()
+                .zip(&groups)
+                .map(|(axis, group)| (self.axes[*axis].name.clone(), group.labels.clone()))
+                .collect(),
+            series: series.collect(),
+        }
+    }
+
+    /// The cases of each level of the split beside each other, in the order of the first level's sizes.
+    fn compared(&self, quantity: &Quantity, column: &[f64]) -> Option<Chart> {
+        let split = self.split?;
+        let others = |i: usize| -> Vec<usize> {
+            (0..self.axes.len()).filter(|a| *a != split).map(|a| self.levels[a][i]).collect()
+        };
+        let parts = self.parts();
+        let mut first: Vec<usize> = parts.first()?.1.iter().copied().filter(|i| column[*i].is_finite()).collect();
+        first.sort_by(|a, b| column[*a].abs().total_cmp(&column[*b].abs()));
+        let rank: HashMap<Vec<usize>, usize> = first.iter().enumerate().map(|(rank, i)| (others(*i), rank)).collect();
+        let series = parts.iter().map(|(label, cases)| {
+            let place =
+                |i: &usize| Some((*rank.get(&others(*i))? as f64, column[*i])).filter(|point| point.1.is_finite());
+            let stride = cases.len().div_ceil(DOTS).max(1);
+            Series::new(label.clone(), cases.iter().step_by(stride).filter_map(place).collect(), Mark::Dots)
+        });
+        let size = |of: fn(f64, f64) -> f64, start| column.iter().map(|x| x.abs()).filter(|x| *x > 0.0).fold(start, of);
+        let decades =
+            (size(f64::max, 0.0).log10().ceil() - size(f64::min, f64::INFINITY).log10().floor()).clamp(1.0, 12.0);
+        Some(Chart {
+            title: self.titled(&format!("{}, levels of {} compared", quantity.name, self.axes[split].name), ""),
+            x: format!("case, in the order of its {} ({})", quantity.name, parts[0].0),
+            y: format!("{}, absolute value ({})", quantity.name, quantity.unit),
+            scale: Scale::LogY(decades as i32),
+            series: series.collect(),
+        })
+    }
+
+    /// The x of the centres of mass in time; the least, the middle and the largest displacement stand out.
+    fn paths(&self, label: &str, cases: &[usize]) -> Option<Chart> {
+        let mut moved: Vec<(usize, &Vec<Frame>)> =
+            cases.iter().filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
+        let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
+        moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
+        let path =
+            |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
+        let stride = moved.len().div_ceil(PATHS).max(1);
+        let mut series: Vec<_> =
+            moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
+        let last = moved.len().checked_sub(1)?;
+        for (what, at) in [("least", 0), ("middle", last / 2), ("largest", last)] {
+            let (i, frames) = moved[at];
+            series.push(Series::new(format!("{what}: case {}", self.indices[i]), path(frames), Mark::Line));
+        }
+        Some(Chart {
+            title: self.titled("paths of the centres of mass", label),
+            x: "time (s)".to_string(),
+            y: "x displacement of the centre of mass (m)".to_string(),
+            scale: Scale::Linear,
+            series,
+        })
+    }
+
+    /// report.html: one self-contained page.
+    ///
+    /// # Errors
+    /// [`Error::Page`](crate::Error::Page).
+    pub fn page(&self, figures: &[(String, String)]) -> Result<String> {
+        let stride = self.indices.len().div_ceil(ROWS).max(1);
+        // Six digits are plenty to look at; the table has them all.
+        let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
+        let shown: Vec<usize> = self.indices.iter().step_by(stride).copied().collect();
+        let quantities: Vec<usize> =
+            (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite())).collect();
+        let content = Content {
+            name: &self.name,
+            version: env!("CARGO_PKG_VERSION"),
+            size: self.size,
+            done: self.indices.len(),
+            failed: self.endings.len(),
+            shown: shown.len(),
+            played: self.motions.len(),
+            text: &self.text,
+            figures: figures.iter().map(|(name, svg)| (name.as_str(), svg.as_str())).collect(),
+            data: Data {
+                axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
+                quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
+                indices: shown,
+                levels: self.levels.iter().map(|column| column.iter().step_by(stride).copied().collect()).collect(),
+                columns: quantities
+                    .iter()
+                    .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
+                    .collect(),
+                endings: &self.endings,
+                motions: self.motions.iter().map(|(index, frames)| (*index, Motion::of(frames))).collect(),
+            },
+        };
+        render(include_str!("cases.html"), &content)
+    }
+}
+
+/// The name of a figure's file: letters, digits and few signs only.
+fn file(parts: &[&str]) -> String {
+    let clean = |part: &&str| {
+        part.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' }).collect::<String>()
+    };
+    let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
+    format!("{}.svg", parts.join("_"))
+}

@@ -1,0 +1,354 @@
+//! Axes of a sweep: the levels that scene keys go through.
+
+use serde::Deserialize;
+use toml::Value;
+
+use crate::scene::Fault;
+use crate::scene::value::refused;
+
+/// Most levels of an axis, and most points of a sample.
+const MOST_LEVELS: usize = 1_000_000;
+
+/// Keys that tell an axis from a table of the scene.
+const MARKS: [&str; 10] = ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
+
+/// What the levels do to the keys.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// They replace the values.
+    Values,
+    /// They multiply the values.
+    Factors,
+    /// Each key has values of its own, which go together.
+    Zip,
+}
+
+/// One axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// Its name: a column of the table.
+    pub name: String,
+    /// Where it stands in the sweep's file.
+    pub(super) path: String,
+    /// What its levels do.
+    pub kind: Kind,
+    /// The scene's keys that it moves.
+    pub keys: Vec<String>,
+    /// What its column shows at each level.
+    pub labels: Vec<Value>,
+    /// The values, or factors, of the keys at each level: one for each key, or one for all.
+    pub(super) levels: Vec<Vec<Value>>,
+    /// True where the levels are points of the sample, which all such axes go through together.
+    pub sampled: bool,
+    /// True where equal steps of it are equal factors.
+    pub logarithmic: bool,
+}
+
+/// `[samples]`: a Latin hypercube.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Samples {
+    /// Number of points.
+    pub count: usize,
+    /// What the points are drawn from; the same seed gives the same points.
+    #[serde(default)]
+    pub seed: u64,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum Scale {
+    #[default]
+    Linear,
+    Log,
+}
+
+/// What a sweep's file says of levels.
+enum Levels {
+    Listed { values: Vec<Value>, scale: Scale },
+    Between { low: f64, high: f64, scale: Scale },
+}
+
+/// The axes in `table`, which stands at `path`, in no particular order.
+pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> {
+    let mut axes = Vec::new();
+    for (key, value) in table {
+        let path = format!("{path}.{key}");
+        match value {
+            Value::Table(inner) if !MARKS.iter().any(|mark| inner.contains_key(*mark)) => {
+                axes.extend(read(inner, &path)?);
+            }
+            Value::Table(_) | Value::Array(_) => axes.push(axis(value, &path)?),
+            other => {
+                let allowed = "a list of values, { from, to, count }, { between = [low, high] }, { values }, \
+                    { factors } or { zip }";
+                return Err(Fault { key: path, problem: refused(other, allowed) });
+            }
+        }
+    }
+    if axes.is_empty() {
+        return Err(Fault { key: path.to_string(), problem: "found no axis; allowed: at least one".to_string() });
+    }
+    Ok(axes)
+}
+
+/// The axis that `value` at `path` describes; that of a sample has its two ends as levels until it is drawn.
+fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
+    let fault = |problem: String| Fault { key: path.to_string(), problem };
+    let name = path.split_once('.').map_or(path, |(_, name)| name).to_string();
+    let empty = toml::Table::new();
+    let table = value.as_table().unwrap_or(&empty);
+    let has = |key: &str| table.contains_key(key);
+    if let Some(other) = table.keys().find(|key| !MARKS.contains(&key.as_str())) {
+        return Err(Fault {
+            key: format!("{path}.{other}"),
+            problem: format!("unknown key; allowed: {}", MARKS.join(", ")),
+        });
+    }
+    if let Some(zip) = table.get("zip") {
+        if table.keys().any(|key| !["zip", "labels"].contains(&key.as_str())) {
+            return Err(fault("found zip beside other keys; allowed: zip and labels".to_string()));
+        }
+        return zipped(zip, table.get("labels"), path, name);
+    }
+    let keys = match table.get("keys") {
+        None => vec![name.clone()],
+        Some(keys) => texts(keys).ok_or_else(|| Fault {
+            key: format!("{path}.keys"),
+            problem: refused(keys, "a list of the scene's keys, such as [\"rod.outer_radius_m\"]"),
+        })?,
+    };
+    // A range may stand beside the axis' own keys.
+    let range = || {
+        Value::Table(table.clone().into_iter().filter(|(key, _)| !["keys", "labels"].contains(&key.as_str())).collect())
+    };
+    let (kind, levels) = match (table.get("values"), table.get("factors")) {
+        (Some(_), Some(_)) => return Err(fault("found values beside factors; allowed: one of the two".to_string())),
+        (Some(values), None) => (Kind::Values, values.clone()),
+        (None, Some(factors)) => (Kind::Factors, factors.clone()),
+        (None, None) if value.is_array() => (Kind::Values, value.clone()),
+        (None, None) => (Kind::Values, range()),
+    };
+    if (has("values") || has("factors"))
+        && let Some(stray) = ["from", "to", "count", "between", "scale"].into_iter().find(|key| has(key))
+    {
+        return Err(fault(format!("found {stray} beside values or factors; allowed: inside them")));
+    }
+    let (levels, sampled, scale) = match listed(&levels, path)? {
+        Levels::Listed { values, scale } => (values, false, scale),
+        Levels::Between { low, high, scale } => (vec![Value::Float(low), Value::Float(high)], true, scale),
+    };
+    if kind == Kind::Factors
+        && let Some(bad) = levels.iter().find(|level| !number(level).is_some_and(|x| x.is_finite() && x != 0.0))
+    {
+        return Err(fault(refused(bad, "factors: finite numbers that are not zero")));
+    }
+    let mut labels = levels.clone();
+    if let Some(wanted) = table.get("labels") {
+        labels = labelled(wanted, levels.len(), path)?;
+        if sampled {
+            return Err(Fault {
+                key: format!("{path}.labels"),
+                problem: "found for a sample; allowed: for listed levels".into(),
+            });
+        }
+    }
+    let name = if kind == Kind::Factors && !has("keys") { format!("{name}.factor") } else { name };
+    let levels = levels.into_iter().map(|level| vec![level]).collect();
+    let logarithmic = scale == Scale::Log;
+    Ok(Axis { name, path: path.to_string(), kind, keys, labels, levels, sampled, logarithmic })
+}
+
+/// An axis whose keys each have their own list.
+fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<Axis, Fault> {
+    let at = format!("{path}.zip");
+    let mut lists = Vec::new();
+    if let Some(table) = zip.as_table() {
+        leaves(table, "", &mut lists);
+    }
+    let refuse = |found: String| Fault {
+        key: at.clone(),
+        problem: refused(found, "keys of the scene with lists of the same length, at least two keys"),
+    };
+    if lists.len() < 2 {
+        return Err(refuse(zip.to_string()));
+    }
+    let mut levels: Vec<Vec<Value>> = Vec::new();
+    for (key, value) in &lists {
+        let list = value.as_array().ok_or_else(|| refuse(format!("{value} for {key}")))?;
+        if list.is_empty() || (!levels.is_empty() && levels.len() != list.len()) {
+            return Err(refuse(format!("a list of {} for {key}", list.len())));
+        }
+        levels.resize(list.len(), Vec::new());
+        levels.iter_mut().zip(list).for_each(|(level, value)| level.push(value.clone()));
+    }
+    let labels = match labels {
+        Some(labels) => labelled(labels, levels.len(), path)?,
+        None => levels.iter().map(|level| level[0].clone()).collect(),
+    };
+    let keys = lists.into_iter().map(|(key, _)| key).collect();
+    Ok(Axis { name, path: path.to_string(), kind: Kind::Zip, keys, labels, levels, sampled: false, logarithmic: false })
+}
+
+fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Fault> {
+    match texts(labels) {
+        Some(texts) if texts.len() == count => Ok(texts.into_iter().map(Value::String).collect()),
+        _ => Err(Fault {
+            key: format!("{path}.labels"),
+            problem: refused(labels, format!("a list of {count} texts, one for each level")),
+        }),
+    }
+}
+
+/// The levels that `value` describes: a list, or a table with a range.
+fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
+    #[derive(Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Range {
+        from: Option<Value>,
+        to: Option<Value>,
+        count: Option<usize>,
+        between: Option<[f64; 2]>,
+        #[serde(default)]
+        scale: Scale,
+    }
+    const ALLOWED: &str =
+        "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
+    let fault = |found: String, allowed: &str| Fault { key: path.to_string(), problem: refused(found, allowed) };
+    if let Value::Array(values) = value {
+        return match values.len() {
+            0 => Err(fault("an empty list".to_string(), "at least one level")),
+            _ => Ok(Levels::Listed { values: values.clone(), scale: Scale::Linear }),
+        };
+    }
+    let range: Range = value.clone().try_into().map_err(|_| fault(value.to_string(), ALLOWED))?;
+    let ends = |low: f64, high: f64| match range.scale {
+        _ if !(low.is_finite() && high.is_finite()) => Err(fault(format!("{low} to {high}"), "finite numbers")),
+        Scale::Log if low.min(high) <= 0.0 => Err(fault(format!("{low} to {high}"), "positive numbers on a log scale")),
+        _ => Ok(()),
+    };
+    match range {
+        Range { from: Some(from), to: Some(to), count: Some(count), between: None, scale } => {
+            let (Some(low), Some(high)) = (number(&from), number(&to)) else {
+                return Err(fault(value.to_string(), "numbers"));
+            };
+            ends(low, high)?;
+            if !(2..=MOST_LEVELS).contains(&count) {
+                return Err(fault(format!("count = {count}"), &format!("2 to {MOST_LEVELS}")));
+            }
+            let whole = from.is_integer() && to.is_integer();
+            let level = |i: usize| match between(low, high, scale, i as f64 / (count - 1) as f64) {
+                _ if i == count - 1 => to.clone(),
+                x if whole && x == x.round() => Value::Integer(x as i64),
+                x => Value::Float(x),
+            };
+            Ok(Levels::Listed { values: (0..count).map(level).collect(), scale })
+        }
+        Range { from: None, to: None, count: None, between: Some([low, high]), scale } => {
+            ends(low, high)?;
+            if low >= high {
+                return Err(fault(format!("between = [{low}, {high}]"), "[low, high]"));
+            }
+            Ok(Levels::Between { low, high, scale })
+        }
+        _ => Err(fault(value.to_string(), ALLOWED)),
+    }
+}
+
+/// The point a part x of the way from `low` to `high`; exactly `low` at 0.
+fn between(low: f64, high: f64, scale: Scale, x: f64) -> f64 {
+    match scale {
+        Scale::Linear => low + (high - low) * x,
+        Scale::Log if x == 0.0 => low,
+        Scale::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
+    }
+}
+
+/// Gives the sampled axes their levels: a Latin hypercube, in which each axis has one point in each of `count` equal
+/// parts of its range, at a random place of it, in random order (McKay, Beckman & Conover 1979).
+pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), Fault> {
+    let mut sampled = axes.iter_mut().filter(|axis| axis.sampled).peekable();
+    let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+    let Some(Samples { count, seed }) = samples else {
+        return match sampled.peek() {
+            Some(axis) => {
+                fault(&axis.path, "found between without [samples]; add [samples] with count and seed".to_string())
+            }
+            None => Ok(()),
+        };
+    };
+    if sampled.peek().is_none() {
+        return fault("samples", "found without an axis { between = [low, high] }; allowed: only with one".to_string());
+    }
+    if !(1..=MOST_LEVELS).contains(&count) {
+        return fault("samples.count", refused(count, format!("1 to {MOST_LEVELS}")));
+    }
+    let mut dice = fastrand::Rng::with_seed(seed);
+    for axis in sampled {
+        let [low, high] = [0, 1].map(|i| axis.levels[i].first().and_then(number).unwrap_or_default());
+        let scale = if axis.logarithmic { Scale::Log } else { Scale::Linear };
+        let mut parts: Vec<usize> = (0..count).collect();
+        dice.shuffle(&mut parts);
+        let point = |part: usize| between(low, high, scale, (part as f64 + dice.f64()) / count as f64);
+        axis.labels = parts.into_iter().map(point).map(Value::Float).collect();
+        axis.levels = axis.labels.iter().map(|label| vec![label.clone()]).collect();
+    }
+    Ok(())
+}
+
+/// A number, whole or not.
+pub(super) fn number(value: &Value) -> Option<f64> {
+    match value {
+        Value::Float(x) => Some(*x),
+        Value::Integer(x) => Some(*x as f64),
+        _ => None,
+    }
+}
+
+fn texts(value: &Value) -> Option<Vec<String>> {
+    let texts: Option<Vec<_>> = value.as_array()?.iter().map(|text| text.as_str().map(str::to_string)).collect();
+    texts.filter(|texts| !texts.is_empty())
+}
+
+/// The dotted keys and values of all that is no table below `table`.
+pub(super) fn leaves(table: &toml::Table, path: &str, found: &mut Vec<(String, Value)>) {
+    for (key, value) in table {
+        let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
+        match value {
+            Value::Table(inner) => leaves(inner, &path, found),
+            value => found.push((path, value.clone())),
+        }
+    }
+}
+
+/// The value of a dotted key.
+pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value> {
+    match key.split_once('.') {
+        Some((first, rest)) => look_up(table.get(first)?.as_table()?, rest),
+        None => table.get(key),
+    }
+}
+
+/// Puts a value at a dotted key; tables go on top of tables, as in a scene's overrides.
+pub(super) fn put(table: &mut toml::Table, key: &str, value: Value) {
+    if let Some((first, rest)) = key.split_once('.') {
+        let inner = table.entry(first).or_insert_with(|| Value::Table(toml::Table::new()));
+        if let Value::Table(inner) = inner {
+            put(inner, rest, value);
+        }
+        return;
+    }
+    match (table.get_mut(key), value) {
+        (Some(Value::Table(base)), Value::Table(over)) => {
+            over.into_iter().for_each(|(key, value)| put(base, &key, value))
+        }
+        (_, value) => drop(table.insert(key.to_string(), value)),
+    }
+}
+
+/// The product of two numbers, whole where the first is and stays so.
+pub(super) fn product(value: &Value, factor: &Value) -> Option<Value> {
+    let product = number(value)? * number(factor)?;
+    let whole = value.is_integer() && product == product.round() && product.abs() < 9e15;
+    Some(if whole { Value::Integer(product as i64) } else { Value::Float(product) })
+}

@@ -1,0 +1,344 @@
+//! Sweeps: one scene along axes, every case run once, on all cores, resumable, in shards if wished.
+//!
+//! A [`Sweep`] is a file that names a base scene and axes; it numbers its cases and makes each one's scene. [`run`] runs
+//! the cases that a journal lacks, and [`Results`] makes table, figures and report of what journals hold.
+
+mod axis;
+mod case;
+mod results;
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::Value;
+
+use crate::error::{Error, Result};
+use crate::jobs::{self, Job};
+use crate::scene::{Document, Fault, Scene};
+
+pub use axis::{Axis, Kind, Samples};
+pub use case::{Row, run};
+pub use results::Results;
+
+/// Most cases of a sweep.
+const MOST_CASES: usize = 1_000_000;
+
+/// A sweep's file.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    #[serde(default)]
+    name: String,
+    scene: String,
+    #[serde(default)]
+    set: toml::Table,
+    axes: toml::Table,
+    samples: Option<Samples>,
+    #[serde(default)]
+    record: RecordTable,
+    #[serde(default)]
+    report: ReportTable,
+}
+
+/// `[record]` of a sweep: what is kept of a case beside its row of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordTable {
+    /// Number of cases, chosen evenly by chance, whose motion is kept for the report to play.
+    pub played: usize,
+    /// Times of that motion.
+    pub frames: usize,
+    /// Times of the path of the centre of mass that are kept of every case, for traces.csv; 0 for none.
+    pub traces: usize,
+}
+
+impl Default for RecordTable {
+    fn default() -> Self {
+        Self { played: 200, frames: 60, traces: 0 }
+    }
+}
+
+/// `[report]` of a sweep.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ReportTable {
+    /// The axis whose levels have figures of their own, and are compared.
+    pub split: Option<String>,
+}
+
+/// A sweep, read and checked as far as the file itself goes.
+#[derive(Debug)]
+pub struct Sweep {
+    /// Its name: that of its file where it has none.
+    pub name: String,
+    /// The axes, in the order of the file; the last one changes fastest from case to case.
+    pub axes: Vec<Axis>,
+    /// What is kept of each case.
+    pub record: RecordTable,
+    /// The axis whose levels the report shows apart.
+    pub split: Option<usize>,
+    document: Document,
+    base: Document,
+    tables: toml::Table,
+    /// Axes that advance together.
+    dimensions: Vec<Vec<usize>>,
+    /// Where each axis stands, as errors name it.
+    places: Vec<String>,
+    played: BTreeSet<usize>,
+}
+
+/// One case of a sweep.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// Its number, from 0.
+    pub index: usize,
+    /// Its level on every axis.
+    pub levels: Vec<usize>,
+    /// The scene's keys that the axes move: axis, key and value.
+    pub settings: Vec<(usize, String, Value)>,
+}
+
+impl Sweep {
+    /// Reads the sweep of a file, its base scene with the overrides `set` (`table.key=value`) on top of the file's own.
+    ///
+    /// # Errors
+    /// [`Error::Read`], [`Error::Scene`] with file, line and key.
+    pub fn read(path: &Path, set: &[String]) -> Result<Self> {
+        let document = Document::read(path)?;
+        let file: File = document.read_as()?;
+        let refuse = |fault: Fault| document.refuse(&fault);
+        let mut axes = axis::read(&file.axes, "axes").map_err(refuse)?;
+        let at = document.positions(&axes.iter().map(|axis| axis.path.clone()).collect::<Vec<_>>())?;
+        let mut order: Vec<_> = at.into_iter().zip(axes).collect();
+        order.sort_by_key(|(at, _)| *at);
+        axes = order.into_iter().map(|(_, axis)| axis).collect();
+        axis::sample(&mut axes, file.samples).map_err(refuse)?;
+
+        let folder = path.parent().unwrap_or(Path::new(""));
+        let mut base = Document::read(&folder.join(&file.scene))?;
+        let mut own = Vec::new();
+        axis::leaves(&file.set, "", &mut own);
+        for (key, value) in own {
+            base.put(&document.place_of(&format!("set.{key}")), &key, &value);
+        }
+        for assignment in set {
+            base.set(assignment)?;
+        }
+        let mut sweep = Self {
+            name: if file.name.is_empty() {
+                path.file_stem().map_or_else(|| "sweep".into(), |stem| stem.to_string_lossy().into())
+            } else {
+                file.name
+            },
+            dimensions: dimensions(&axes),
+            places: axes.iter().map(|axis| document.place_of(&axis.path)).collect(),
+            split: None,
+            record: file.record,
+            tables: base.read_as()?,
+            played: BTreeSet::new(),
+            axes,
+            base,
+            document,
+        };
+        sweep.check(&file.report).map_err(|fault| sweep.document.refuse(&fault))?;
+        if let Some(split) = &file.report.split {
+            sweep.split = sweep.axes.iter().position(|axis| axis.name == *split);
+        }
+        sweep.played = jobs::shuffled(sweep.size()).into_iter().take(sweep.record.played).collect();
+        Ok(sweep)
+    }
+
+    /// Checks what no single key can tell.
+    fn check(&self, report: &ReportTable) -> std::result::Result<(), Fault> {
+        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+        if self.name.contains(['/', '\\']) || ["", ".", ".."].contains(&self.name.trim()) {
+            return fault("name", format!("found {:?}; allowed: a name that can be a folder's", self.name));
+        }
+        let sizes = self.dimensions.iter().map(|dimension| self.axes[dimension[0]].levels.len());
+        let size = sizes.clone().try_fold(1_usize, |product, size| product.checked_mul(size));
+        if size.is_none_or(|size| size > MOST_CASES) {
+            let sizes = sizes.map(|size| size.to_string()).collect::<Vec<_>>().join(" × ");
+            return fault("axes", format!("found {sizes} cases; allowed: up to {MOST_CASES}"));
+        }
+        if self.record.frames == 1 {
+            return fault("record.frames", "found 1; allowed: 0 or at least 2".to_string());
+        }
+        let mut moved: Vec<(&str, Kind)> = Vec::new();
+        for (i, axis) in self.axes.iter().enumerate() {
+            if self.axes[..i].iter().any(|other| other.name == axis.name) {
+                return fault(&axis.path, format!("found a second axis `{}`; allowed: one of each name", axis.name));
+            }
+            for key in &axis.keys {
+                let before = moved.iter().find(|(other, _)| other == key);
+                if axis.kind != Kind::Factors && before.is_some() {
+                    return fault(
+                        &axis.path,
+                        format!(
+                            "sets {key}, which an axis before it moves; allowed: one axis with its values, then factors"
+                        ),
+                    );
+                }
+                if axis.kind == Kind::Factors && before.is_none() && axis::look_up(&self.tables, key).is_none() {
+                    return fault(
+                        &axis.path,
+                        format!("multiplies {key}, which the base scene does not give; add it there or under [set]"),
+                    );
+                }
+                moved.push((key, axis.kind));
+            }
+        }
+        if let Some(split) = &report.split
+            && !self.axes.iter().any(|axis| axis.name == *split && !axis.sampled)
+        {
+            let names = self.axes.iter().filter(|axis| !axis.sampled).map(|axis| axis.name.as_str());
+            let names = names.collect::<Vec<_>>().join(", ");
+            return fault("report.split", format!("found {split:?}; allowed: an axis with listed levels: {names}"));
+        }
+        Ok(())
+    }
+
+    /// Number of its cases.
+    pub fn size(&self) -> usize {
+        self.dimensions.iter().map(|dimension| self.axes[dimension[0]].levels.len()).product()
+    }
+
+    /// Case `index`, from 0.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] where a factor multiplies what is no number.
+    pub fn case(&self, index: usize) -> Result<Case> {
+        let mut levels = vec![0; self.axes.len()];
+        let mut rest = index;
+        for dimension in self.dimensions.iter().rev() {
+            let size = self.axes[dimension[0]].levels.len();
+            dimension.iter().for_each(|axis| levels[*axis] = rest % size);
+            rest /= size;
+        }
+        let mut settings: Vec<(usize, String, Value)> = Vec::new();
+        for (i, axis) in self.axes.iter().enumerate() {
+            let level = &axis.levels[levels[i]];
+            for (k, key) in axis.keys.iter().enumerate() {
+                let value = level.get(k).unwrap_or(&level[0]);
+                if axis.kind != Kind::Factors {
+                    settings.push((i, key.clone(), value.clone()));
+                    continue;
+                }
+                let before = settings.iter().position(|(_, other, _)| other == key);
+                let old = before.map_or_else(|| axis::look_up(&self.tables, key), |at| Some(&settings[at].2));
+                let product = old.and_then(|old| axis::product(old, value)).ok_or_else(|| Error::Scene {
+                    place: self.places[i].clone(),
+                    key: axis.path.clone(),
+                    problem: format!("multiplies {key}, which is no number"),
+                })?;
+                match before {
+                    Some(at) => settings[at] = (i, key.clone(), product),
+                    None => settings.push((i, key.clone(), product)),
+                }
+            }
+        }
+        Ok(Case { index, levels, settings })
+    }
+
+    /// The scene of a case, checked, and its hash.
+    ///
+    /// # Errors
+    /// [`Error::Scene`] that names the axis and the case; [`Error::Read`].
+    pub fn scene(&self, case: &Case) -> Result<(Scene, String)> {
+        let mut document = self.base.clone();
+        for (axis, key, value) in &case.settings {
+            document.put(&self.places[*axis], key, value);
+        }
+        let scene = document.scene().map_err(|error| match error {
+            Error::Scene { place, key, problem } => {
+                let problem = format!("{problem} (in case {}: {})", case.index, self.describe(case));
+                Error::Scene { place, key, problem }
+            }
+            other => other,
+        })?;
+        let mut tables = self.tables.clone();
+        for (_, key, value) in &case.settings {
+            axis::put(&mut tables, key, value.clone());
+        }
+        let mut inputs = tables.to_string().into_bytes();
+        let files = scene.files();
+        if !files.is_empty() {
+            scene.model()?; // reads and checks them
+        }
+        for path in files {
+            inputs.extend(std::fs::read(&path).map_err(|e| Error::Read { path, reason: e.to_string() })?);
+        }
+        Ok((scene, jobs::hash(&inputs)))
+    }
+
+    /// A case in words.
+    pub fn describe(&self, case: &Case) -> String {
+        let level = |(axis, level): (&Axis, &usize)| format!("{} = {}", axis.name, axis.labels[*level]);
+        self.axes.iter().zip(&case.levels).map(level).collect::<Vec<_>>().join(", ")
+    }
+
+    /// Checks the scenes of all cases, on `threads` threads, and says what job they are.
+    ///
+    /// # Errors
+    /// Those of the first wrong case that is found.
+    pub fn job(&self, threads: usize) -> Result<Job> {
+        let mut hashes = vec![String::new(); self.size()];
+        let todo: Vec<usize> = (0..self.size()).collect();
+        let hash = |index| self.case(index).and_then(|case| self.scene(&case)).map(|(_, hash)| hash);
+        jobs::run(&todo, threads, hash, |index, hash| {
+            hashes[index] = hash?;
+            Ok(std::ops::ControlFlow::Continue(()))
+        })?;
+        let inputs = format!("{:?} {:?} {}", self.record, self.columns(), hashes.concat());
+        Ok(Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()))
+    }
+
+    /// The columns of the table that say which case it is: one for every axis, then every key that no axis is named after.
+    pub fn columns(&self) -> Vec<&str> {
+        let mut names: Vec<&str> = self.axes.iter().map(|axis| axis.name.as_str()).collect();
+        for key in self.axes.iter().flat_map(|axis| &axis.keys) {
+            if !names.contains(&key.as_str()) {
+                names.push(key);
+            }
+        }
+        names
+    }
+
+    /// The values of a case in these columns.
+    pub fn values(&self, case: &Case) -> Vec<Value> {
+        let levels = self.axes.iter().zip(&case.levels).map(|(axis, level)| axis.labels[*level].clone());
+        let mut values: Vec<Value> = levels.collect();
+        let columns = self.columns();
+        for column in &columns[values.len()..] {
+            values.extend(case.settings.iter().find(|(_, key, _)| key == column).map(|(_, _, value)| value.clone()));
+        }
+        values
+    }
+
+    /// True for cases whose motion is kept.
+    pub fn plays(&self, index: usize) -> bool {
+        self.record.frames > 0 && self.played.contains(&index)
+    }
+
+    /// The text of its file.
+    pub fn text(&self) -> &str {
+        self.document.text()
+    }
+
+    /// The folder where its results belong unless another one is asked for.
+    pub fn folder(&self) -> PathBuf {
+        PathBuf::from("out").join(&self.name)
+    }
+}
+
+/// The axes that advance together: sampled ones with the first of them, every other alone.
+fn dimensions(axes: &[Axis]) -> Vec<Vec<usize>> {
+    let mut dimensions: Vec<Vec<usize>> = Vec::new();
+    for (i, axis) in axes.iter().enumerate() {
+        match dimensions.iter_mut().find(|dimension| axis.sampled && axes[dimension[0]].sampled) {
+            Some(dimension) => dimension.push(i),
+            None => dimensions.push(vec![i]),
+        }
+    }
+    dimensions
+}

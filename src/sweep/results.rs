@@ -1,0 +1,160 @@
+//! What a sweep's journals hold, as table, figures and report.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+
+use super::{Row, Sweep};
+use crate::error::{Error, Result};
+use crate::jobs::{Job, Journal};
+use crate::report::cases::{Axis, Cases};
+use crate::report::tables::{ColumnType, csv_of, parquet_of, put_in_place, text_file};
+
+/// From this number of cases on the table is there as Parquet too.
+const PARQUET_FROM: usize = 1000;
+
+/// The results of a sweep, in one journal or in those of its shards.
+#[derive(Debug)]
+pub struct Results<'a> {
+    sweep: &'a Sweep,
+    journals: Vec<Journal>,
+    /// Which journal has each case.
+    holder: Vec<Option<usize>>,
+}
+
+impl<'a> Results<'a> {
+    /// The results in `journals`, which must all be of `job`, the sweep's.
+    ///
+    /// # Errors
+    /// [`Error::Journal`] where one is of another job.
+    pub fn new(sweep: &'a Sweep, job: &Job, journals: Vec<Journal>) -> Result<Self> {
+        let mut holder = vec![None; sweep.size()];
+        for (i, journal) in journals.iter().enumerate() {
+            if let Some(difference) = job.difference(journal.job()) {
+                let problem = format!("it holds results of another sweep, or of other scenes: {difference}");
+                return Err(Error::Journal { path: journal.path().to_path_buf(), problem });
+            }
+            for index in journal.indices().filter(|index| *index < sweep.size()) {
+                holder[index].get_or_insert(i);
+            }
+        }
+        Ok(Self { sweep, journals, holder })
+    }
+
+    /// The cases that no journal has.
+    pub fn missing(&self) -> impl Iterator<Item = usize> {
+        (0..self.holder.len()).filter(|index| self.holder[*index].is_none())
+    }
+
+    /// The rows, in the order of the cases; what is missing is left out.
+    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Row)>> {
+        let row = |(index, holder): (usize, &Option<usize>)| {
+            let row = self.journals[(*holder)?].get::<Row>(index).transpose()?;
+            Some(row.map(|row| (index, row)))
+        };
+        self.holder.iter().enumerate().filter_map(row)
+    }
+
+    /// Writes table, figures and report into `folder`, each put in place whole; returns their paths.
+    ///
+    /// # Errors
+    /// [`Error::Write`], [`Error::Journal`], [`Error::Chart`], [`Error::Page`].
+    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
+        let sweep = self.sweep;
+        // A first pass learns the columns and keeps what figures and page need.
+        let mut names: Vec<(String, Option<ColumnType>)> = Vec::new();
+        let mut cases = self.cases();
+        let mut own = vec![None; sweep.columns().len()];
+        for row in self.rows() {
+            let (index, row) = row?;
+            for (name, value) in &row.quantities {
+                match names.iter_mut().find(|(known, _)| known == name) {
+                    Some((_, kind)) => *kind = ColumnType::widened(*kind, value),
+                    None => names.push((name.clone(), ColumnType::widened(None, value))),
+                }
+            }
+            let case = sweep.case(index)?;
+            for (kind, value) in own.iter_mut().zip(sweep.values(&case)) {
+                *kind = ColumnType::widened(*kind, &json(&value));
+            }
+            cases.add(index, &case.levels, &row.quantities, row.frames);
+        }
+        // A quantity that is a list in some cases and null in others is a list.
+        let lists: Vec<String> =
+            names.iter().filter_map(|(name, _)| Some(name.split_once('.')?.0.to_string())).collect();
+        names.retain(|(name, _)| !lists.contains(name));
+        let number = |name: &str| (name.to_string(), ColumnType::Number);
+        let text = |name: &str| (name.to_string(), ColumnType::Text);
+        let kind = |(name, kind): (String, Option<ColumnType>)| (name, kind.unwrap_or(ColumnType::Number));
+        let own = sweep.columns().into_iter().map(str::to_string).zip(own);
+        let header: Vec<_> = std::iter::once(number("case"))
+            .chain(own.map(kind))
+            .chain([text("scene_hash"), text("caudal_version")])
+            .chain(names.iter().cloned().map(kind))
+            .collect();
+        let cells = |row: Result<(usize, Row)>| {
+            let (index, row) = row?;
+            let mut cells = vec![Value::from(index)];
+            cells.extend(sweep.values(&sweep.case(index)?).iter().map(json));
+            cells.extend([row.scene_hash.into(), env!("CARGO_PKG_VERSION").into()]);
+            cells.extend(names.iter().map(|(name, _)| row.quantities.get(name).cloned().unwrap_or_default()));
+            Ok(cells)
+        };
+        let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
+        let mut files = vec![csv_of(folder.join("table.csv"), &columns, self.rows().map(cells))?];
+        if sweep.size() >= PARQUET_FROM {
+            files.push(parquet_of(folder.join("table.parquet"), &header, self.rows().map(cells))?);
+        }
+        if sweep.record.traces > 0 {
+            files.push(self.traces(folder.join("traces.csv"))?);
+        }
+        let figures = cases.figures()?;
+        let page = cases.page(&figures)?;
+        for (name, svg) in &figures {
+            files.push(text_file(folder.join(name), svg)?);
+        }
+        files.push(text_file(folder.join("report.html"), &page)?);
+        files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+    }
+
+    /// The paths of the centres of mass: one row a case and time.
+    fn traces(&self, path: PathBuf) -> Result<(tempfile::NamedTempFile, PathBuf)> {
+        let header = ["case", "time_s", "x_com_m", "y_com_m"].map(str::to_string);
+        let rows = self.rows().flat_map(|row| match row {
+            Ok((index, row)) => {
+                let cells = |[t, x, y]: [f64; 3]| Ok(vec![index.into(), t.into(), x.into(), y.into()]);
+                row.trace.into_iter().map(cells).collect::<Vec<_>>()
+            }
+            Err(error) => vec![Err(error)],
+        });
+        csv_of(path, &header, rows)
+    }
+
+    /// Empty cases for figures and page.
+    fn cases(&self) -> Cases {
+        let sweep = self.sweep;
+        let axis = |axis: &super::Axis| Axis {
+            name: axis.name.clone(),
+            labels: axis.labels.iter().map(label).collect(),
+            numbers: axis.labels.iter().map(super::axis::number).collect(),
+            sampled: axis.sampled,
+            logarithmic: axis.logarithmic,
+        };
+        Cases::new(&sweep.name, sweep.axes.iter().map(axis).collect(), sweep.split, sweep.size(), sweep.text())
+    }
+}
+
+/// A level as text and axes show it.
+fn label(value: &toml::Value) -> String {
+    value.as_str().map_or_else(|| value.to_string(), str::to_string)
+}
+
+/// A value of a scene in a cell: numbers, texts and truths as they are, anything else as its TOML.
+fn json(value: &toml::Value) -> Value {
+    match value {
+        toml::Value::Integer(x) => (*x).into(),
+        toml::Value::Float(x) => (*x).into(),
+        toml::Value::Boolean(x) => (*x).into(),
+        other => label(other).into(),
+    }
+}
