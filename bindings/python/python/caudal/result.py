@@ -105,7 +105,7 @@ def run(
     content, failure = _run(scene, names, out, progress)
     result = Result(scene, content)
     if failure is not None:
-        failure.result = result
+        failure.result = result  # type: ignore[attr-defined]
         raise failure
     return result
 
