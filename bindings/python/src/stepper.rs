@@ -334,7 +334,7 @@ impl Stepper {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         if let Ok(bytes) = snapshot.cast::<PyBytes>() {
-            let snapshot = stepper.from_bytes(bytes.as_bytes()).or_raise(py)?;
+            let snapshot = stepper.deserialize(bytes.as_bytes()).or_raise(py)?;
             return stepper.restore(&snapshot).or_raise(py);
         }
         let snapshot = snapshot.cast::<Snapshot>()?.get();

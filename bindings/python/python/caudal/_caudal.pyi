@@ -1,13 +1,14 @@
 import os
 from collections.abc import Mapping
 from types import TracebackType
-from typing import Any, Callable, Literal, Optional, Union, overload
+from typing import Any, Callable, Literal, Optional, Union, final, overload
 
 import numpy as np
 import numpy.typing as npt
 
 __version__: str
 
+@final
 class Scene:
     def __init__(
         self,
@@ -34,6 +35,7 @@ class Scene:
         fmi: Literal[3, 2] = 3,
     ) -> None: ...
 
+@final
 class Variable:
     @property
     def name(self) -> str: ...
@@ -46,11 +48,13 @@ class Variable:
     @property
     def shape(self) -> Union[tuple[()], tuple[int]]: ...
 
+@final
 class Snapshot:
     @property
     def time_s(self) -> float: ...
     def __bytes__(self) -> bytes: ...
 
+@final
 class Stepper:
     def __init__(self, scene: Union[Scene, str, os.PathLike[str], Mapping[str, Any]]) -> None: ...
     @property

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Optional, Union
 
 import numpy as np
+import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _run
 
@@ -16,7 +17,9 @@ if TYPE_CHECKING:
     import pandas
 
 #: What a scene is made from: one there is, the path of a TOML file, or the tables themselves.
-Source = Union[Scene, str, "os.PathLike[str]", Mapping]
+Source = Union[Scene, str, "os.PathLike[str]", Mapping[str, Any]]
+#: Numbers in an array.
+Array = npt.NDArray[np.float64]
 
 
 def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
@@ -110,7 +113,7 @@ def run(
     return result
 
 
-class Result(Mapping):
+class Result(Mapping[str, Array]):
     """What came out of a run: NumPy arrays by the names of variables, with the summary.
 
     A scalar variable has one number a time, an array of variables one row a time. In a notebook it shows the run as an
@@ -135,16 +138,16 @@ class Result(Mapping):
         self.summary: dict[str, Any] = content["summary"]
         self.notes: list[str] = content["notes"]
         self.variables: dict[str, Variable] = content["variables"]
-        self.nodes: np.ndarray = content["nodes"]
-        self._arrays: dict[str, np.ndarray] = content["arrays"]
+        self.nodes: npt.NDArray[np.uintp] = content["nodes"]
+        self._arrays: dict[str, Array] = content["arrays"]
         self._html: str = content["html"]
 
     @property
     def complete(self) -> bool:
         """True if the run reached its duration."""
-        return self.summary["complete"]
+        return bool(self.summary["complete"])
 
-    def __getitem__(self, name: str) -> np.ndarray:
+    def __getitem__(self, name: str) -> Array:
         return self._arrays[name]
 
     def __iter__(self) -> Iterator[str]:
@@ -167,7 +170,7 @@ class Result(Mapping):
         """
         import pandas
 
-        columns = {}
+        columns: dict[str, Array] = {}
         for name, values in self.items():
             if values.ndim == 1:
                 columns[name] = values
@@ -175,7 +178,7 @@ class Result(Mapping):
                 columns.update({f"{name}[{k}]": column for k, column in zip(self._entries(name), values.T)})
         return pandas.DataFrame(columns).set_index("time_s")
 
-    def _entries(self, name: str) -> Iterable[int]:
+    def _entries(self, name: str) -> Iterable[Any]:
         """The nodes of a variable's columns: those recorded, or the joints, of which the last is before the tip."""
         count = self[name].shape[1]
         if self.variables[name].shape == (self.scene.nodes,):
