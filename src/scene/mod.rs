@@ -343,7 +343,7 @@ const NODES_CSV_UP_TO: usize = 200;
 const DEFAULT_INTEGRATORS: [&str; 2] = ["implicit-euler", "esdirk3"];
 
 /// The tolerance of a scene that gives neither step nor tolerance.
-const DEFAULT_TOLERANCE: f64 = 1e-4;
+const DEFAULT_TOLERANCE: f64 = 1e-3;
 
 /// The tolerance of [`Scene::whole`].
 const WHOLE_TOLERANCE: f64 = 1e-6;
