@@ -1,13 +1,10 @@
 //! A design from scene to files: what was asked, what was found, how it stands re-simulated, figures, and a scene with the
 //! designed profile.
 
-use std::io::Write;
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use minijinja::value::Serde;
-use minijinja::{AutoEscape, Environment};
 use serde::Serialize;
 use serde_json::{Value, json};
 
@@ -19,7 +16,7 @@ use super::table::{Goal, Table};
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::{beside, put_in_place, write_error};
+use crate::report::{put_in_place, render, text_file, write_error};
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 use crate::system::System;
@@ -156,9 +153,7 @@ impl Design {
         let mut files = Vec::new();
         for (name, text) in texts {
             let path = folder.join(name);
-            let mut file = beside(&path)?;
-            file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
-            files.push((file, path));
+            files.push(text_file(path, &text)?);
         }
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
@@ -209,13 +204,8 @@ impl Design {
                 profile.push(Series::new(label, vec![(xi[0], bound), (xi[xi.len() - 1], bound)], Mark::Line));
             }
         }
-        let chart = |title: &str, x: &str, y: &str, scale, series| Chart {
-            title: format!("{name}: {title}"),
-            x: x.to_string(),
-            y: y.to_string(),
-            scale,
-            series,
-        };
+        let chart =
+            |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
         let bars = if matches!(self.answer, Answer::Identified(_)) { ", bars: one standard deviation" } else { "" };
         let title = format!("stiffness along the rod{bars}");
         let mut figures =
@@ -298,7 +288,6 @@ impl Design {
             figures: &'a [(&'static str, String)],
             scene: &'a str,
         }
-        let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
         let rod = self.scene.model()?.rod;
         let rows = rod.joints().zip(&self.stiffness).enumerate().map(|(i, (k, ei))| {
             let (deviation, verdict) = match &self.answer {
@@ -329,10 +318,7 @@ impl Design {
             figures,
             scene: self.designed.text(),
         };
-        let mut environment = Environment::new();
-        environment.set_auto_escape_callback(|_| AutoEscape::Html);
-        environment.add_template("design", include_str!("page.html")).map_err(failed)?;
-        environment.get_template("design").map_err(failed)?.render(Serde(&content)).map_err(failed)
+        render(include_str!("page.html"), &content)
     }
 }
 

@@ -90,6 +90,17 @@ pub struct Chart {
 }
 
 impl Chart {
+    /// A chart with a title, labels, scales and series.
+    pub fn new(
+        title: impl Into<String>,
+        x: impl Into<String>,
+        y: impl Into<String>,
+        scale: Scale,
+        series: Vec<Series>,
+    ) -> Self {
+        Self { title: title.into(), x: x.into(), y: y.into(), scale, series }
+    }
+
     /// The chart as an SVG document.
     ///
     /// # Errors

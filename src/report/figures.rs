@@ -8,13 +8,8 @@ const GHOSTS: usize = 8;
 
 /// The figures with their file names.
 pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<(&'static str, Chart)> {
-    let chart = |title: &str, x: &str, y: &str, scale, series| Chart {
-        title: format!("{name}: {title}"),
-        x: x.to_string(),
-        y: y.to_string(),
-        scale,
-        series,
-    };
+    let chart =
+        |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
     let in_time = |title: &str, y: &str, variable: &str| {
         let series = vec![Series::new(title, record.curve("time_s", variable), Mark::Line)];
         chart(title, "time (s)", y, Scale::Linear, series)

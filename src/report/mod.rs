@@ -12,5 +12,6 @@ pub(crate) mod tables;
 
 pub use findings::{Findings, Table};
 pub use output::Output;
+pub(crate) use page::render;
 pub use record::Frame;
-pub(crate) use tables::{beside, put_in_place, write_error};
+pub(crate) use tables::{put_in_place, text_file, write_error};

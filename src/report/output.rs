@@ -1,12 +1,11 @@
 //! The files of a run: each is written beside its place and put there whole.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use super::figures;
 use super::page::Page;
 use super::record::Record;
-use super::tables::{Csv, Parquet, beside, put_in_place, write_error};
+use super::tables::{Csv, Parquet, put_in_place, text_file, write_error};
 use crate::error::{Error, Result};
 use crate::run::Summary;
 use crate::scene::{Document, NodesTable, Scene};
@@ -122,9 +121,7 @@ impl Output {
         files.extend(self.nodes.complete()?);
         for (name, text) in texts {
             let path = self.folder.join(name);
-            let mut file = beside(&path)?;
-            file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
-            files.push((file, path));
+            files.push(text_file(path, &text)?);
         }
         for stale in NODES_FILES.map(|name| self.folder.join(name)) {
             // One left by an earlier run would not belong to this one.
