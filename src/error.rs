@@ -145,6 +145,9 @@ pub enum Error {
         /// Why not, and what excludes what.
         reason: String,
     },
+    /// An FMU cannot be made.
+    #[error("the FMU cannot be made: {0}")]
+    Fmu(String),
     /// The communication step is not a positive, finite time.
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),
@@ -156,6 +159,17 @@ pub enum Error {
         /// The most similar name there is.
         nearest: Option<&'static str>,
     },
+    /// No derivative of this order can be set.
+    #[error("a derivative of order {order} cannot be set; allowed: 1 to {highest}")]
+    Order {
+        /// The order asked for.
+        order: usize,
+        /// The highest there is.
+        highest: usize,
+    },
+    /// A saved state that cannot be taken over.
+    #[error("the saved state cannot be read: {0}")]
+    Snapshot(String),
     /// Only inputs can be set.
     #[error("variable `{0}` is not an input: it cannot be set")]
     NotAnInput(&'static str),

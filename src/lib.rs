@@ -85,6 +85,7 @@ pub mod sensitivity;
 pub mod jobs;
 
 pub mod check;
+pub mod fmu;
 pub mod report;
 pub mod run;
 pub mod study;

@@ -1,7 +1,7 @@
 //! What is measured of a run: energies, powers, work and displacement, and the balance that they must close.
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::head::{Row, hermite};
@@ -10,7 +10,7 @@ use crate::rod::{Edge, bend, node, stretch};
 use crate::system::{Link, State, System};
 
 /// Energies, J.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Energy {
     /// Stretching energy E_s.
     pub stretching: f64,
@@ -34,7 +34,7 @@ impl Energy {
 }
 
 /// Powers (W), or work (J): dE/dt = actuation − viscous + load + head + flow.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Power {
     /// Put in by the moving natural curvature: −Σ m_k dκ̄_k/dt.
     pub actuation: f64,
@@ -64,7 +64,7 @@ impl Power {
 }
 
 /// All that is measured at one time.
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Reading {
     /// Time, s.
     pub time: f64,
@@ -102,6 +102,12 @@ impl Reading {
         let zeros = || vec![0.0; nodes];
         let tangent = vec![Vector2::zeros(); nodes - 1];
         Self { kappa: zeros(), moment: zeros(), natural: zeros(), tangent, ..Self::default() }
+    }
+
+    /// The number of nodes it is for; zero where its arrays differ in length.
+    pub(crate) fn nodes(&self) -> usize {
+        let lengths = [self.kappa.len(), self.moment.len(), self.natural.len(), self.tangent.len() + 1];
+        if lengths == [lengths[0]; 4] { lengths[0] } else { 0 }
     }
 
     /// Measures `state`, whose time `dynamics` was last moved to.
@@ -216,7 +222,7 @@ impl Reading {
 }
 
 /// The running totals of a run, over every step.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Totals {
     /// Work since the start, J.
     pub work: Power,
@@ -271,7 +277,7 @@ impl Totals {
 }
 
 /// What is known of a run so far: its start, its totals, and the last reading.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Meter {
     /// The last reading.
     pub now: Reading,

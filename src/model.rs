@@ -3,11 +3,15 @@
 //! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
 
 pub mod chain;
+pub mod course;
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
 use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+pub use course::Course;
 
 use crate::actuation::{Actuation, Wave};
 use crate::drag::{Drag, Fluid};
@@ -25,7 +29,7 @@ const COLLAPSED: f64 = 1e-3;
 const REVERSED: f64 = -0.87;
 
 /// A periodic drive of the actuation.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Drive {
     /// Amplitude κ_amp.
     pub amplitude: f64,
@@ -66,7 +70,7 @@ pub struct Model {
 }
 
 /// What a host may set while it runs; starts as the scene has it.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Inputs {
     /// Drive of the actuation.
     pub drive: Drive,
@@ -85,7 +89,7 @@ pub struct Inputs {
 }
 
 /// A host's motion of a held head: x (m), y (m) and angle (rad) at the end of its next step.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct HostHead {
     /// Values to reach.
     pub target: [f64; 3],
@@ -115,6 +119,22 @@ impl HostHead {
             self.rows[i] =
                 [Row { time: t, value: from.value, rate: first }, Row { time: end, value: self.target[i], rate: last }];
         }
+    }
+}
+
+impl Clone for Inputs {
+    fn clone(&self) -> Self {
+        let (natural, force) = (self.natural.clone(), self.force.clone());
+        Self { natural, force, ..*self }
+    }
+
+    /// Allocates nothing where there is room.
+    fn clone_from(&mut self, other: &Self) {
+        let mut natural = self.natural.take();
+        let mut force = self.force.take();
+        natural.clone_from(&other.natural);
+        force.clone_from(&other.force);
+        *self = Self { natural, force, ..*other };
     }
 }
 
@@ -152,15 +172,25 @@ impl Inputs {
         phase + TAU * self.drive.frequency * (t - start)
     }
 
-    /// Where the drive is at time `t` (s).
-    pub(crate) fn wave(&self, start: &Start, t: f64) -> Wave {
+    /// The drive at time `t` (s); `rate` is how the inputs change by themselves.
+    pub(crate) fn wave(&self, start: &Start, t: f64, rate: Option<&Self>) -> Wave {
         let [gain, gain_rate] = start.gain(t);
-        Wave {
+        let wave = Wave {
             amplitude: self.drive.amplitude,
             gain,
             gain_rate,
             phase: self.cycle(t) - self.phase_offset,
             phase_rate: TAU * self.drive.frequency,
+        };
+        match rate {
+            None => wave,
+            Some(rate) => Wave {
+                amplitude: 1.0,
+                gain: wave.amplitude * gain,
+                gain_rate: wave.amplitude * gain_rate + rate.drive.amplitude * gain,
+                phase_rate: wave.phase_rate - rate.phase_offset,
+                ..wave
+            },
         }
     }
 }
@@ -172,8 +202,10 @@ pub struct Dynamics {
     pub model: Arc<Model>,
     /// What is kept of the rod's mechanics.
     pub mechanics: Mechanics,
-    /// The host's inputs.
+    /// The host's inputs at the time last moved to.
     pub inputs: Inputs,
+    /// How they go on by themselves, where the host has said so.
+    pub course: Option<Box<Course>>,
     /// Natural curvature κ̄_k at the time last moved to, one entry a node; zero where there is no joint.
     pub natural: Vec<f64>,
     /// dκ̄_k/dt, 1/s.
@@ -194,6 +226,7 @@ impl Dynamics {
         let mut dynamics = Self {
             mechanics: Mechanics::default(),
             inputs: Inputs::of(&model),
+            course: None,
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             held: None,
@@ -230,16 +263,56 @@ impl Dynamics {
         self.natural_rate.fill(0.0);
     }
 
-    /// Tells a head that a host moves that the host's next step goes from `t` to `end` (s).
-    pub fn aim_head(&mut self, t: f64, end: f64) {
-        if let (Some(host), Some(pose)) = (&mut self.inputs.head, &self.held) {
-            host.aim(pose, t, end);
-        }
+    /// The head as a host moves it from time `t` (s) on, taken over as it is where this is the host's first word.
+    pub fn take_over_head(&mut self, t: f64) -> &mut HostHead {
+        let pose = self.held.unwrap_or_default();
+        self.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
     }
 
     /// Evaluates natural curvature and head pose at time `t` (s), where no state is yet.
     pub(crate) fn look_at(&mut self, t: f64) {
         self.evaluate(t);
+    }
+
+    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry a node, when the inputs change by `by`.
+    pub(crate) fn natural_change(&self, by: &Inputs, t: f64, natural: &mut [f64], rate: &mut [f64]) {
+        let Model { rod, actuation, start, head, .. } = &*self.model;
+        natural.fill(0.0);
+        rate.fill(0.0);
+        if let Some((actuation, _)) = actuation {
+            let own_rate = self.course.as_ref().map(|course| course.rate());
+            let wave = self.inputs.wave(start, t, own_rate);
+            let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
+            let [gain, gain_rate] = start.gain(t);
+            let (amplitude, turn) = (by.drive.amplitude, -by.phase_offset);
+            // κ̄ = S g(φ) and dκ̄/dt = S g' φ' + S' g, with S = `size`, S' = `grows`.
+            let quicker = TAU * by.drive.frequency;
+            actuation.add(Wave { amplitude, gain, gain_rate, ..wave }, natural, rate);
+            actuation.add_derivatives([0.0, size * quicker + grows * turn, size * wave.phase_rate * turn], wave.phase, rate);
+            actuation.add_derivatives([0.0, size * turn, 0.0], wave.phase, natural);
+            for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
+                (natural[k], rate[k]) = (0.0, 0.0);
+            }
+        }
+        if let Some(own) = &by.natural {
+            for k in rod.joints() {
+                natural[k] += own[k] * rod.spacing;
+            }
+        }
+        if head.is_some() {
+            natural[0] *= 0.5;
+            rate[0] *= 0.5;
+        }
+    }
+
+    /// Tells a head that a host moves that the host's next step goes from `t` to `end` (s).
+    pub fn aim_head(&mut self, t: f64, end: f64) {
+        if let (Some(host), Some(pose)) = (&mut self.inputs.head, &self.held) {
+            if let Some(course) = &self.course {
+                course.aim(end, host);
+            }
+            host.aim(pose, t, end);
+        }
     }
 
     /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry a node.
@@ -248,10 +321,11 @@ impl Dynamics {
         let Model { rod, actuation, start, head, .. } = &*self.model;
         let Some((actuation, _)) = actuation else { return };
         // κ̄ = S g(φ): S″ g + 2 S′ φ′ g′ + S φ′² g″.
-        let wave = self.inputs.wave(start, t);
-        let Wave { amplitude, gain, gain_rate, phase, phase_rate } = wave;
+        let own_rate = self.course.as_ref().map(|course| course.rate());
+        let growth = own_rate.map_or(0.0, |rate| 2.0 * rate.drive.amplitude * start.gain(t)[1]);
+        let Wave { amplitude, gain, gain_rate, phase, phase_rate } = self.inputs.wave(start, t, own_rate);
         let sizes = [
-            amplitude * start.gain_acceleration(t),
+            self.inputs.drive.amplitude * start.gain_acceleration(t) + growth,
             2.0 * amplitude * gain_rate * phase_rate,
             amplitude * gain * phase_rate * phase_rate,
         ];
@@ -265,13 +339,15 @@ impl Dynamics {
 
     /// Evaluates natural curvature and head pose at time `t`.
     fn evaluate(&mut self, t: f64) {
+        self.follow_course(t);
         let Model { rod, actuation, start, head, .. } = &*self.model;
         if actuation.is_some() || self.inputs.natural.is_some() {
             self.natural.fill(0.0);
             self.natural_rate.fill(0.0);
         }
         if let Some((actuation, _)) = actuation {
-            actuation.add(self.inputs.wave(start, t), &mut self.natural, &mut self.natural_rate);
+            let rate = self.course.as_ref().map(|course| course.rate());
+            actuation.add(self.inputs.wave(start, t, rate), &mut self.natural, &mut self.natural_rate);
             for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
                 (self.natural[k], self.natural_rate[k]) = (0.0, 0.0);
             }
@@ -279,6 +355,11 @@ impl Dynamics {
         if let Some(own) = &self.inputs.natural {
             for k in rod.joints() {
                 self.natural[k] += own[k] * rod.spacing;
+            }
+        }
+        if let Some(rate) = self.course.as_ref().and_then(|course| course.rate().natural.as_ref()) {
+            for k in rod.joints() {
+                self.natural_rate[k] += rate[k] * rod.spacing;
             }
         }
         if head.is_some() {
@@ -369,11 +450,26 @@ impl Dynamics {
         self.model.load.is_some() || self.inputs.force.is_some()
     }
 
-    /// Work (J) of the constant and host forces on the way from positions `from` to `to`.
-    pub fn load_work(&self, from: &[f64], to: &[f64]) -> f64 {
+    /// Work (J) of the constant and host forces on the way from positions `from` to `to` over the `times` (s); forces that
+    /// change by themselves are taken in the middle.
+    pub fn load_work(&mut self, times: [f64; 2], from: &[f64], to: &[f64]) -> f64 {
         if !self.is_loaded() {
             return 0.0;
         }
+        self.follow_course(0.5 * (times[0] + times[1]));
+        let work = self.work_along(from, to);
+        self.follow_course(times[1]);
+        work
+    }
+
+    /// Moves the inputs on to time `t` (s), where they go on by themselves.
+    fn follow_course(&mut self, t: f64) {
+        if let Some(course) = &mut self.course {
+            course.at(t, &mut self.inputs);
+        }
+    }
+
+    fn work_along(&self, from: &[f64], to: &[f64]) -> f64 {
         (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
     }
 

@@ -1,6 +1,6 @@
 //! Full Newton with the exact Jacobian: one method for every implicit step, and it counts its work.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, Choice, Chosen};
@@ -25,7 +25,7 @@ const FLOOR_INCREMENT: f64 = 1e-6;
 const CHAIN_FLOOR: f64 = 64.0 * f64::EPSILON;
 
 /// What Newton's method has done so far.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Work {
     /// Iterations; each assembles, factors and solves once.
     pub newton_iterations: u64,

@@ -1,16 +1,22 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
 mod dense;
+pub mod derivatives;
+pub mod snapshot;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use serde::{Deserialize, Serialize};
+
 use dense::Dense;
+pub use snapshot::Snapshot;
 
 use crate::error::{Error, Result, nearest};
 use crate::integrator::{Pace, StepError};
 use crate::metrics::{Meter, Reading, Totals};
-use crate::model::{Dynamics, Inputs, Mechanics, Model};
+use crate::model::course::HIGHEST_ORDER;
+use crate::model::{Course, Dynamics, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
 use crate::reduced::{Choice, Mover};
 use crate::scene::Scene;
@@ -53,13 +59,21 @@ pub struct Stepper {
     /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
     before: Option<Totals>,
     dense: Option<Dense>,
+    tangent: Option<Box<derivatives::Tangent>>,
+    /// The scene, as [`Scene::fingerprint`] names it.
+    scene: u128,
+    /// An input has changed since the last internal step set out.
+    steered: bool,
+    /// Where the step of several internal ones ends, s.
+    goal: f64,
     // Room to work in.
+    inputs: (Inputs, Option<Box<Course>>),
     next: State,
     reading: Reading,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Clock {
     origin: f64,
     count: u64,
@@ -72,19 +86,6 @@ struct Kick {
     due: bool,
     /// The state before; there once inputs have changed.
     before: State,
-}
-
-/// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
-/// matrices and factors, which every step makes anew.
-#[derive(Debug, Clone)]
-pub struct Snapshot {
-    clock: Clock,
-    time_step: f64,
-    state: State,
-    kicked: bool,
-    inputs: Inputs,
-    meter: Meter,
-    work: Work,
 }
 
 impl Stepper {
@@ -125,6 +126,11 @@ impl Stepper {
             kick: Kick { due: false, before: State::default() },
             before: None,
             dense,
+            tangent: None,
+            scene: 0,
+            steered: false,
+            goal: state.t,
+            inputs: (dynamics.inputs.clone(), None),
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,
@@ -145,7 +151,7 @@ impl Stepper {
         let solved = mover.mechanics() != Mechanics::Shape;
         let form = if solved { scene.form(&model.rod) } else { Form::Positions };
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
-        Ok(Self { choice: Some(choice), ..Self::init(model, mover, newton, scene.pace())? })
+        Ok(Self { scene: scene.fingerprint, choice: Some(choice), ..Self::init(model, mover, newton, scene.pace())? })
     }
 
     /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
@@ -199,6 +205,7 @@ impl Stepper {
     }
 
     /// What variables are read from, now.
+    #[inline]
     pub fn view(&self) -> View<'_> {
         View {
             dynamics: &self.dynamics,
@@ -228,7 +235,7 @@ impl Stepper {
         if !(h.is_finite() && start + h > start) {
             return Err(Error::Step(h));
         }
-        let (head, kicked) = (self.dynamics.inputs.head.clone(), self.kick.due);
+        let (head, kicked) = (self.dynamics.inputs.head, self.kick.due);
         let outcome = match self.pace {
             Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
             Pace::Adaptive(tolerance) => self.adaptive_steps(start + h, tolerance, look),
@@ -352,6 +359,7 @@ impl Stepper {
     /// Before the first internal step of several to `end`: aims the head, and finds the accelerations that changed inputs
     /// cause at once.
     fn set_out(&mut self, end: f64) -> Result<()> {
+        (self.steered, self.goal) = (false, end);
         self.dynamics.aim_head(self.state.t, end);
         if self.kick.due {
             self.dynamics.move_to(self.state.t, &mut self.state);
@@ -400,6 +408,9 @@ impl Stepper {
 
     /// Steps by `h` to time `end`, into `next`.
     fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
+        if self.steered {
+            self.set_out(self.goal)?; // by a look at the step before
+        }
         self.before = None;
         self.next.t = end;
         self.mover.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
@@ -409,7 +420,7 @@ impl Stepper {
     fn accept(&mut self) -> Result<()> {
         let middle = if self.mover.knows_between() { Some(self.middle()?) } else { None };
         self.reading.take(&mut self.dynamics, &self.next)?;
-        let load = self.dynamics.load_work(&self.state.q, &self.next.q);
+        let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
         let middle = middle.and(self.dense.as_ref()).map(Dense::reading);
         self.meter.count(&mut self.reading, middle, load, self.dynamics.head_mass());
@@ -451,62 +462,112 @@ impl Stepper {
     /// [`Error::NotFinite`] for a value so large that energies overflow; nothing is changed then.
     pub fn set(&mut self, name: &str, values: &[f64]) -> Result<()> {
         let variable = self.find(name)?;
-        if variable.causality != Causality::Input {
-            return Err(Error::NotAnInput(variable.name));
+        self.set_all([Change { variable, order: 0, values }].into_iter())
+    }
+
+    /// Sets the time derivative of an input, of `order` 1 to [`HIGHEST_ORDER`]: from now on the input goes on as its value
+    /// and derivatives say, until its value is set again.
+    ///
+    /// # Errors
+    /// Those of [`set`](Self::set), and [`Error::Order`].
+    pub fn set_derivative(&mut self, name: &str, order: usize, values: &[f64]) -> Result<()> {
+        let variable = self.find(name)?;
+        if order == 0 {
+            return Err(Error::Order { order, highest: HIGHEST_ORDER });
         }
-        let expected = variable.len(self.model());
-        if values.len() != expected {
-            return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
+        self.set_all([Change { variable, order, values }].into_iter())
+    }
+
+    /// Makes several changes, in their order, as one.
+    ///
+    /// # Errors
+    /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
+    pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = Change<'a>> + Clone) -> Result<()> {
+        for change in changes.clone() {
+            change.check(self.model())?;
         }
-        if let Some((value, allowed)) = variable.refused(values) {
-            return Err(Error::BadValue { name: variable.name, value, allowed });
+        let t = self.state.t;
+        self.inputs.0.clone_from(&self.dynamics.inputs);
+        self.inputs.1.clone_from(&self.dynamics.course);
+        if let Some(course) = &mut self.dynamics.course {
+            course.rebase(t, &self.dynamics.inputs);
         }
-        let before = self.dynamics.inputs.clone();
-        variable.write(&mut self.dynamics, self.state.t, values).ok_or(Error::NotAnInput(variable.name))?;
-        self.dynamics.move_to(self.state.t, &mut self.state);
-        self.before = None;
+        changes.clone().for_each(|change| change.make(&mut self.dynamics, t));
+        self.dynamics.move_to(t, &mut self.state);
         if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
-            self.dynamics.restore(&before);
-            self.dynamics.move_to(self.state.t, &mut self.state);
+            self.dynamics.restore(&self.inputs.0);
+            self.dynamics.course.clone_from(&self.inputs.1);
+            self.dynamics.move_to(t, &mut self.state);
+            self.before = None; // its reading is lost
             return Err(error);
         }
-        self.kick.due |= !self.dynamics.inputs.act_as(&before);
+        self.before = None;
+        self.steered = true;
+        self.kick.due |= !self.dynamics.inputs.act_as(&self.inputs.0);
         self.meter.count(&mut self.reading, None, 0.0, self.dynamics.head_mass());
         Ok(())
     }
+}
 
-    /// A copy of everything that changes.
-    pub fn save(&self) -> Snapshot {
-        Snapshot {
-            clock: self.clock,
-            time_step: self.time_step,
-            state: self.state.clone(),
-            kicked: self.kick.due,
-            inputs: self.dynamics.inputs.clone(),
-            meter: self.meter.clone(),
-            work: self.newton.work,
+/// A new value of an input, or of a time derivative of it.
+#[derive(Debug, Clone, Copy)]
+pub struct Change<'a> {
+    /// The input.
+    pub variable: &'static Variable,
+    /// The order of the derivative; zero is the value.
+    pub order: usize,
+    /// As many values as the variable has.
+    pub values: &'a [f64],
+}
+
+impl Change<'_> {
+    fn check(&self, model: &Model) -> Result<()> {
+        let Self { variable, order, values } = *self;
+        if variable.causality != Causality::Input {
+            return Err(Error::NotAnInput(variable.name));
+        }
+        if order > HIGHEST_ORDER {
+            return Err(Error::Order { order, highest: HIGHEST_ORDER });
+        }
+        let expected = variable.len(model);
+        if values.len() != expected {
+            return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
+        }
+        let refused = if order == 0 {
+            variable.refused(values)
+        } else {
+            values.iter().find(|x| !x.is_finite()).map(|x| (*x, "a finite number"))
+        };
+        match refused {
+            Some((value, allowed)) => Err(Error::BadValue { name: variable.name, value, allowed }),
+            None => Ok(()),
         }
     }
 
-    /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
-    ///
-    /// # Errors
-    /// [`Error::WrongLength`] for a snapshot of another number of nodes.
-    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
-        let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
-        if expected != found || self.state.links.len() != snapshot.state.links.len() {
-            return Err(Error::WrongLength { name: "snapshot", expected, found });
+    /// Makes it at time `t` (s).
+    fn make(&self, dynamics: &mut Dynamics, t: f64) {
+        let Self { variable, order, values } = *self;
+        if order == 0 {
+            let Some(mut course) = dynamics.course.take() else { return variable.write(dynamics, t, values) };
+            variable.write(dynamics, t, values);
+            course.set_values(&dynamics.inputs);
+            let zeros = vec![0.0; values.len()];
+            for order in 1..=HIGHEST_ORDER {
+                course.change_rates(dynamics, order, |rates| variable.write(rates, t, &zeros));
+            }
+            dynamics.course = Some(course);
+        } else {
+            let mut course = match dynamics.course.take() {
+                Some(course) => course,
+                None => Box::new(Course::resting(&dynamics.model, &dynamics.inputs, t)),
+            };
+            course.change_rates(dynamics, order, |rates| variable.write(rates, t, values));
+            if course.moves_head() {
+                dynamics.take_over_head(t);
+                course.set_values(&dynamics.inputs);
+            }
+            dynamics.course = Some(course);
         }
-        self.clock = snapshot.clock;
-        self.time_step = snapshot.time_step;
-        self.state.copy_from(&snapshot.state);
-        self.kick.due = snapshot.kicked;
-        self.before = None;
-        self.dynamics.restore(&snapshot.inputs);
-        self.dynamics.move_to(self.state.t, &mut self.state);
-        self.meter.clone_from(&snapshot.meter);
-        self.newton.work = snapshot.work;
-        Ok(())
     }
 }
 

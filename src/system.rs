@@ -1,7 +1,7 @@
 //! What an integrator sees of a model: a second-order system f(t, q, v, a) = 0 and its linearisation.
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::linear::{BandMatrix, PivotedBand};
@@ -17,7 +17,7 @@ pub enum Form {
 }
 
 /// The chain form's share of a node: its joint, and the edge that starts there.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Link {
     /// Direction θ_k of the edge from +x, rad; it goes on beyond ±π. Zero where no edge starts.
     pub angle: f64,
@@ -39,7 +39,7 @@ pub fn chain_unknowns(nodes: usize) -> usize {
 }
 
 /// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries a node: x₀, y₀, x₁, y₁, …
-#[derive(Debug, Clone, Default, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Time, s.
     pub t: f64,

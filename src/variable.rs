@@ -3,10 +3,10 @@
 //! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
 
 use crate::metrics::Meter;
-use crate::model::{Dynamics, HostHead, Model};
+use crate::model::{Dynamics, Model};
 use crate::newton::Work;
 use crate::rod::bend;
-use crate::system::State;
+use crate::system::{Form, State};
 
 /// Who decides a variable's value.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -78,8 +78,70 @@ impl View<'_> {
     }
 }
 
+/// An input that an output follows at once, before any step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Feed {
+    /// Its name.
+    pub input: &'static str,
+    /// Which of its entries.
+    pub reach: Reach,
+    /// Only where positions are the unknowns: in the chain form an edge's force is one itself, and waits for the step.
+    pub in_positions_only: bool,
+}
+
+/// Which entries of an input an entry of an output follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reach {
+    /// All.
+    All,
+    /// That of its own node.
+    Own,
+    /// Those of the first nodes.
+    First(usize),
+}
+
+const fn feed(input: &'static str, reach: Reach) -> Feed {
+    Feed { input, reach, in_positions_only: false }
+}
+
+const fn bent(input: &'static str, reach: Reach) -> Feed {
+    Feed { input, reach, in_positions_only: true }
+}
+
+const FLUID: [Feed; 3] =
+    [feed("viscosity_pa_s", Reach::All), feed("flow_x_m_s", Reach::All), feed("flow_y_m_s", Reach::All)];
+const WAVE: [Feed; 2] = [feed("actuation_amplitude", Reach::All), feed("actuation_phase_rad", Reach::All)];
+const NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::All)];
+const NATURAL_RATE: &[Feed] = &[NATURAL[0], NATURAL[1], NATURAL[2], feed("actuation_frequency_hz", Reach::All)];
+const OWN_NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::Own)];
+const HEAD_NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::First(1))];
+const FORCES: &[Feed] = &[feed("force_x_n", Reach::All), feed("force_y_n", Reach::All)];
+const HEAD: [Feed; 6] = [
+    FLUID[0],
+    FLUID[1],
+    FLUID[2],
+    bent("actuation_amplitude", Reach::All),
+    bent("actuation_phase_rad", Reach::All),
+    bent("natural_curvature_1_m", Reach::First(2)),
+];
+const HEAD_X: &[Feed] = &[HEAD[0], HEAD[1], HEAD[2], HEAD[3], HEAD[4], HEAD[5], feed("force_x_n", Reach::First(1))];
+const HEAD_Y: &[Feed] = &[HEAD[0], HEAD[1], HEAD[2], HEAD[3], HEAD[4], HEAD[5], feed("force_y_n", Reach::First(1))];
+const HEAD_POWER: &[Feed] = &[
+    HEAD[0],
+    HEAD[1],
+    HEAD[2],
+    WAVE[0],
+    WAVE[1],
+    HEAD_NATURAL[2],
+    HEAD[5],
+    feed("force_x_n", Reach::First(1)),
+    feed("force_y_n", Reach::First(1)),
+];
+
 /// Reads a variable, or one entry of it: the index is a node.
 type Get = fn(&View<'_>, usize) -> f64;
+/// The first change of a variable, from what is read now and its change.
+type Tangent = fn(&View<'_>, &View<'_>, usize) -> f64;
 /// Sets a variable at a time.
 type Set = fn(&mut Dynamics, f64, &[f64]);
 
@@ -101,8 +163,13 @@ pub struct Variable {
     pub size: Size,
     /// True where trajectory.csv has it.
     pub recorded: bool,
+    /// The inputs that it follows at once.
+    pub feeds: &'static [Feed],
+    fed_in: fn(&Model) -> bool,
     exists: fn(&Model) -> bool,
     get: Get,
+    /// Where it is not linear in state and readings; else its change is what is read of theirs.
+    tangent: Option<Tangent>,
     set: Option<Set>,
     /// Values that are allowed, beyond being finite.
     allowed: Option<Allowed>,
@@ -123,8 +190,11 @@ impl Variable {
             description,
             size: Size::Scalar,
             recorded: false,
+            feeds: &[],
+            fed_in: |_| true,
             exists: |_| true,
             get,
+            tangent: None,
             set: None,
             allowed: None,
         }
@@ -142,6 +212,18 @@ impl Variable {
         Self { exists, ..self }
     }
 
+    const fn fed(self, feeds: &'static [Feed]) -> Self {
+        Self { feeds, ..self }
+    }
+
+    const fn fed_in(self, fed_in: fn(&Model) -> bool) -> Self {
+        Self { fed_in, ..self }
+    }
+
+    const fn changing(self, tangent: Tangent) -> Self {
+        Self { tangent: Some(tangent), ..self }
+    }
+
     const fn at_least_zero(self) -> Self {
         Self { allowed: Some((|x| x >= 0.0, "a number that is not negative")), ..self }
     }
@@ -151,8 +233,32 @@ impl Variable {
         (self.exists)(model)
     }
 
-    /// The entries' nodes.
-    fn entries(&self, model: &Model) -> std::ops::Range<usize> {
+    /// Its smallest value, where there is one.
+    pub fn least(&self) -> Option<f64> {
+        self.allowed.map(|_| 0.0)
+    }
+
+    /// True if it is set by a host.
+    pub fn is_input(&self) -> bool {
+        self.causality == Causality::Input
+    }
+
+    /// The nodes of the entries of `input` that its own entry at node `k` follows at once in a model of `form`.
+    pub fn follows(&self, k: usize, input: &Self, model: &Model, form: Form) -> std::ops::Range<usize> {
+        let entries = input.entries(model);
+        let feeds = self.feeds.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));
+        let reach =
+            feeds.filter(|feed| !(feed.in_positions_only && form == Form::Chain)).map(|feed| match feed.reach {
+                Reach::Own => k..k + 1,
+                Reach::First(count) if input.size != Size::Scalar => 0..count,
+                Reach::All | Reach::First(_) => entries.clone(),
+            });
+        let reach = reach.max_by_key(std::ops::Range::len).unwrap_or(0..0);
+        reach.start.max(entries.start)..reach.end.min(entries.end).max(entries.start.max(reach.start))
+    }
+
+    /// The nodes of its entries; a scalar has one entry.
+    pub fn entries(&self, model: &Model) -> std::ops::Range<usize> {
         match self.size {
             Size::Scalar => 0..1,
             Size::Nodes => 0..model.rod.nodes,
@@ -172,18 +278,35 @@ impl Variable {
         }
     }
 
+    /// Its value at node `k`, one of [`entries`](Self::entries).
+    #[inline]
+    pub fn at(&self, view: &View<'_>, k: usize) -> f64 {
+        (self.get)(view, k)
+    }
+
+    /// The first change of an output at node `k` when what is read `now` changes by `change`.
+    pub(crate) fn change(&self, now: &View<'_>, change: &View<'_>, k: usize) -> f64 {
+        match (self.causality, self.tangent) {
+            (Causality::Output | Causality::Independent, None) => (self.get)(change, k),
+            (Causality::Output, Some(tangent)) => tangent(now, change, k),
+            _ => 0.0,
+        }
+    }
+
     /// Its value, or its first.
     pub fn first(&self, view: &View<'_>) -> f64 {
         (self.get)(view, self.entries(view.model()).start)
     }
 
     /// Sets it at time `t` (s); the caller has checked values and length.
-    pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, values: &[f64]) -> Option<()> {
-        self.set.map(|set| set(dynamics, t, values))
+    pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, values: &[f64]) {
+        if let Some(set) = self.set {
+            set(dynamics, t, values);
+        }
     }
 
     /// The first value that is not allowed, and what is.
-    pub(crate) fn refused(&self, values: &[f64]) -> Option<(f64, &'static str)> {
+    pub fn refused(&self, values: &[f64]) -> Option<(f64, &'static str)> {
         let (ok, allowed) = self.allowed.unwrap_or((|_| true, "a finite number"));
         values.iter().find(|x| !x.is_finite() || !ok(**x)).map(|x| (*x, allowed))
     }
@@ -228,14 +351,8 @@ fn head_rate(view: &View<'_>, i: usize) -> f64 {
     view.dynamics.inputs.head.as_ref().and_then(|host| host.rate).map_or(0.0, |rate| rate[i])
 }
 
-/// The head as the host moves it, taken over from the scene where this is the host's first word.
-fn host_head(dynamics: &mut Dynamics, t: f64) -> &mut HostHead {
-    let pose = dynamics.held.unwrap_or_default();
-    dynamics.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
-}
-
 fn set_head_rate(dynamics: &mut Dynamics, t: f64, i: usize, value: f64) {
-    host_head(dynamics, t).rate.get_or_insert([0.0; 3])[i] = value;
+    dynamics.take_over_head(t).rate.get_or_insert([0.0; 3])[i] = value;
 }
 
 /// A host's forces along axis `i`.
@@ -253,6 +370,12 @@ fn set_natural_curvature(dynamics: &mut Dynamics, values: &[f64]) {
     natural[joints].copy_from_slice(values);
 }
 
+fn joint_moment_change(now: &View<'_>, change: &View<'_>, k: usize) -> f64 {
+    let (kappa, moment) = (now.meter.now.kappa[k], now.meter.now.moment[k]);
+    let (turned, more) = (change.meter.now.kappa[k], change.meter.now.moment[k]);
+    more * bend::curvature_per_turning(kappa) + moment * 0.5 * kappa * turned
+}
+
 fn of(values: &Option<Vec<f64>>, i: usize) -> f64 {
     values.as_ref().map_or(0.0, |values| values[i])
 }
@@ -265,13 +388,13 @@ pub static VARIABLES: &[Variable] = &[
     output("x_com_m", "m", "centre of mass, x", |v, _| v.meter.now.com.x).recorded(),
     output("y_com_m", "m", "centre of mass, y", |v, _| v.meter.now.com.y).recorded(),
     output("stretching_energy_j", "J", "stretching energy", |v, _| v.meter.now.energy.stretching).recorded(),
-    output("bending_energy_j", "J", "bending energy", |v, _| v.meter.now.energy.bending).recorded(),
+    output("bending_energy_j", "J", "bending energy", |v, _| v.meter.now.energy.bending).fed(NATURAL).recorded(),
     output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.meter.now.energy.kinetic).recorded(),
-    output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).recorded(),
-    output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).recorded(),
-    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).recorded(),
-    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).recorded(),
-    output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).recorded(),
+    output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).fed(NATURAL_RATE).recorded(),
+    output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).fed(&FLUID).recorded(),
+    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(FORCES).recorded(),
+    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(HEAD_POWER).fed_in(has_held_head).recorded(),
+    output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).fed(&FLUID).recorded(),
     output("head_dx_m", "m", "displacement of the head node since the start, x", |v, _| v.displacement(0, 0)).recorded(),
     output("head_dy_m", "m", "displacement of the head node since the start, y", |v, _| v.displacement(0, 1)).recorded(),
     output("mid_dx_m", "m", "displacement of the middle node since the start, x", |v, _| v.displacement(v.middle(), 0)).recorded(),
@@ -280,12 +403,12 @@ pub static VARIABLES: &[Variable] = &[
     output("tip_dy_m", "m", "displacement of the tip node since the start, y", |v, _| v.displacement(v.tip(), 1)).recorded(),
     output("tip_x_m", "m", "tip node, x", |v, _| v.state.q[2 * v.tip()]),
     output("tip_y_m", "m", "tip node, y", |v, _| v.state.q[2 * v.tip() + 1]),
-    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).recorded(),
-    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).recorded(),
-    output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(has_held_head).recorded(),
+    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).fed(HEAD_X).recorded(),
+    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).fed(HEAD_Y).recorded(),
+    output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(has_held_head).fed(HEAD_NATURAL).recorded(),
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.meter.net_displacement()),
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.meter.totals.max_lateral),
-    output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.totals.work.actuation).recorded(),
+    output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.totals.work.actuation).fed(NATURAL).recorded(),
     output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.meter.totals.work.viscous).recorded(),
     output("load_work_j", "J", "work put in by loads since the start", |v, _| v.meter.totals.work.load).recorded(),
     output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.meter.totals.work.head).recorded(),
@@ -299,7 +422,7 @@ pub static VARIABLES: &[Variable] = &[
     output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
     output("vy_m_s", "m/s", "velocity of the nodes, y", |v, k| v.state.v[2 * k + 1]).sized(Size::Nodes),
     output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / v.model().rod.spacing).sized(Size::Joints),
-    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints),
+    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints).fed(OWN_NATURAL).changing(joint_moment_change),
 
     input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length", |v, _| v.dynamics.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(has_actuation),
     input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.dynamics.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(has_actuation).at_least_zero(),
@@ -310,9 +433,9 @@ pub static VARIABLES: &[Variable] = &[
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.dynamics.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(has_drag).at_least_zero(),
     input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.inputs.fluid.flow.x = x[0]).when(has_drag),
     input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.inputs.fluid.flow.y = x[0]).when(has_drag),
-    input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| host_head(d, t).target[0] = x[0]).when(has_held_head),
-    input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| host_head(d, t).target[1] = x[0]).when(has_held_head),
-    input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| host_head(d, t).target[2] = x[0]).when(has_held_head),
+    input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| d.take_over_head(t).target[0] = x[0]).when(has_held_head),
+    input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| d.take_over_head(t).target[1] = x[0]).when(has_held_head),
+    input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| d.take_over_head(t).target[2] = x[0]).when(has_held_head),
     input("head_vx_m_s", "m/s", "head velocity to reach with the position, x; the motion is cubic once a rate is set, linear before", |v, _| head_rate(v, 0), |d, t, x| set_head_rate(d, t, 0, x[0])).when(has_held_head),
     input("head_vy_m_s", "m/s", "head velocity to reach with the position, y", |v, _| head_rate(v, 1), |d, t, x| set_head_rate(d, t, 1, x[0])).when(has_held_head),
     input("head_spin_rad_s", "rad/s", "angular rate of the head to reach with the angle", |v, _| head_rate(v, 2), |d, t, x| set_head_rate(d, t, 2, x[0])).when(has_held_head),

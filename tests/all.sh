@@ -1,5 +1,6 @@
 #!/bin/sh
-# Every check there is: formatting, lints, tests, documentation, and what the project may depend on.
+# Every check there is: formatting, lints, tests, documentation, and what the project may depend on. The tests set up FMU
+# hosts in target/hosts, and say what they skip where Python, a C compiler or valgrind is missing.
 set -eu
 cd "$(dirname "$0")/.."
 
@@ -10,5 +11,5 @@ RUSTDOCFLAGS="--deny warnings" cargo doc --workspace --no-deps --locked
 
 # Advisories need a network and are checked by hand before a release.
 command -v cargo-deny >/dev/null || cargo install --locked cargo-deny
-cargo deny --all-features check licenses bans sources
+cargo deny --workspace --all-features check licenses bans sources
 echo "all checks passed"

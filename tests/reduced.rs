@@ -275,6 +275,10 @@ impl InFluid for Counted<StokesLike> {
         self.1.fetch_add(1, Ordering::Relaxed);
         self.0.in_fluid(fluid)
     }
+
+    fn by_viscosity(&self, fluid: Fluid) -> Self::Law {
+        self.0.by_viscosity(fluid)
+    }
 }
 
 impl Actuation for Counted<TravellingWave> {

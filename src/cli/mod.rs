@@ -3,6 +3,7 @@
 mod check;
 #[cfg(feature = "design")]
 mod design;
+mod fmu;
 mod run;
 mod study;
 mod sweep;
@@ -70,6 +71,20 @@ enum Command {
     /// Study a scene: its natural modes, and how speed, accuracy and stability depend on method, step and mesh
     #[command(subcommand)]
     Study(study::Study),
+    /// Pack a scene as an FMU, a component for co-simulation hosts by the FMI standard
+    Fmu {
+        #[command(flatten)]
+        scene: SceneArguments,
+        /// The file to write [default: <name of the scene>.fmu]
+        #[arg(long, short, value_name = "FILE")]
+        out: Option<PathBuf>,
+        /// Version of the standard; both makes FILE-fmi2.fmu and FILE-fmi3.fmu
+        #[arg(long, value_enum, default_value = "3")]
+        fmi: fmu::Version,
+        /// The shared library that goes into it [default: the one beside this program or in ../lib]
+        #[arg(long, value_name = "FILE")]
+        library: Option<PathBuf>,
+    },
     /// List the variables a host can get and set: all, or those of a scene with their sizes
     Variables {
         /// The scene [default: every variable there is]
@@ -105,6 +120,7 @@ pub fn main() -> ExitCode {
         Command::Design { scene, out } => design::design(&scene, out),
         Command::Check { scene } => check::check(&scene),
         Command::Study(study) => study::study(&study),
+        Command::Fmu { scene, out, fmi, library } => fmu::fmu(&scene, out, fmi, library),
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };
     outcome.unwrap_or_else(|error| {

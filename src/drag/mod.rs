@@ -3,6 +3,7 @@
 pub mod stokes_like;
 
 use nalgebra::{Matrix2, Vector2};
+use serde::{Deserialize, Serialize};
 
 use crate::rod::{Edge, add};
 use crate::system::Linearisation;
@@ -54,10 +55,12 @@ pub struct HalfEdge {
     pub by_velocity: Matrix2<f64>,
     /// ∂(force)/∂φ with φ the direction of the edge, N.
     pub by_direction: Vector2<f64>,
+    /// ∂(force)/∂μ, N/(Pa s).
+    pub by_viscosity: Vector2<f64>,
 }
 
 /// What the host may change of the fluid.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fluid {
     /// Dynamic viscosity μ, Pa s.
     pub viscosity: f64,
@@ -113,6 +116,9 @@ pub trait InFluid: std::fmt::Debug + Send + Sync {
 
     /// The law for `fluid`.
     fn in_fluid(&self, fluid: Fluid) -> Self::Law;
+
+    /// Its derivative by viscosity, as a law.
+    fn by_viscosity(&self, fluid: Fluid) -> Self::Law;
 }
 
 impl<L: InFluid> Drag for HalfEdges<L> {
@@ -145,13 +151,14 @@ impl<L: InFluid> Drag for HalfEdges<L> {
     }
 
     fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
-        let law = self.law.in_fluid(fluid);
+        let (law, by_viscosity) = (self.law.in_fluid(fluid), self.law.by_viscosity(fluid));
         for (e, edge, ends) in self.walk(edges, v, fluid) {
             for (k, (w, weight)) in (e..).zip(ends) {
                 let half = HalfEdge {
                     force: law.traction(edge.t, w) * weight,
                     by_velocity: law.by_velocity(edge.t, w) * weight,
                     by_direction: law.by_direction(edge.t, w) * weight,
+                    by_viscosity: by_viscosity.traction(edge.t, w) * weight,
                 };
                 visit(k, e, half);
             }

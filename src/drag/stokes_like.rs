@@ -29,6 +29,10 @@ impl InFluid for StokesLike {
         let along = 6.0 * PI * fluid.viscosity * self.radius;
         Coefficients { across: self.ratio * along, along_less_across: (1.0 - self.ratio) * along }
     }
+
+    fn by_viscosity(&self, fluid: Fluid) -> Coefficients {
+        self.in_fluid(Fluid { viscosity: 1.0, ..fluid }) // it is linear
+    }
 }
 
 impl Law for Coefficients {

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
+use twox_hash::XxHash3_128;
 
 use super::Scene;
 use super::value::refused;
@@ -33,9 +34,13 @@ pub struct Document {
     path: PathBuf,
     text: String,
     overrides: Vec<String>,
+    packed: bool,
     /// Who made each override, as errors name it.
     makers: Vec<String>,
 }
+
+/// The files of a packed scene.
+const PACKED: [&str; 2] = ["scene.toml", "overrides.txt"];
 
 impl Document {
     /// Reads a scene file.
@@ -55,7 +60,41 @@ impl Document {
 
     /// A scene from text; `path` is shown in errors, and tables are looked for beside it.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        Self { path: path.into(), text: text.into(), overrides: Vec::new(), makers: Vec::new() }
+        Self { path: path.into(), text: text.into(), overrides: Vec::new(), packed: false, makers: Vec::new() }
+    }
+
+    /// Reads a scene that was packed into a folder by [`packed`](Self::packed).
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn unpack(folder: &Path) -> Result<Self> {
+        let mut document = Self::read(&folder.join(PACKED[0]))?;
+        document.packed = true;
+        let overrides = folder.join(PACKED[1]);
+        if overrides.exists() {
+            for assignment in Self::read(&overrides)?.text.lines() {
+                document.set(assignment)?;
+            }
+        }
+        Ok(document)
+    }
+
+    /// The files that hold the whole scene, names and contents: its text, its overrides, and the tables that it names.
+    ///
+    /// # Errors
+    /// Those of [`scene`](Self::scene), and [`Error::Read`] for a table.
+    pub fn packed(&self) -> Result<Vec<(String, Vec<u8>)>> {
+        let scene = self.scene()?;
+        let mut files = vec![(PACKED[0].to_string(), self.text.clone().into_bytes())];
+        if !self.overrides.is_empty() {
+            files.push((PACKED[1].to_string(), self.overrides.join("\n").into_bytes()));
+        }
+        for (i, table) in scene.tables().into_iter().enumerate() {
+            let path = scene.table_path(table);
+            let bytes = std::fs::read(&path).map_err(|e| Error::Read { path, reason: e.to_string() })?;
+            files.push((format!("table-{i}.csv"), bytes));
+        }
+        Ok(files)
     }
 
     /// Its text, without overrides.
@@ -162,8 +201,23 @@ impl Document {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
         scene.folder = self.path.parent().map(Path::to_path_buf).unwrap_or_default();
+        scene.packed = self.packed;
+        scene.fingerprint = self.fingerprint(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         Ok(scene)
+    }
+
+    /// Names the text, the overrides, the tables as far as they can be read, and the version.
+    fn fingerprint(&self, scene: &Scene) -> u128 {
+        let tables = scene.files().into_iter().map(|table| std::fs::read(table).unwrap_or_default());
+        let texts =
+            [env!("CARGO_PKG_VERSION"), &self.text].into_iter().chain(self.overrides.iter().map(String::as_str));
+        let mut hasher = XxHash3_128::new();
+        for part in texts.map(|text| text.as_bytes().to_vec()).chain(tables) {
+            hasher.write(&(part.len() as u64).to_le_bytes());
+            hasher.write(&part);
+        }
+        hasher.finish_128()
     }
 
     fn deserialized<T: DeserializeOwned>(&self, root: &Spanned<DeTable<'_>>) -> Result<T> {

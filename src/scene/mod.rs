@@ -1,6 +1,7 @@
 //! Scenes: what a user edits. TOML with units in the keys; unknown keys and values out of range are refused.
 
 mod document;
+pub mod parameter;
 mod table;
 pub mod value;
 
@@ -10,6 +11,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector2;
 use serde::Deserialize;
+use twox_hash::XxHash3_128;
 
 pub use document::{Document, Fault};
 use value::{Finite, Gradient, NotNegative, Positive, ScalarSignal, Tolerance, VectorSignal, Wanted, Whole};
@@ -65,6 +67,12 @@ pub struct Scene {
     /// Folder that tables are looked for in.
     #[serde(skip)]
     pub folder: PathBuf,
+    /// True where the tables in that folder have numbers as names, see [`Document::packed`].
+    #[serde(skip)]
+    pub packed: bool,
+    /// Names what this scene says, with its overrides and tables, and the version of the program that reads it.
+    #[serde(skip)]
+    pub fingerprint: u128,
 }
 
 /// `[rod]`.
@@ -701,19 +709,36 @@ impl Scene {
     fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             Wanted::Formula(signal) => signal.clone(),
-            Wanted::Table(file) => table::read(&self.folder.join(file), column, columns, self.solver.duration_s.get())?,
+            Wanted::Table(file) => table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?,
         })
+    }
+
+    /// The tables that it names, each once, in the order of their keys.
+    pub fn tables(&self) -> Vec<&str> {
+        let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
+        let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
+        let mut tables: Vec<&str> = Vec::new();
+        for wanted in position.chain(angle) {
+            if let Wanted::Table(file) = wanted
+                && !tables.contains(&file.as_str())
+            {
+                tables.push(file);
+            }
+        }
+        tables
+    }
+
+    /// Where a table that it names is.
+    pub fn table_path(&self, file: &str) -> PathBuf {
+        match self.tables().iter().position(|other| *other == file) {
+            Some(i) if self.packed => self.folder.join(format!("table-{i}.csv")),
+            _ => self.folder.join(file),
+        }
     }
 
     /// The files beside it that it reads.
     pub fn files(&self) -> Vec<PathBuf> {
-        let position = self.head.position_m.iter().flat_map(|position| &position.0);
-        let wanted = position.chain(self.head.angle_rad.iter().map(|angle| &angle.0));
-        let table = |wanted: &Wanted| match wanted {
-            Wanted::Table(file) => Some(self.folder.join(file)),
-            Wanted::Formula(_) => None,
-        };
-        wanted.filter_map(table).collect()
+        self.tables().into_iter().map(|table| self.table_path(table)).collect()
     }
 
     /// The same scene on another number of nodes; point loads go to the nearest.
@@ -725,6 +750,7 @@ impl Scene {
             let node = load.node.rem_euclid(old as i64) as f64;
             load.node = (node * (new - 1) as f64 / (old - 1) as f64).round() as i64;
         }
+        scene.fingerprint = XxHash3_128::oneshot_with_seed(nodes, &self.fingerprint.to_le_bytes());
         scene
     }
 

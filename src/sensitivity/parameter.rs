@@ -45,7 +45,7 @@ impl Shape {
     /// Takes the shape at time `t` (s).
     pub(super) fn take(&mut self, dynamics: &Dynamics, t: f64) {
         let Some((actuation, _)) = &dynamics.model.actuation else { return };
-        let wave = dynamics.inputs.wave(&dynamics.model.start, t);
+        let wave = dynamics.inputs.wave(&dynamics.model.start, t, None);
         let [g, slope] = &mut self.g;
         g.fill(0.0);
         slope.fill(0.0);

@@ -1,0 +1,134 @@
+// caudal as a C library. Made by cbindgen from bindings/c/src/lib.rs; do not edit.
+
+#ifndef CAUDAL_H
+#define CAUDAL_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+// How a call ended.
+typedef enum {
+  // All well.
+  CAUDAL_OK = 0,
+  // The step could not be made; the last good state is still there.
+  CAUDAL_STEP_FAILED = 1,
+  // The call is wrong: a null pointer, an unknown name, a wrong length, a value that is not allowed.
+  CAUDAL_WRONG_CALL = 2,
+  // The scene is wrong, or a file cannot be read.
+  CAUDAL_WRONG_SCENE = 3,
+  // An error inside the library; the simulation must be freed.
+  CAUDAL_BROKEN = 4,
+} caudal_status;
+
+// Who decides the value of a variable.
+typedef enum {
+  // Fixed by the scene.
+  CAUDAL_PARAMETER = 0,
+  // Set by the host.
+  CAUDAL_INPUT = 1,
+  // Computed.
+  CAUDAL_OUTPUT = 2,
+  // Time.
+  CAUDAL_INDEPENDENT = 3,
+} caudal_causality;
+
+// A simulation. It is used by one thread at a time; different ones are independent.
+typedef struct caudal_simulation caudal_simulation;
+
+// A state of a simulation, to go back to.
+typedef struct caudal_state caudal_state;
+
+// A variable of a simulation. Its texts live as long as the simulation.
+typedef struct {
+  // Name, ending in its unit.
+  const char *name;
+  // SI unit; "1" where there is none.
+  const char *unit;
+  // What it is.
+  const char *description;
+  // Who decides it.
+  caudal_causality causality;
+  // Number of values.
+  size_t length;
+} caudal_variable;
+
+#ifdef __cplusplus
+extern "C" {
+#endif // __cplusplus
+
+// The version of the library.
+const char *caudal_version(void);
+
+// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call.
+const char *caudal_message(void);
+
+// Reads the scene in the file `path`, with `count` `overrides` of its keys as "table.key=value", and starts it. Writes the
+// simulation to `*simulation`, or null where that fails.
+caudal_status caudal_load(const char *path,
+                          const char *const *overrides,
+                          size_t count,
+                          caudal_simulation **simulation);
+
+// Frees a simulation; null is fine.
+void caudal_free(caudal_simulation *simulation);
+
+// Time now, s; NaN for null.
+double caudal_time(const caudal_simulation *simulation);
+
+// Moves on by `h` (s) to exactly t + h.
+caudal_status caudal_do_step(caudal_simulation *simulation, double h);
+
+// The number of variables; 0 for null. They are counted from 0.
+size_t caudal_variable_count(const caudal_simulation *simulation);
+
+// Writes the index of the variable called `name` to `*index`.
+caudal_status caudal_find(caudal_simulation *simulation, const char *name, size_t *index);
+
+// Writes what there is to know of variable `index` to `*variable`; its texts live as long as the simulation.
+caudal_status caudal_describe(caudal_simulation *simulation, size_t index, caudal_variable *variable);
+
+// Reads all `length` values of variable `index`.
+caudal_status caudal_get(caudal_simulation *simulation, size_t index, double *out, size_t length);
+
+// Sets all `length` values of the input `index`; they hold until they are set again.
+caudal_status caudal_set(caudal_simulation *simulation, size_t index, const double *given, size_t length);
+
+// Sets the time derivative of an input, of `order` 1 to 3: from now on the input goes on as its value and derivatives say,
+// until its value is set again. Order 0 is the value.
+caudal_status caudal_set_derivative(caudal_simulation *simulation,
+                                    size_t index,
+                                    size_t order,
+                                    const double *given,
+                                    size_t length);
+
+// Writes the first derivatives by time of the output `index` now.
+caudal_status caudal_rate(caudal_simulation *simulation, size_t index, double *out, size_t length);
+
+// Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.
+caudal_status caudal_save(caudal_simulation *simulation, caudal_state **state);
+
+// Goes back to a state; what follows is equal to the bit to what followed then.
+caudal_status caudal_restore(caudal_simulation *simulation, const caudal_state *state);
+
+// Writes a state as bytes to `bytes`, which has room for `*size`, and their number to `*size`. Without room (`bytes` null)
+// it writes the number only.
+caudal_status caudal_serialize(caudal_simulation *simulation,
+                               const caudal_state *state,
+                               uint8_t *bytes,
+                               size_t *size);
+
+// Reads a state from `size` bytes, over `*state`, which is null or a state from here. Bytes of another scene, of another
+// version or damaged ones are refused.
+caudal_status caudal_deserialize(caudal_simulation *simulation,
+                                 const uint8_t *bytes,
+                                 size_t size,
+                                 caudal_state **state);
+
+// Frees a state; null is fine.
+void caudal_free_state(caudal_state *state);
+
+#ifdef __cplusplus
+}  // extern "C"
+#endif  // __cplusplus
+
+#endif  /* CAUDAL_H */

@@ -1,0 +1,479 @@
+//! caudal as a C library: a scene's stepper behind plain functions. The header is `caudal.h`.
+//!
+//! Every function answers null pointers, wrong calls and even panics by a status, with a message behind
+//! `caudal_message`; none ends the program.
+#![allow(clippy::missing_safety_doc, reason = "the comments say what each pointer must be")]
+#![allow(non_camel_case_types, reason = "the names of C")]
+
+use std::cell::RefCell;
+use std::ffi::{CStr, CString, c_char};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+
+use engine::error::Error;
+use engine::scene::Document;
+use engine::stepper::snapshot::Snapshot;
+use engine::stepper::{Change, Stepper};
+use engine::variable::{Causality, Variable};
+
+/// How a call ended.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum caudal_status {
+    /// All well.
+    CAUDAL_OK = 0,
+    /// The step could not be made; the last good state is still there.
+    CAUDAL_STEP_FAILED = 1,
+    /// The call is wrong: a null pointer, an unknown name, a wrong length, a value that is not allowed.
+    CAUDAL_WRONG_CALL = 2,
+    /// The scene is wrong, or a file cannot be read.
+    CAUDAL_WRONG_SCENE = 3,
+    /// An error inside the library; the simulation must be freed.
+    CAUDAL_BROKEN = 4,
+}
+
+use caudal_status::{CAUDAL_BROKEN, CAUDAL_OK, CAUDAL_STEP_FAILED, CAUDAL_WRONG_CALL, CAUDAL_WRONG_SCENE};
+
+/// Who decides the value of a variable.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum caudal_causality {
+    /// Fixed by the scene.
+    CAUDAL_PARAMETER = 0,
+    /// Set by the host.
+    CAUDAL_INPUT = 1,
+    /// Computed.
+    CAUDAL_OUTPUT = 2,
+    /// Time.
+    CAUDAL_INDEPENDENT = 3,
+}
+
+/// A variable of a simulation. Its texts live as long as the simulation.
+#[repr(C)]
+#[derive(Debug, Clone, Copy)]
+pub struct caudal_variable {
+    /// Name, ending in its unit.
+    pub name: *const c_char,
+    /// SI unit; "1" where there is none.
+    pub unit: *const c_char,
+    /// What it is.
+    pub description: *const c_char,
+    /// Who decides it.
+    pub causality: caudal_causality,
+    /// Number of values.
+    pub length: usize,
+}
+
+/// A simulation. It is used by one thread at a time; different ones are independent.
+pub struct caudal_simulation {
+    stepper: Stepper,
+    variables: Vec<&'static Variable>,
+    texts: Vec<[CString; 3]>,
+    broken: bool,
+}
+
+/// A state of a simulation, to go back to.
+pub struct caudal_state(Snapshot);
+
+thread_local! {
+    static MESSAGE: RefCell<CString> = RefCell::default();
+}
+
+/// Why a call was refused.
+struct Refusal(caudal_status, String);
+
+impl From<Error> for Refusal {
+    fn from(error: Error) -> Self {
+        let status = match &error {
+            Error::Scene { .. } | Error::Read { .. } => CAUDAL_WRONG_SCENE,
+            Error::NotConverged { .. }
+            | Error::NotFinite { .. }
+            | Error::FoldOver { .. }
+            | Error::EdgeCollapse { .. }
+            | Error::Tolerance { .. } => CAUDAL_STEP_FAILED,
+            _ => CAUDAL_WRONG_CALL,
+        };
+        Self(status, error.to_string())
+    }
+}
+
+type Outcome<T = ()> = Result<T, Refusal>;
+
+fn refuse<T>(message: impl Into<String>) -> Outcome<T> {
+    Err(Refusal(CAUDAL_WRONG_CALL, message.into()))
+}
+
+/// Runs `work`, keeps its message and returns its status.
+fn call(work: impl FnOnce() -> Outcome) -> caudal_status {
+    let (status, message) = match catch_unwind(AssertUnwindSafe(work)) {
+        Ok(Ok(())) => return CAUDAL_OK,
+        Ok(Err(Refusal(status, message))) => (status, message),
+        Err(_) => (CAUDAL_BROKEN, "internal error".to_string()),
+    };
+    MESSAGE.set(CString::new(message.replace('\0', "")).unwrap_or_default());
+    status
+}
+
+/// The same for a simulation; a panic ends it.
+///
+/// # Safety
+/// `simulation` is null or a simulation that no other thread uses now.
+unsafe fn on(
+    simulation: *mut caudal_simulation,
+    work: impl FnOnce(&mut caudal_simulation) -> Outcome,
+) -> caudal_status {
+    // SAFETY: the caller's promise.
+    let Some(simulation) = (unsafe { simulation.as_mut() }) else { return call(|| refuse("no simulation")) };
+    if simulation.broken {
+        return CAUDAL_BROKEN;
+    }
+    let status = call(|| work(simulation));
+    simulation.broken = status == CAUDAL_BROKEN;
+    status
+}
+
+/// # Safety
+/// `text` is null or ends with a zero.
+unsafe fn text<'a>(text: *const c_char, what: &str) -> Outcome<&'a str> {
+    if text.is_null() {
+        return refuse(format!("no {what}"));
+    }
+    // SAFETY: not null, and the caller's promise.
+    unsafe { CStr::from_ptr(text) }.to_str().or_else(|_| refuse(format!("the {what} is not UTF-8")))
+}
+
+/// # Safety
+/// `start` is null or points to `length` values.
+unsafe fn values<'a, T>(start: *const T, length: usize) -> Outcome<&'a [T]> {
+    match (start.is_null(), length) {
+        (_, 0) => Ok(&[]),
+        (false, length) if length <= isize::MAX as usize / size_of::<T>() => {
+            // SAFETY: the caller's promise, and the size is one that can be.
+            Ok(unsafe { std::slice::from_raw_parts(start, length) })
+        }
+        _ => refuse("a null pointer in the place of an array"),
+    }
+}
+
+/// # Safety
+/// `start` is null or points to `length` values that nobody else uses now.
+unsafe fn values_mut<'a, T>(start: *mut T, length: usize) -> Outcome<&'a mut [T]> {
+    // SAFETY: the caller's promise.
+    unsafe { values(start.cast_const(), length) }?;
+    // SAFETY: the same, checked by the call above.
+    Ok(if length == 0 { &mut [] } else { unsafe { std::slice::from_raw_parts_mut(start, length) } })
+}
+
+/// # Safety
+/// `place` is null or can be written.
+unsafe fn put<T>(place: *mut T, value: T) -> Outcome {
+    if place.is_null() {
+        return refuse("a null pointer in the place of a result");
+    }
+    // SAFETY: not null, and the caller's promise.
+    unsafe { place.write(value) };
+    Ok(())
+}
+
+/// The version of the library.
+#[unsafe(no_mangle)]
+pub extern "C" fn caudal_version() -> *const c_char {
+    const VERSION: &str = concat!(env!("CARGO_PKG_VERSION"), "\0");
+    VERSION.as_ptr().cast()
+}
+
+/// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call.
+#[unsafe(no_mangle)]
+pub extern "C" fn caudal_message() -> *const c_char {
+    MESSAGE.with_borrow(|message| message.as_ptr())
+}
+
+/// Reads the scene in the file `path`, with `count` `overrides` of its keys as "table.key=value", and starts it. Writes the
+/// simulation to `*simulation`, or null where that fails.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_load(
+    path: *const c_char,
+    overrides: *const *const c_char,
+    count: usize,
+    simulation: *mut *mut caudal_simulation,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    call(|| unsafe {
+        put(simulation, std::ptr::null_mut())?;
+        let mut document = Document::read(Path::new(text(path, "path")?))?;
+        for assignment in values(overrides, count)? {
+            document.set(text(*assignment, "override")?)?;
+        }
+        let stepper = Stepper::of(&document.scene()?)?;
+        let variables = stepper.variables().to_vec();
+        let owned = |text: &str| CString::new(text).unwrap_or_default();
+        let texts = variables.iter().map(|variable| [variable.name, variable.unit, variable.description].map(owned));
+        let texts = texts.collect();
+        put(simulation, Box::into_raw(Box::new(caudal_simulation { stepper, variables, texts, broken: false })))
+    })
+}
+
+/// Frees a simulation; null is fine.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_free(simulation: *mut caudal_simulation) {
+    if !simulation.is_null() {
+        // SAFETY: made by `caudal_load`, and not used after.
+        let _ = call(|| unsafe {
+            drop(Box::from_raw(simulation));
+            Ok(())
+        });
+    }
+}
+
+/// Time now, s; NaN for null.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_time(simulation: *const caudal_simulation) -> f64 {
+    // SAFETY: the caller's promise.
+    unsafe { simulation.as_ref() }.map_or(f64::NAN, |simulation| simulation.stepper.time())
+}
+
+/// Moves on by `h` (s) to exactly t + h.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_do_step(simulation: *mut caudal_simulation, h: f64) -> caudal_status {
+    // SAFETY: the caller's promise.
+    unsafe { on(simulation, |simulation| Ok(simulation.stepper.do_step(h)?)) }
+}
+
+/// The number of variables; 0 for null. They are counted from 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_variable_count(simulation: *const caudal_simulation) -> usize {
+    // SAFETY: the caller's promise.
+    unsafe { simulation.as_ref() }.map_or(0, |simulation| simulation.variables.len())
+}
+
+/// Writes the index of the variable called `name` to `*index`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_find(
+    simulation: *mut caudal_simulation,
+    name: *const c_char,
+    index: *mut usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let name = text(name, "name")?;
+            match simulation.variables.iter().position(|variable| variable.name == name) {
+                Some(place) => put(index, place),
+                None => Err(simulation.stepper.get_scalar(name).err().map_or_else(
+                    || Refusal(CAUDAL_WRONG_CALL, format!("there is no variable `{name}`")),
+                    Refusal::from,
+                )),
+            }
+        })
+    }
+}
+
+impl caudal_simulation {
+    fn variable(&self, index: usize) -> Outcome<&'static Variable> {
+        self.variables.get(index).copied().map_or_else(|| refuse(format!("there is no variable {index}")), Ok)
+    }
+
+    fn length(&self, variable: &Variable, given: usize) -> Outcome {
+        let expected = variable.len(self.stepper.model());
+        if given == expected {
+            return Ok(());
+        }
+        refuse(format!("variable `{}` has {expected} values, not {given}", variable.name))
+    }
+}
+
+/// Writes what there is to know of variable `index` to `*variable`; its texts live as long as the simulation.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_describe(
+    simulation: *mut caudal_simulation,
+    index: usize,
+    variable: *mut caudal_variable,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let it = simulation.variable(index)?;
+            let [name, unit, description] = simulation.texts[index].each_ref().map(|text| text.as_ptr());
+            let causality = match it.causality {
+                Causality::Parameter => caudal_causality::CAUDAL_PARAMETER,
+                Causality::Input => caudal_causality::CAUDAL_INPUT,
+                Causality::Output => caudal_causality::CAUDAL_OUTPUT,
+                Causality::Independent => caudal_causality::CAUDAL_INDEPENDENT,
+            };
+            let length = it.len(simulation.stepper.model());
+            put(variable, caudal_variable { name, unit, description, causality, length })
+        })
+    }
+}
+
+/// Reads all `length` values of variable `index`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_get(
+    simulation: *mut caudal_simulation,
+    index: usize,
+    out: *mut f64,
+    length: usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let variable = simulation.variable(index)?;
+            simulation.length(variable, length)?;
+            variable.read(&simulation.stepper.view(), values_mut(out, length)?);
+            Ok(())
+        })
+    }
+}
+
+/// Sets all `length` values of the input `index`; they hold until they are set again.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_set(
+    simulation: *mut caudal_simulation,
+    index: usize,
+    given: *const f64,
+    length: usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe { caudal_set_derivative(simulation, index, 0, given, length) }
+}
+
+/// Sets the time derivative of an input, of `order` 1 to 3: from now on the input goes on as its value and derivatives say,
+/// until its value is set again. Order 0 is the value.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_set_derivative(
+    simulation: *mut caudal_simulation,
+    index: usize,
+    order: usize,
+    given: *const f64,
+    length: usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let variable = simulation.variable(index)?;
+            let change = Change { variable, order, values: values(given, length)? };
+            match simulation.stepper.set_all(std::iter::once(change)) {
+                Ok(()) => Ok(()),
+                // The value is to blame, not a step.
+                Err(error) => Err(Refusal(CAUDAL_WRONG_CALL, error.to_string())),
+            }
+        })
+    }
+}
+
+/// Writes the first derivatives by time of the output `index` now.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_rate(
+    simulation: *mut caudal_simulation,
+    index: usize,
+    out: *mut f64,
+    length: usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let variable = simulation.variable(index)?;
+            simulation.length(variable, length)?;
+            let nodes = variable.entries(simulation.stepper.model());
+            let (rates, out) = (simulation.stepper.rates()?, values_mut(out, length)?);
+            out.iter_mut().zip(nodes).for_each(|(out, k)| *out = rates.of(variable, k));
+            Ok(())
+        })
+    }
+}
+
+/// Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_save(
+    simulation: *mut caudal_simulation,
+    state: *mut *mut caudal_state,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe { on(simulation, |simulation| keep(simulation.stepper.save(), state)) }
+}
+
+/// # Safety
+/// `state` is null or points to null or to a state from here.
+unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> Outcome {
+    // SAFETY: the caller's promise.
+    unsafe {
+        let Some(place) = state.as_mut() else { return refuse("no place for the state") };
+        match place.as_mut() {
+            Some(old) => old.0 = snapshot,
+            None => *place = Box::into_raw(Box::new(caudal_state(snapshot))),
+        }
+    }
+    Ok(())
+}
+
+/// Goes back to a state; what follows is equal to the bit to what followed then.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_restore(
+    simulation: *mut caudal_simulation,
+    state: *const caudal_state,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| match state.as_ref() {
+            Some(state) => Ok(simulation.stepper.restore(&state.0)?),
+            None => refuse("no state"),
+        })
+    }
+}
+
+/// Writes a state as bytes to `bytes`, which has room for `*size`, and their number to `*size`. Without room (`bytes` null)
+/// it writes the number only.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_serialize(
+    simulation: *mut caudal_simulation,
+    state: *const caudal_state,
+    bytes: *mut u8,
+    size: *mut usize,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let (Some(state), Some(size)) = (state.as_ref(), size.as_mut()) else { return refuse("no state or size") };
+            let content = simulation.stepper.serialize(&state.0)?;
+            let room = std::mem::replace(size, content.len());
+            if bytes.is_null() {
+                return Ok(());
+            }
+            if room < content.len() {
+                return refuse(format!("{room} bytes are too few for a state of {}", content.len()));
+            }
+            values_mut(bytes, content.len())?.copy_from_slice(&content);
+            Ok(())
+        })
+    }
+}
+
+/// Reads a state from `size` bytes, over `*state`, which is null or a state from here. Bytes of another scene, of another
+/// version or damaged ones are refused.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_deserialize(
+    simulation: *mut caudal_simulation,
+    bytes: *const u8,
+    size: usize,
+    state: *mut *mut caudal_state,
+) -> caudal_status {
+    // SAFETY: the caller's promises.
+    unsafe {
+        on(simulation, |simulation| {
+            let snapshot = simulation.stepper.deserialize(values(bytes, size)?)?;
+            keep(snapshot, state)
+        })
+    }
+}
+
+/// Frees a state; null is fine.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_free_state(state: *mut caudal_state) {
+    if !state.is_null() {
+        // SAFETY: made by `keep`, and not used after.
+        let _ = call(|| unsafe {
+            drop(Box::from_raw(state));
+            Ok(())
+        });
+    }
+}

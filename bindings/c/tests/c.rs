@@ -1,0 +1,145 @@
+//! The C library: its header is up to date, a C program of a user compiles without a warning, runs clean under the
+//! sanitizers and valgrind, and sees the stepper's own trajectory to the bit.
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a failure ends the test")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+use engine::scene::Document;
+use engine::stepper::Stepper;
+
+fn here() -> PathBuf {
+    PathBuf::from(env!("CARGO_MANIFEST_DIR"))
+}
+
+#[test]
+fn the_header_is_what_cbindgen_makes_of_the_library() {
+    let mut made = Vec::new();
+    let config = cbindgen::Config::from_file(here().join("cbindgen.toml")).unwrap();
+    cbindgen::Builder::new()
+        .with_config(config)
+        .with_src(here().join("src/lib.rs"))
+        .generate()
+        .unwrap()
+        .write(&mut made);
+    let path = here().join("include/caudal.h");
+    if std::env::var_os("CAUDAL_WRITE_HEADER").is_some() {
+        std::fs::write(&path, &made).unwrap();
+    }
+    let there = std::fs::read(&path).unwrap_or_default();
+    assert!(there == made, "include/caudal.h is out of date: CAUDAL_WRITE_HEADER=1 cargo test -p caudal-c writes it");
+}
+
+fn run(command: &mut Command) -> Output {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    let text = [&output.stdout, &output.stderr].map(|text| String::from_utf8_lossy(text).into_owned()).concat();
+    assert!(output.status.success(), "{command:?}: {text}");
+    output
+}
+
+/// True where a program can be run; else says so.
+fn there_is(program: &str, advice: &str) -> bool {
+    let found = Command::new(program).arg("--version").output().is_ok();
+    if !found {
+        assert!(std::env::var("CAUDAL_HOSTS").as_deref() != Ok("required"), "{program} is not there: {advice}");
+        eprintln!("SKIPPED: {program} is not there: {advice}");
+    }
+    found
+}
+
+/// The library, installed as a user does.
+fn install(folder: &Path) {
+    run(Command::new("sh").arg(here().join("install.sh")).arg(folder).env("CAUDAL_PROFILE", "dev"));
+}
+
+/// Compiles the example, with `more` arguments.
+fn compile(folder: &Path, name: &str, more: &[&str]) -> PathBuf {
+    let program = folder.join(name);
+    run(Command::new("cc")
+        .args(["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-g", "-O1"])
+        .arg(here().join("examples/steer.c"))
+        .arg(format!("-I{}", folder.join("include").display()))
+        .args(more)
+        .arg("-o")
+        .arg(&program));
+    program
+}
+
+#[test]
+fn a_c_host_compiles_without_a_warning_and_runs_clean() {
+    if !there_is("cc", "install a C compiler (Debian: apt-get install gcc libc6-dev)") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    install(folder.path());
+    let lib = folder.path().join("lib");
+    let flags = [format!("-L{}", lib.display()), format!("-Wl,-rpath,{}", lib.display())];
+    let shared = compile(folder.path(), "shared", &[&flags[0], &flags[1], "-lcaudal"]);
+    let archive = lib.join("libcaudal.a");
+    let still = compile(folder.path(), "static", &[archive.to_str().unwrap(), "-lm", "-lpthread", "-ldl"]);
+    let checked = compile(
+        folder.path(),
+        "checked",
+        &["-fsanitize=address,undefined", "-fno-sanitize-recover=all", &flags[0], &flags[1], "-lcaudal"],
+    );
+    let scene = here().join("../../models/baseline-smooth.toml");
+    let output = run(Command::new(&shared).arg(&scene));
+    for program in [&still, &checked] {
+        let other = run(Command::new(program).arg(&scene));
+        assert_eq!(output.stdout, other.stdout);
+        assert_eq!(String::from_utf8_lossy(&other.stderr), "");
+    }
+    let quick = ["--quiet", "--error-exitcode=9", "--leak-check=full", "--show-leak-kinds=definite,indirect,possible"];
+    if there_is("valgrind", "install valgrind (Debian: apt-get install valgrind)") {
+        let checked = run(Command::new("valgrind").args(quick).arg(&shared).arg(&scene));
+        assert_eq!(output.stdout, checked.stdout);
+        assert_eq!(String::from_utf8_lossy(&checked.stderr), "");
+    }
+
+    // The same controller over the stepper itself.
+    let mut document = Document::read(&scene).unwrap();
+    document.set("solver.integrator=newmark").unwrap();
+    let mut tail = Stepper::of(&document.scene().unwrap()).unwrap();
+    let mut expected = String::new();
+    let joints = tail.get("natural_curvature_1_m").unwrap().len();
+    for step in 0..100 {
+        let wanted = -5.0 * tail.get_scalar("y_com_m").unwrap();
+        tail.set("natural_curvature_1_m", &vec![wanted; joints]).unwrap();
+        tail.do_step(0.01).unwrap();
+        if step % 10 == 9 {
+            let [x, y] = ["x_com_m", "y_com_m"].map(|name| tail.get_scalar(name).unwrap());
+            for value in [tail.time(), x, y] {
+                expected += &format!("{:016x} ", value.to_bits());
+            }
+            expected += &format!("{:016x}\n", wanted.to_bits());
+        }
+    }
+    let bits = |line: &str| {
+        let bits = |text: &str| format!("{:016x}", text.parse::<f64>().unwrap().to_bits());
+        line.split(' ').map(bits).collect::<Vec<_>>().join(" ") + "\n"
+    };
+    let found: String = String::from_utf8_lossy(&output.stdout).lines().map(bits).collect();
+    assert_eq!(expected, found, "to the bit");
+}
+
+#[test]
+fn pkg_config_knows_how_to_compile_and_link() {
+    if !there_is("pkg-config", "install it (Debian: apt-get install pkg-config)") || !there_is("cc", "a C compiler") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    install(folder.path());
+    let flags = run(Command::new("pkg-config")
+        .args(["--cflags", "--libs", "caudal"])
+        .env("PKG_CONFIG_PATH", folder.path().join("lib/pkgconfig")));
+    let flags = String::from_utf8(flags.stdout).unwrap();
+    let rpath = format!("-Wl,-rpath,{}", folder.path().join("lib").display());
+    let program = folder.path().join("steer");
+    run(Command::new("cc")
+        .arg(here().join("examples/steer.c"))
+        .args(flags.split_whitespace())
+        .arg(rpath)
+        .arg("-o")
+        .arg(&program));
+    run(Command::new(program).arg(here().join("../../models/baseline-smooth.toml")));
+}

@@ -1,0 +1,133 @@
+//! The shared library inside an FMU: the functions of FMI 2.0 and FMI 3.0 for co-simulation over one stepper.
+//!
+//! Both versions are thin: they look at pointers, lengths and modes, and call the instance. Every exported function
+//! answers a null pointer, a wrong call and even a panic by a status, and logs why.
+
+mod fmi2;
+mod fmi3;
+mod instance;
+
+use std::ffi::{CStr, c_char, c_void};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use instance::{Instance, Mode, Outcome, Refusal, Status, refuse};
+
+/// Runs `work` and turns its outcome into a status; a panic ends the instance.
+///
+/// # Safety
+/// `instance` is null or an instance that no other thread uses now.
+unsafe fn call(instance: *mut c_void, work: impl FnOnce(&mut Instance) -> Outcome) -> Status {
+    // SAFETY: the caller's promise.
+    unsafe { call_raw(instance, |instance| work(&mut *instance)) }
+}
+
+/// The same for work that lets the host call again meanwhile, and so must not hold a reference.
+///
+/// # Safety
+/// Those of [`call`].
+unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Outcome) -> Status {
+    let instance = instance.cast::<Instance>();
+    if instance.is_null() {
+        return Status::Error;
+    }
+    let outcome = catch_unwind(AssertUnwindSafe(|| {
+        // SAFETY: not null, and the caller's promise.
+        if unsafe { &*instance }.mode == Mode::Fatal {
+            return Err(Refusal { status: Status::Fatal, message: "this instance broke down before".to_string() });
+        }
+        work(instance)
+    }));
+    let refusal = match outcome {
+        Ok(Ok(())) => return Status::Ok,
+        Ok(Err(refusal)) => refusal,
+        Err(panic) => {
+            // SAFETY: as above; the work has ended.
+            unsafe { &mut *instance }.break_down();
+            let text = panic.downcast_ref::<&str>().map(|text| (*text).to_string());
+            let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
+            Refusal { status: Status::Fatal, message: format!("internal error: {text}") }
+        }
+    };
+    // A logger of ours that panics must not unwind into the host either.
+    let _ = catch_unwind(AssertUnwindSafe(|| {
+        // SAFETY: as above.
+        unsafe { &*instance }.say(refusal.status, &refusal.message);
+    }));
+    refusal.status
+}
+
+/// `len` values at `start`, which may be null where there are none.
+///
+/// # Safety
+/// A `start` that is not null points to `len` values that nobody changes meanwhile.
+unsafe fn values<'a, T>(start: *const T, len: usize) -> Outcome<&'a [T]> {
+    match (start.is_null(), len) {
+        (_, 0) => Ok(&[]),
+        (false, len) if len <= isize::MAX as usize / size_of::<T>() => {
+            // SAFETY: the caller's promise, and the size is one that can be.
+            Ok(unsafe { std::slice::from_raw_parts(start, len) })
+        }
+        (true, _) => refuse("a null pointer in the place of an array"),
+        _ => refuse(format!("an array of {len} values")),
+    }
+}
+
+/// The same to be written.
+///
+/// # Safety
+/// A `start` that is not null points to `len` values that nobody else uses meanwhile.
+unsafe fn values_mut<'a, T>(start: *mut T, len: usize) -> Outcome<&'a mut [T]> {
+    // SAFETY: the caller's promise.
+    unsafe { values(start.cast_const(), len) }?;
+    // SAFETY: the same; checked by the call above.
+    Ok(if len == 0 { &mut [] } else { unsafe { std::slice::from_raw_parts_mut(start, len) } })
+}
+
+/// Writes `value` to where `place` points.
+///
+/// # Safety
+/// A `place` that is not null can be written.
+unsafe fn put<T>(place: *mut T, value: T) -> Outcome {
+    if place.is_null() {
+        return refuse("a null pointer in the place of a result");
+    }
+    // SAFETY: not null, and the caller's promise.
+    unsafe { place.write(value) };
+    Ok(())
+}
+
+/// A text of the host; null is none.
+///
+/// # Safety
+/// A `text` that is not null ends with a zero.
+unsafe fn text(text: *const c_char) -> Option<String> {
+    // SAFETY: the caller's promise.
+    (!text.is_null()).then(|| unsafe { CStr::from_ptr(text) }.to_string_lossy().into_owned())
+}
+
+/// A new instance for the host, or null with a message.
+fn instantiate(make: impl FnOnce() -> std::result::Result<Instance, String>, log: impl Fn(&str)) -> *mut c_void {
+    match catch_unwind(AssertUnwindSafe(make)) {
+        Ok(Ok(instance)) => Box::into_raw(Box::new(instance)).cast(),
+        Ok(Err(message)) => {
+            log(&message);
+            std::ptr::null_mut()
+        }
+        Err(_) => std::ptr::null_mut(),
+    }
+}
+
+/// Frees an instance, unless a step of it is under way, which still needs it.
+///
+/// # Safety
+/// Those of [`call`]; it is not used after.
+unsafe fn free(instance: *mut c_void) {
+    let instance = instance.cast::<Instance>();
+    // SAFETY: the caller's promise.
+    if !instance.is_null() && unsafe { &*instance }.mode != Mode::Intermediate {
+        let _ = catch_unwind(AssertUnwindSafe(|| {
+            // SAFETY: made by `Box::into_raw` in `instantiate`.
+            drop(unsafe { Box::from_raw(instance) });
+        }));
+    }
+}

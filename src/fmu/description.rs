@@ -1,0 +1,410 @@
+//! `modelDescription.xml`, from the table of variables.
+
+use std::io::Result;
+
+use quick_xml::events::{BytesDecl, Event};
+use quick_xml::writer::{ElementWriter, Writer};
+
+use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
+use crate::integrator::Pace;
+use crate::scene;
+use crate::scene::parameter::Parameter;
+use crate::stepper::Stepper;
+use crate::variable::{Causality, Size, VARIABLES, Variable};
+
+type Xml = Writer<Vec<u8>>;
+type Attributes = Vec<(&'static str, String)>;
+
+/// A unit: its name, the exponents of kg, m, s and rad, and a unit to show it in with its factor.
+struct Unit(&'static str, [i32; 4], Option<(&'static str, f64)>);
+
+/// The units of all variables and parameters.
+const UNITS: [Unit; 19] = [
+    Unit("s", [0, 0, 1, 0], Some(("ms", 1e3))),
+    Unit("m", [0, 1, 0, 0], Some(("mm", 1e3))),
+    Unit("m/s", [0, 1, -1, 0], Some(("mm/s", 1e3))),
+    Unit("m/s^2", [0, 1, -2, 0], None),
+    Unit("1/m", [0, -1, 0, 0], None),
+    Unit("rad", [0, 0, 0, 1], Some(("deg", 180.0 / std::f64::consts::PI))),
+    Unit("rad/s", [0, 0, -1, 1], Some(("deg/s", 180.0 / std::f64::consts::PI))),
+    Unit("Hz", [0, 0, -1, 0], None),
+    Unit("kg", [1, 0, 0, 0], Some(("g", 1e3))),
+    Unit("kg/m^3", [1, -3, 0, 0], Some(("g/cm^3", 1e-3))),
+    Unit("N", [1, 1, -2, 0], Some(("mN", 1e3))),
+    Unit("N m", [1, 2, -2, 0], Some(("mN m", 1e3))),
+    Unit("N m^2", [1, 3, -2, 0], None),
+    Unit("J", [1, 2, -2, 0], Some(("mJ", 1e3))),
+    Unit("W", [1, 2, -3, 0], Some(("mW", 1e3))),
+    Unit("Pa", [1, -1, -2, 0], Some(("MPa", 1e-6))),
+    Unit("Pa s", [1, -1, -1, 0], Some(("mPa s", 1e3))),
+    Unit("N s/m^2", [1, -1, -1, 0], None),
+    Unit("1/s", [0, 0, -1, 0], None),
+];
+
+fn unit(name: &str) -> Option<&'static Unit> {
+    UNITS.iter().find(|unit| unit.0 == name)
+}
+
+/// A number as XML Schema writes it: the shortest text that reads back to the bit.
+fn number(x: f64) -> String {
+    format!("{x:?}")
+}
+
+/// Numbers with spaces in between.
+fn numbers(values: impl Iterator<Item = f64>) -> String {
+    values.map(number).collect::<Vec<_>>().join(" ")
+}
+
+fn list(values: impl Iterator<Item = u32>) -> String {
+    values.map(|x| x.to_string()).collect::<Vec<_>>().join(" ")
+}
+
+/// Typical sizes by unit, from the rod's length, stiffness and mass.
+fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
+    let rod = &stepper.model().rod;
+    let (length, force) = (rod.length, rod.ei / rod.length.powi(2));
+    let frequency = match &stepper.model().actuation {
+        Some((_, drive)) if drive.frequency > 0.0 => drive.frequency,
+        _ => 1.0,
+    };
+    let size = match unit {
+        "m" => length,
+        "m/s" => length * frequency,
+        "1/m" => 1.0 / length,
+        "N" => force,
+        "N m" | "J" => force * length,
+        "W" => force * length * frequency,
+        "N m^2" => rod.ei,
+        "kg" => rod.total_mass(),
+        "Hz" => frequency,
+        "Pa s" => stepper.model().drag.as_ref().map_or(1.0, |(_, fluid)| fluid.viscosity),
+        _ => return None,
+    };
+    (size > 0.0 && size.is_finite()).then_some(size)
+}
+
+/// A variable or a parameter as the description shows it.
+struct Entry {
+    name: String,
+    reference: u32,
+    description: String,
+    /// Float64 or Real, UInt64, Integer.
+    kind: &'static str,
+    /// Causality, variability, initial: attributes of the variable itself.
+    role: Attributes,
+    /// Unit, range, size, start: attributes of its type.
+    value: Attributes,
+    /// True for an array of the structural parameter's size.
+    sized: bool,
+}
+
+impl Entry {
+    fn variable(fmu: &Fmu<'_>, standard: Standard, place: usize, variable: &Variable, node: Option<usize>) -> Self {
+        let (stepper, model) = (&fmu.stepper, fmu.stepper.model());
+        let structural = standard == Standard::Fmi3 && variable.name == NODES;
+        let counts = ["steps", "newton_iterations", "step_halvings", "step_rejections"].contains(&variable.name);
+        let [causality, variability] = match variable.causality {
+            Causality::Independent => ["independent", "continuous"],
+            Causality::Input => ["input", "continuous"],
+            Causality::Output => ["output", if counts { "discrete" } else { "continuous" }],
+            Causality::Parameter if structural => ["structuralParameter", "fixed"],
+            Causality::Parameter => ["calculatedParameter", "fixed"],
+        };
+        let mut role = vec![("causality", causality.to_string()), ("variability", variability.to_string())];
+        if causality == "calculatedParameter" || (standard == Standard::Fmi3 && causality == "output") {
+            role.push(("initial", "calculated".to_string()));
+        }
+        if standard == Standard::Fmi3 && ["input", "output"].contains(&causality) && !counts {
+            role.push(("intermediateUpdate", "true".to_string()));
+        }
+        let (kind, mut value) = match variable.name {
+            NODES if structural => ("UInt64", Vec::new()),
+            NODES => ("Integer", Vec::new()),
+            _ => (if standard == Standard::Fmi3 { "Float64" } else { "Real" }, units(variable.unit)),
+        };
+        let sized = standard == Standard::Fmi3 && variable.size != Size::Scalar;
+        if structural {
+            value.extend([("min", scene::NODES[0].to_string()), ("max", scene::NODES[1].to_string())]);
+            value.push(("start", model.rod.nodes.to_string()));
+        } else {
+            value.extend(variable.least().map(|least| ("min", number(least))));
+            if variable.causality != Causality::Parameter {
+                value.extend(nominal(variable.unit, stepper).map(|size| ("nominal", number(size))));
+            }
+        }
+        if variable.is_input() {
+            let view = stepper.view();
+            let at = |k: usize| if variable.entries(model).contains(&k) { variable.at(&view, k) } else { 0.0 };
+            let start = match node {
+                None if sized => numbers((0..model.rod.nodes).map(at)),
+                _ => number(variable.at(&view, node.unwrap_or(variable.entries(model).start))),
+            };
+            value.push(("start", start));
+        }
+        let target = Target::Variable(place, node.unwrap_or(0));
+        Self {
+            name: node.map_or(variable.name.to_string(), |node| format!("{}[{node}]", variable.name)),
+            reference: Catalogue::reference(standard, target),
+            description: match variable.size {
+                Size::Joints if sized => format!("{}; zero at nodes without a joint", variable.description),
+                _ => variable.description.to_string(),
+            },
+            kind,
+            role,
+            value,
+            sized,
+        }
+    }
+
+    fn parameter(standard: Standard, place: usize, parameter: &Parameter) -> Self {
+        let role = ["parameter", "fixed", "exact"].map(str::to_string);
+        let mut value = units(parameter.unit);
+        let (least, most) = (*parameter.range.start(), *parameter.range.end());
+        value.extend(least.is_finite().then(|| ("min", number(least))));
+        value.extend(most.is_finite().then(|| ("max", number(most))));
+        value.push(("start", number(parameter.value)));
+        Self {
+            name: parameter.name(),
+            reference: Catalogue::reference(standard, Target::Parameter(place)),
+            description: parameter.description.clone(),
+            kind: if standard == Standard::Fmi3 { "Float64" } else { "Real" },
+            role: ["causality", "variability", "initial"].into_iter().zip(role).collect(),
+            value,
+            sized: false,
+        }
+    }
+
+    fn is(&self, causality: &str) -> bool {
+        self.role[0].1 == causality
+    }
+
+    fn write(&self, xml: &mut Xml, standard: Standard) -> Result<()> {
+        let own = [
+            ("name", self.name.clone()),
+            ("valueReference", self.reference.to_string()),
+            ("description", self.description.clone()),
+        ];
+        let own = own.into_iter().chain(self.role.iter().cloned());
+        match standard {
+            Standard::Fmi2 => {
+                element(xml, "ScalarVariable", own.collect(), |xml| leaf(xml, self.kind, self.value.clone()))
+            }
+            Standard::Fmi3 => {
+                let attributes = own.chain(self.value.iter().cloned()).collect();
+                match VARIABLES.iter().position(|variable| variable.name == NODES) {
+                    Some(nodes) if self.sized => element(xml, self.kind, attributes, |xml| {
+                        leaf(xml, "Dimension", vec![("valueReference", nodes.to_string())])
+                    }),
+                    _ => leaf(xml, self.kind, attributes),
+                }
+            }
+        }
+    }
+}
+
+/// Unit and display unit, where there is a unit.
+fn units(name: &str) -> Attributes {
+    let Some(Unit(name, _, shown)) = unit(name) else { return Vec::new() };
+    let shown = shown.map(|(shown, _)| ("displayUnit", shown.to_string()));
+    std::iter::once(("unit", name.to_string())).chain(shown).collect()
+}
+
+/// Writes an element without content.
+fn leaf(xml: &mut Xml, name: &str, attributes: Attributes) -> Result<()> {
+    with(xml, name, &attributes).write_empty().map(|_| ())
+}
+
+/// Writes an element with content.
+fn element(
+    xml: &mut Xml,
+    name: &str,
+    attributes: Attributes,
+    content: impl FnOnce(&mut Xml) -> Result<()>,
+) -> Result<()> {
+    with(xml, name, &attributes).write_inner_content(content).map(|_| ())
+}
+
+fn with<'a>(xml: &'a mut Xml, name: &str, attributes: &Attributes) -> ElementWriter<'a, Vec<u8>> {
+    let pairs = attributes.iter().map(|(name, value)| (*name, value.as_str()));
+    xml.create_element(name.to_string()).with_attributes(pairs)
+}
+
+/// The whole description.
+pub(super) fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
+    let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
+    xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
+    let version = if standard == Standard::Fmi2 { "2.0" } else { "3.0" };
+    let (token, license) = (fmu.token(), env!("CARGO_PKG_LICENSE").to_string());
+    let attributes = vec![
+        ("fmiVersion", version.to_string()),
+        ("modelName", fmu.scene.name.clone()),
+        (if standard == Standard::Fmi2 { "guid" } else { "instantiationToken" }, token),
+        ("description", env!("CARGO_PKG_DESCRIPTION").to_string()),
+        ("version", env!("CARGO_PKG_VERSION").to_string()),
+        ("license", license),
+        ("generationTool", concat!("caudal ", env!("CARGO_PKG_VERSION")).to_string()),
+        ("variableNamingConvention", "structured".to_string()),
+    ];
+    let entries = entries(fmu, standard);
+    element(&mut xml, "fmiModelDescription", attributes, |xml| {
+        leaf(xml, "CoSimulation", capabilities(fmu, standard))?;
+        element(xml, "UnitDefinitions", Vec::new(), |xml| {
+            let used = |unit: &&Unit| entries.iter().any(|entry| entry.value.contains(&("unit", unit.0.to_string())));
+            UNITS.iter().filter(used).try_for_each(|unit| write_unit(xml, unit))
+        })?;
+        element(xml, "LogCategories", Vec::new(), |xml| {
+            LOG_CATEGORIES.iter().try_for_each(|(name, description)| {
+                let attributes = vec![("name", name.to_string()), ("description", description.to_string())];
+                leaf(xml, "Category", attributes)
+            })
+        })?;
+        leaf(xml, "DefaultExperiment", experiment(fmu))?;
+        element(xml, "ModelVariables", Vec::new(), |xml| {
+            entries.iter().try_for_each(|entry| entry.write(xml, standard))
+        })?;
+        element(xml, "ModelStructure", Vec::new(), |xml| structure(xml, fmu, standard, &entries))
+    })?;
+    let mut text = String::from_utf8(xml.into_inner()).map_err(std::io::Error::other)?;
+    text.push('\n');
+    Ok(text)
+}
+
+fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
+    let yes = |name: &'static str| (name, "true".to_string());
+    let mut attributes = vec![
+        ("modelIdentifier", fmu.identifier()),
+        yes("canHandleVariableCommunicationStepSize"),
+        ("maxOutputDerivativeOrder", "1".to_string()),
+    ];
+    match standard {
+        Standard::Fmi2 => attributes.extend([
+            yes("canInterpolateInputs"),
+            yes("canNotUseMemoryManagementFunctions"),
+            yes("canGetAndSetFMUstate"),
+            yes("canSerializeFMUstate"),
+            yes("providesDirectionalDerivative"),
+        ]),
+        Standard::Fmi3 => {
+            attributes.extend([
+                yes("canGetAndSetFMUState"),
+                yes("canSerializeFMUState"),
+                yes("providesDirectionalDerivatives"),
+                yes("providesAdjointDerivatives"),
+                yes("providesPerElementDependencies"),
+                yes("providesIntermediateUpdate"),
+                yes("canReturnEarlyAfterIntermediateUpdate"),
+            ]);
+            if let Pace::Fixed(step) = fmu.scene.pace() {
+                attributes.push(("fixedInternalStepSize", number(step)));
+            }
+        }
+    }
+    attributes
+}
+
+fn write_unit(xml: &mut Xml, Unit(name, exponents, shown): &Unit) -> Result<()> {
+    element(xml, "Unit", vec![("name", name.to_string())], |xml| {
+        let base = ["kg", "m", "s", "rad"].into_iter().zip(exponents).filter(|(_, exponent)| **exponent != 0);
+        leaf(xml, "BaseUnit", base.map(|(name, exponent)| (name, exponent.to_string())).collect())?;
+        shown.iter().try_for_each(|(name, factor)| {
+            let attributes = vec![("name", name.to_string()), ("factor", number(*factor))];
+            leaf(xml, "DisplayUnit", attributes)
+        })
+    })
+}
+
+/// The scene's duration, in its internal steps or in a thousand.
+fn experiment(fmu: &Fmu<'_>) -> Attributes {
+    let duration = fmu.scene.solver.duration_s.get();
+    let step = match fmu.scene.pace() {
+        Pace::Fixed(step) => step.min(duration),
+        Pace::Adaptive(_) => duration / 1000.0,
+    };
+    vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
+}
+
+/// The variables of a description. FMI 2.0 does not need the time, and some of its hosts complain of it.
+fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
+    let shown = move |variable: &Variable| standard == Standard::Fmi3 || variable.causality != Causality::Independent;
+    fmu.catalogue.variables().filter(move |(_, variable)| shown(variable))
+}
+
+/// The variables in their order, every entry of its own in FMI 2.0; then the parameters.
+fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
+    let model = fmu.stepper.model();
+    let mut entries = Vec::new();
+    for (place, variable) in variables(fmu, standard) {
+        match (standard, variable.size) {
+            (Standard::Fmi3, _) | (_, Size::Scalar) => {
+                entries.push(Entry::variable(fmu, standard, place, variable, None));
+            }
+            (Standard::Fmi2, _) => {
+                let nodes = variable.entries(model);
+                entries.extend(nodes.map(|node| Entry::variable(fmu, standard, place, variable, Some(node))));
+            }
+        }
+    }
+    let parameters = fmu.catalogue.parameters.iter().enumerate();
+    entries.extend(parameters.map(|(place, parameter)| Entry::parameter(standard, place, parameter)));
+    entries
+}
+
+/// Outputs with the inputs that they follow at once, and what is unknown until initialisation.
+fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]) -> Result<()> {
+    let (model, form) = (fmu.stepper.model(), fmu.stepper.form());
+    // Where each variable's first entry is in FMI 2.0, which counts from 1.
+    let mut first = vec![0; VARIABLES.len()];
+    let mut count = 1;
+    for (place, variable) in variables(fmu, standard) {
+        first[place] = count;
+        count += variable.len(model) as u32;
+    }
+    let inputs: Vec<_> = fmu.catalogue.variables().filter(|(_, variable)| variable.is_input()).collect();
+    // By index in FMI 2.0, by reference in FMI 3.0.
+    let dependencies = |variable: &Variable, node: usize| match standard {
+        Standard::Fmi2 => list(inputs.iter().flat_map(|(place, input)| {
+            let offset = i64::from(first[*place]) - input.entries(model).start as i64;
+            variable.follows(node, input, model, form).map(move |k| (k as i64 + offset) as u32)
+        })),
+        Standard::Fmi3 => {
+            let any =
+                |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
+            list(inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32))
+        }
+    };
+    let outputs = |xml: &mut Xml| {
+        fmu.catalogue.variables().filter(|(_, variable)| variable.causality == Causality::Output).try_for_each(
+            |(place, variable)| match standard {
+                Standard::Fmi2 => variable.entries(model).enumerate().try_for_each(|(i, node)| {
+                    let index = (first[place] + i as u32).to_string();
+                    let attributes = vec![("index", index), ("dependencies", dependencies(variable, node))];
+                    leaf(xml, "Unknown", attributes)
+                }),
+                Standard::Fmi3 => {
+                    let reference = ("valueReference", place.to_string());
+                    leaf(xml, "Output", vec![reference, ("dependencies", dependencies(variable, 0))])
+                }
+            },
+        )
+    };
+    let unknowns: Vec<_> = entries
+        .iter()
+        .enumerate()
+        .filter(|(_, entry)| entry.is("output") || entry.is("calculatedParameter"))
+        .map(|(i, entry)| (i + 1, entry.reference))
+        .collect();
+    match standard {
+        Standard::Fmi2 => {
+            element(xml, "Outputs", Vec::new(), outputs)?;
+            element(xml, "InitialUnknowns", Vec::new(), |xml| {
+                let index = |index: usize| vec![("index", index.to_string())];
+                unknowns.iter().try_for_each(|(i, _)| leaf(xml, "Unknown", index(*i)))
+            })
+        }
+        Standard::Fmi3 => {
+            outputs(xml)?;
+            let reference = |reference: u32| vec![("valueReference", reference.to_string())];
+            unknowns.iter().try_for_each(|(_, r)| leaf(xml, "InitialUnknown", reference(*r)))
+        }
+    }
+}

@@ -1,0 +1,176 @@
+//! The scalar values of a scene as parameters that a host may change before it starts, by the scene's own keys.
+
+use std::ops::RangeInclusive;
+
+use super::{Finite, Gradient, NotNegative, Positive, Scene, Tolerance};
+
+/// A scalar value of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Parameter {
+    /// Dotted key, for example `rod.length_m`.
+    pub key: String,
+    /// Which of the key's two values it is, where it has two.
+    pub component: Option<usize>,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// What it is.
+    pub description: String,
+    /// Its value in this scene.
+    pub value: f64,
+    /// Smallest and largest value; a bound of zero may itself be excluded, the scene's reader decides.
+    pub range: RangeInclusive<f64>,
+}
+
+impl Parameter {
+    /// The key, and `[0]` or `[1]` where the key has two values.
+    pub fn name(&self) -> String {
+        self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
+    }
+}
+
+/// A number that knows its range.
+trait Ranged {
+    fn number(&self) -> f64;
+    fn range() -> RangeInclusive<f64>;
+}
+
+macro_rules! ranged {
+    ($($name:ident: $range:expr),*) => {
+        $(impl Ranged for $name {
+            fn number(&self) -> f64 {
+                self.get()
+            }
+            fn range() -> RangeInclusive<f64> {
+                $range
+            }
+        })*
+    };
+}
+
+ranged!(Positive: 0.0..=f64::INFINITY, NotNegative: 0.0..=f64::INFINITY, Tolerance: 0.0..=1.0,
+    Gradient: -1.0..=f64::INFINITY, Finite: f64::NEG_INFINITY..=f64::INFINITY);
+
+/// The parameters in the making.
+#[derive(Default)]
+struct List(Vec<Parameter>);
+
+impl List {
+    fn add<T: Ranged>(&mut self, key: &str, unit: &'static str, description: &str, value: T) {
+        self.push(key, None, unit, description, &value);
+    }
+
+    fn pair<T: Ranged>(&mut self, key: &str, unit: &'static str, descriptions: [&str; 2], values: [T; 2]) {
+        for (i, (value, description)) in values.iter().zip(descriptions).enumerate() {
+            self.push(key, Some(i), unit, description, value);
+        }
+    }
+
+    fn push<T: Ranged>(
+        &mut self,
+        key: &str,
+        component: Option<usize>,
+        unit: &'static str,
+        description: &str,
+        value: &T,
+    ) {
+        let (description, value) = (description.to_string(), value.number());
+        self.0.push(Parameter { key: key.to_string(), component, unit, description, value, range: T::range() });
+    }
+}
+
+impl Scene {
+    /// The scalar values of this scene. Which there are follows from the tables and kinds that the scene has, never from
+    /// other values; the number of nodes, which changes the sizes of variables, is not among them.
+    pub fn parameters(&self) -> Vec<Parameter> {
+        let mut list = List::default();
+        let rod = &self.rod;
+        list.add("rod.length_m", "m", "length of the rod", rod.length_m);
+        list.add("rod.outer_radius_m", "m", "outer radius", rod.outer_radius_m);
+        list.add("rod.inner_radius_m", "m", "inner radius; 0 is a solid rod", rod.inner_radius_m);
+        list.add("rod.youngs_modulus_pa", "Pa", "Young's modulus", rod.youngs_modulus_pa);
+        list.add("rod.density_kg_m3", "kg/m^3", "density of the rod", rod.density_kg_m3);
+        if rod.stiffness_profile.is_none() {
+            let gradient = rod.stiffness_gradient.unwrap_or(Gradient::constant(0.0));
+            list.add("rod.stiffness_gradient", "1", "a in the bending stiffness EI(1 + a(1 - xi))", gradient);
+        }
+        if let Some(actuation) = &self.actuation {
+            list.add("actuation.kappa_amp", "1", "amplitude, a turning per reference length", actuation.kappa_amp);
+            let reference = actuation.kappa_reference_length_m;
+            list.add("actuation.kappa_reference_length_m", "m", "reference length of the amplitude", reference);
+            list.add("actuation.frequency_hz", "Hz", "frequency of the actuation", actuation.frequency_hz);
+            list.add("actuation.wavelength_m", "m", "wavelength of the actuation", actuation.wavelength_m);
+            let descriptions = ["e0 of the amplitude e0 + e1 xi along the rod", "e1 of it"];
+            list.pair("actuation.envelope", "1", descriptions, actuation.envelope);
+        }
+        if let Some(ramp) = self.start.ramp_s {
+            list.add("start.ramp_s", "s", "duration of the ramp", ramp);
+        }
+        if let Some(medium) = &self.medium {
+            list.add("medium.viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", medium.viscosity_pa_s);
+            list.add(
+                "medium.density_kg_m3",
+                "kg/m^3",
+                "density of the medium; it enters no force",
+                medium.density_kg_m3,
+            );
+            let descriptions = ["background velocity of the medium, x", "background velocity of the medium, y"];
+            list.pair("medium.flow_m_s", "m/s", descriptions, medium.flow_m_s);
+        }
+        if let Some(drag) = &self.drag {
+            list.add("drag.ratio", "1", "drag across the rod over drag along it", drag.ratio);
+            if let (Some(weight), Some(length)) = (drag.head_weight, drag.head_length_m) {
+                list.add("drag.head_weight", "1", "weight of the drag on the head", weight);
+                list.add("drag.head_length_m", "m", "arc length up to which that weight holds", length);
+            }
+        }
+        if let Some(gravity) = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2) {
+            list.pair("loads.gravity_m_s2", "m/s^2", ["gravity, x", "gravity, y"], gravity);
+        }
+        if let Some(step) = self.solver.time_step_s {
+            list.add("solver.time_step_s", "s", "largest internal step", step);
+        }
+        if let Some(tolerance) = self.solver.tolerance {
+            list.add("solver.tolerance", "1", "largest estimated error of an internal step", tolerance);
+        }
+        let tolerance = self.solver.newton_tolerance;
+        list.add(
+            "solver.newton_tolerance",
+            "1",
+            "largest last increment of Newton's method over the length",
+            tolerance,
+        );
+        if let Ok((method, values)) = self.method() {
+            for (parameter, value) in method.parameters.iter().zip(values) {
+                list.0.push(Parameter {
+                    key: format!("solver.{}", parameter.name),
+                    component: None,
+                    unit: "1",
+                    description: format!("{} of the method {}", parameter.name, method.name),
+                    value,
+                    range: parameter.range[0]..=parameter.range[1],
+                });
+            }
+        }
+        list.0
+    }
+}
+
+/// The overrides ([`Document::set`](super::Document::set)) that turn the values of `parameters` into `values`.
+pub fn overrides(parameters: &[Parameter], values: &[f64]) -> Vec<String> {
+    let all: Vec<(&Parameter, f64)> = parameters.iter().zip(values.iter().copied()).collect();
+    let mut overrides = Vec::new();
+    for (i, (parameter, value)) in all.iter().enumerate() {
+        match parameter.component {
+            None if *value != parameter.value => overrides.push(format!("{}={value:e}", parameter.key)),
+            Some(0) => {
+                let pair = &all[i..(i + 2).min(all.len())];
+                if pair.iter().any(|(parameter, value)| *value != parameter.value) {
+                    let texts: Vec<String> = pair.iter().map(|(_, value)| format!("{value:e}")).collect();
+                    overrides.push(format!("{}=[{}]", parameter.key, texts.join(",")));
+                }
+            }
+            _ => {}
+        }
+    }
+    overrides
+}

@@ -1,0 +1,279 @@
+//! Derivatives of what is read, now: by time, and by the inputs at this time.
+//!
+//! An input acts on the motion only through the steps that follow, so its derivatives are those of what
+//! [`get`](Stepper::get) returns right after [`set`](Stepper::set): positions and velocities stay, moments, energies, powers and
+//! the reaction of a held head follow at once. They are exact: every reading is differentiated by hand, along the same
+//! derivatives of drag, bending and stretching that Newton's matrix is made of. The rate of a reading follows the
+//! motion; only what depends on time alone (κ̄, the head's pose) is differenced once more.
+
+use nalgebra::Vector2;
+
+use super::Stepper;
+use crate::error::Result;
+use crate::metrics::{Energy, Meter, Power, Reading, Totals};
+use crate::model::{Dynamics, Inputs, Model};
+use crate::newton::Work;
+use crate::rod::bend::{self, Joint};
+use crate::rod::{node, stretch};
+use crate::system::{State, System};
+use crate::variable::{Variable, View};
+
+/// Functions of time are differenced over this part of an internal step to either side: they change little in a step.
+const DIFFERENCE: f64 = 1e-3;
+
+/// The first change of a state and of what is read from it along some direction.
+#[derive(Debug)]
+pub(super) struct Tangent {
+    state: State,
+    meter: Meter,
+    natural: Vec<f64>,
+    natural_rate: Vec<f64>,
+    force: Vec<f64>,
+    viscosity: f64,
+    flow: Vector2<f64>,
+    /// Change of the head's angle and of its spin.
+    angle: [f64; 2],
+    /// The inputs' change.
+    inputs: Inputs,
+}
+
+impl Tangent {
+    fn new(dynamics: &Dynamics) -> Self {
+        let nodes = dynamics.nodes();
+        let zeros = || vec![0.0; 2 * nodes];
+        Self {
+            state: State::zeros(2 * nodes),
+            meter: Meter {
+                now: Reading::new(nodes),
+                totals: Totals::default(),
+                first_energy: 0.0,
+                first: (0.0, Vector2::zeros()),
+                first_positions: zeros(),
+            },
+            natural: vec![0.0; nodes],
+            natural_rate: vec![0.0; nodes],
+            force: zeros(),
+            viscosity: 0.0,
+            flow: Vector2::zeros(),
+            angle: [0.0; 2],
+            inputs: Inputs::none(&dynamics.model),
+        }
+    }
+
+    /// No change at all.
+    fn clear(&mut self, model: &Model) {
+        self.state.t = 0.0;
+        for values in [&mut self.state.q, &mut self.state.v, &mut self.state.a, &mut self.force] {
+            values.fill(0.0);
+        }
+        self.natural.fill(0.0);
+        self.natural_rate.fill(0.0);
+        (self.viscosity, self.flow, self.angle) = (0.0, Vector2::zeros(), [0.0; 2]);
+        self.inputs.clear(model);
+    }
+
+    /// The changes of natural curvature, forces and fluid that `self.inputs` cause in `dynamics` at time `t` (s).
+    fn follow_inputs(&mut self, dynamics: &Dynamics, t: f64) {
+        let rod = &dynamics.model.rod;
+        dynamics.natural_change(&self.inputs, t, &mut self.natural, &mut self.natural_rate);
+        if let Some(force) = &self.inputs.force {
+            self.force.copy_from_slice(force);
+        }
+        (self.viscosity, self.flow) = (self.inputs.fluid.viscosity, self.inputs.fluid.flow);
+        // The work of a change of κ̄ at once.
+        let moment = |k: usize| rod.joint[k] * (dynamics.kappa()[k] - dynamics.natural[k]);
+        let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
+        self.meter.totals.work = Power { actuation, ..Power::default() };
+    }
+
+    /// Fills the change of the reading from the changes of everything that it is read from.
+    fn read(&mut self, dynamics: &Dynamics, state: &State, by_time: bool) {
+        let rod = &dynamics.model.rod;
+        let (edges, kappa) = (dynamics.edges(), dynamics.kappa());
+        let Self { state: d, meter, natural, natural_rate, force, viscosity, flow, angle, .. } = self;
+        let now = &mut meter.now;
+        (now.energy, now.power) = (Energy::default(), Power::default());
+        let (energy, power) = (&mut now.energy, &mut now.power);
+        now.com = rod.mean(&d.q);
+        // Changes of an edge's length and direction.
+        let change = |e: usize| {
+            let vector = node(&d.q, e + 1) - node(&d.q, e);
+            [edges[e].t.dot(&vector), edges[e].n().dot(&vector) * edges[e].per_length]
+        };
+        let mut before = angle[0];
+        for (e, edge) in edges.iter().enumerate() {
+            let [longer, turned] = change(e);
+            energy.stretching += stretch::tension(edge, rod.ea, rod.spacing) * longer;
+            if rod.joints().contains(&e) {
+                let turning = turned - before;
+                now.kappa[e] = bend::curvature_per_turning(kappa[e]) * turning;
+                let moment = rod.joint[e] * (kappa[e] - dynamics.natural[e]);
+                now.moment[e] = rod.joint[e] * (now.kappa[e] - natural[e]);
+                energy.bending += moment * (now.kappa[e] - natural[e]);
+                power.actuation -= now.moment[e] * dynamics.natural_rate[e] + moment * natural_rate[e];
+            }
+            before = turned;
+        }
+        for k in 0..rod.nodes {
+            let (v, dv) = (node(&state.v, k), node(&d.v, k));
+            energy.kinetic += rod.mass[k] * v.dot(&dv);
+            power.load += node(force, k).dot(&v) + dynamics.load(k).dot(&dv);
+        }
+        let mut drag_on_head = [Vector2::zeros(); 2];
+        if let Some((drag, fluid)) = dynamics.drag() {
+            drag.for_half_edges(edges, &state.v, fluid, &mut |k, e, half| {
+                let (w, dw) = (node(&state.v, k) - fluid.flow, node(&d.v, k) - *flow);
+                let [_, turned] = change(e);
+                let change = half.by_velocity * dw + half.by_direction * turned + half.by_viscosity * *viscosity;
+                power.viscous += change.dot(&w) + half.force.dot(&dw);
+                power.flow -= change.dot(&fluid.flow) + half.force.dot(flow);
+                if k == 0 {
+                    drag_on_head[0] += half.force;
+                    drag_on_head[1] += change;
+                }
+            });
+        }
+        if let Some([x, y, pitch]) = &dynamics.held {
+            let joint = |k: usize| Joint::new(rod.joint[k], kappa[k], dynamics.natural[k]);
+            let couple = |k: usize, kappa_change: f64| {
+                let (joint, s) = (joint(k), bend::curvature_per_turning(kappa[k]));
+                joint.stiffness * kappa_change / s - rod.joint[k] * s * natural[k]
+            };
+            let (edge, [longer, turned]) = (&edges[0], change(0));
+            let (tension, t, n) = (stretch::tension(edge, rod.ea, rod.spacing), edge.t, edge.n());
+            let shear = (joint(0).couple - joint(1).couple) * edge.per_length;
+            let couples = [couple(0, now.kappa[0]), couple(1, now.kappa[1])];
+            let mut after = Vector2::zeros();
+            // In the chain form the force of an edge is an unknown, which an input changes with the next step only.
+            if state.links.is_empty() || by_time {
+                after += t * (rod.ea / rod.spacing * longer) + n * (tension * turned);
+                after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
+            }
+            let carried = match state.links.first() {
+                Some(link) => Vector2::from(link.force),
+                None => t * tension + n * shear,
+            };
+            let held = node(&state.a, 0) * rod.mass[0] - carried - dynamics.load(0) + drag_on_head[0];
+            let held_change = node(&d.a, 0) * rod.mass[0] - after - node(force, 0) + drag_on_head[1];
+            let s = bend::curvature_per_turning(kappa[0]);
+            let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]);
+            now.head_force = -held_change;
+            now.head_moment = now.moment[0] * s + moment * 0.5 * kappa[0] * now.kappa[0];
+            power.head = held_change.dot(&Vector2::new(x.rate, y.rate)) + held.dot(&node(&d.v, 0))
+                - now.head_moment * pitch.rate
+                - moment * s * angle[1];
+        }
+    }
+}
+
+/// The first change of everything that is read, along some direction.
+#[derive(Debug, Clone, Copy)]
+pub struct Change<'a> {
+    now: View<'a>,
+    change: View<'a>,
+}
+
+impl Change<'_> {
+    /// The change of `variable`, an output, at node `k` of its [`entries`](Variable::entries).
+    pub fn of(&self, variable: &Variable, k: usize) -> f64 {
+        variable.change(&self.now, &self.change, k)
+    }
+}
+
+impl Stepper {
+    /// d/dt of every output now.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`].
+    pub fn rates(&mut self) -> Result<Change<'_>> {
+        let (t, mut tangent) = self.take_tangent()?;
+        let d = &mut tangent.state;
+        d.t = 1.0;
+        d.q.copy_from_slice(&self.state.v);
+        d.v.copy_from_slice(&self.state.a);
+        // What depends on time alone: κ̄', its rate, and the head's third derivative.
+        let half = DIFFERENCE * self.time_step;
+        let accelerations = |dynamics: &Dynamics| dynamics.held.map(|pose| pose.map(|sample| sample.acceleration));
+        self.dynamics.look_at(t + half);
+        let later = accelerations(&self.dynamics);
+        tangent.natural_rate.copy_from_slice(&self.dynamics.natural_rate);
+        self.dynamics.look_at(t - half);
+        let sooner = accelerations(&self.dynamics);
+        tangent
+            .natural_rate
+            .iter_mut()
+            .zip(&self.dynamics.natural_rate)
+            .for_each(|(r, s)| *r = (*r - s) / (2.0 * half));
+        self.dynamics.move_to(t, &mut self.state);
+        tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
+        if let (Some(later), Some(sooner), Some([.., angle])) = (later, sooner, self.dynamics.held) {
+            for i in 0..2 {
+                d.a[i] = (later[i] - sooner[i]) / (2.0 * half);
+            }
+            tangent.angle = [angle.rate, angle.acceleration];
+        }
+        if let Some(course) = &self.dynamics.course {
+            let rate = course.rate();
+            if let Some(force) = &rate.force {
+                tangent.force.copy_from_slice(force);
+            }
+            (tangent.viscosity, tangent.flow) = (rate.fluid.viscosity, rate.fluid.flow);
+        }
+        tangent.read(&self.dynamics, &self.state, true);
+        let now = &self.meter.now;
+        tangent.meter.totals.work = now.power;
+        let aside = now.com.y * tangent.meter.now.com.y;
+        let at_most = now.com.y.abs() >= self.meter.totals.max_lateral;
+        tangent.meter.totals.max_lateral = if at_most && aside > 0.0 { tangent.meter.now.com.y.abs() } else { 0.0 };
+        Ok(self.put_tangent(tangent))
+    }
+
+    /// The change of every output at once when the inputs change: `seed` writes the change of each input, by
+    /// [`Seed::set`]. The targets of a head change nothing before the next step.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`].
+    pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>)) -> Result<Change<'_>> {
+        let (t, mut tangent) = self.take_tangent()?;
+        seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs });
+        tangent.follow_inputs(&self.dynamics, t);
+        tangent.meter.totals.max_lateral = 0.0;
+        tangent.read(&self.dynamics, &self.state, false);
+        Ok(self.put_tangent(tangent))
+    }
+
+    fn take_tangent(&mut self) -> Result<(f64, Box<Tangent>)> {
+        self.dynamics.shape(&self.state)?;
+        let mut tangent = self.tangent.take().unwrap_or_else(|| Box::new(Tangent::new(&self.dynamics)));
+        tangent.clear(&self.dynamics.model);
+        Ok((self.state.t, tangent))
+    }
+
+    fn put_tangent(&mut self, tangent: Box<Tangent>) -> Change<'_> {
+        let tangent = &**self.tangent.insert(tangent);
+        let now = View {
+            dynamics: &self.dynamics,
+            state: &self.state,
+            meter: &self.meter,
+            work: self.newton.work,
+            time_step: self.time_step,
+        };
+        Change { now, change: View { state: &tangent.state, meter: &tangent.meter, work: Work::default(), ..now } }
+    }
+}
+
+/// Where the change of the inputs is written.
+#[derive(Debug)]
+pub struct Seed<'a> {
+    dynamics: &'a mut Dynamics,
+    change: &'a mut Inputs,
+}
+
+impl Seed<'_> {
+    /// Sets the change of a whole input.
+    pub fn set(&mut self, variable: &Variable, values: &[f64]) {
+        std::mem::swap(&mut self.dynamics.inputs, self.change);
+        variable.write(self.dynamics, 0.0, values);
+        std::mem::swap(&mut self.dynamics.inputs, self.change);
+    }
+}

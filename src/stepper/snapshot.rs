@@ -1,0 +1,162 @@
+//! Snapshots: everything of a stepper that changes, kept in memory or as bytes that another process can take over.
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use twox_hash::XxHash3_128;
+
+use super::{Clock, Stepper};
+use crate::error::{Error, Result};
+use crate::metrics::Meter;
+use crate::model::{Course, Inputs};
+use crate::newton::Work;
+use crate::system::{State, System};
+
+/// Begins every serialised snapshot.
+const MAGIC: [u8; 8] = *b"caudal\x00\x01";
+
+/// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
+/// matrices and factors, which every step makes anew.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Snapshot {
+    clock: Clock,
+    time_step: f64,
+    state: State,
+    kicked: bool,
+    inputs: Inputs,
+    course: Option<Box<Course>>,
+    meter: Meter,
+    work: Work,
+}
+
+/// What stands before a serialised snapshot.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+struct Label {
+    magic: [u8; 8],
+    version: String,
+    scene: u128,
+    /// Of the bytes that follow.
+    checksum: u128,
+}
+
+impl Label {
+    fn of(scene: u128, bytes: &[u8]) -> Self {
+        let checksum = XxHash3_128::oneshot(bytes);
+        Self { magic: MAGIC, version: env!("CARGO_PKG_VERSION").to_string(), scene, checksum }
+    }
+}
+
+impl Snapshot {
+    /// Time, s.
+    pub fn time(&self) -> f64 {
+        self.state.t
+    }
+}
+
+impl Stepper {
+    /// A copy of everything that changes.
+    pub fn save(&self) -> Snapshot {
+        Snapshot {
+            clock: self.clock,
+            time_step: self.time_step,
+            state: self.state.clone(),
+            kicked: self.kick.due,
+            inputs: self.dynamics.inputs.clone(),
+            course: self.dynamics.course.clone(),
+            meter: self.meter.clone(),
+            work: self.newton.work,
+        }
+    }
+
+    /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`] for a snapshot of another number of nodes.
+    pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
+        let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
+        if !self.fits(snapshot) {
+            return Err(Error::WrongLength { name: "snapshot", expected, found });
+        }
+        self.clock = snapshot.clock;
+        self.time_step = snapshot.time_step;
+        self.state.copy_from(&snapshot.state);
+        self.kick.due = snapshot.kicked;
+        self.before = None;
+        self.steered = true;
+        self.dynamics.restore(&snapshot.inputs);
+        self.dynamics.course.clone_from(&snapshot.course);
+        self.dynamics.move_to(self.state.t, &mut self.state);
+        self.meter.clone_from(&snapshot.meter);
+        self.newton.work = snapshot.work;
+        Ok(())
+    }
+
+    /// A snapshot as bytes, which a stepper of the same scene in any process of this version takes over.
+    ///
+    /// # Errors
+    /// Those of [`seal`].
+    pub fn serialize(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
+        seal(self.scene, snapshot)
+    }
+
+    /// The snapshot in `bytes`.
+    ///
+    /// # Errors
+    /// Those of [`open`].
+    pub fn deserialize(&self, bytes: &[u8]) -> Result<Snapshot> {
+        let snapshot = open(self.scene, bytes)?;
+        if self.fits(&snapshot) { Ok(snapshot) } else { refuse("its sizes are not this scene's") }
+    }
+
+    /// True if every array of `snapshot` has the length it has here.
+    fn fits(&self, other: &Snapshot) -> bool {
+        let (nodes, unknowns) = (self.dynamics.nodes(), self.state.q.len());
+        let State { t: _, q, v, a, links, memory } = &other.state;
+        let lengths = [q.len(), v.len(), a.len(), other.meter.first_positions.len()];
+        let inputs = |inputs: &Inputs| {
+            inputs.natural.as_ref().is_none_or(|x| x.len() == nodes)
+                && inputs.force.as_ref().is_none_or(|x| x.len() == unknowns)
+        };
+        lengths.iter().all(|len| *len == unknowns)
+            && (links.len(), memory.len()) == (self.state.links.len(), self.state.memory.len())
+            && other.meter.now.nodes() == nodes
+            && inputs(&other.inputs)
+            && other.course.as_ref().is_none_or(|course| course.parts().all(inputs))
+    }
+}
+
+/// `content` as bytes for whoever has the same scene, by its [fingerprint](crate::scene::Scene::fingerprint), and the
+/// same version of the program.
+///
+/// # Errors
+/// [`Error::Snapshot`].
+pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
+    let failed = |error: postcard::Error| Error::Snapshot(error.to_string());
+    let content = postcard::to_stdvec(content).map_err(failed)?;
+    let mut bytes = postcard::to_stdvec(&Label::of(scene, &content)).map_err(failed)?;
+    bytes.extend(content);
+    Ok(bytes)
+}
+
+/// What [`seal`] has made into `bytes`.
+///
+/// # Errors
+/// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
+pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
+    let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
+    let Some((label, content)) = label else { return refuse("these bytes are no state of caudal, or are damaged") };
+    let here = Label::of(scene, content);
+    if label.version != here.version {
+        return refuse(&format!("it was saved by caudal {}; this is {}", label.version, here.version));
+    }
+    if label.scene != here.scene {
+        return refuse("it was saved from another scene, or from this one with other parameters");
+    }
+    if label.checksum != here.checksum {
+        return refuse("it is damaged: its checksum is wrong");
+    }
+    postcard::from_bytes(content).map_err(|error| Error::Snapshot(error.to_string()))
+}
+
+fn refuse<T>(text: &str) -> Result<T> {
+    Err(Error::Snapshot(text.to_string()))
+}
