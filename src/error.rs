@@ -2,8 +2,10 @@
 
 use std::path::PathBuf;
 
-/// Everything that can go wrong, with the numbers inside.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+use serde::Serialize;
+
+/// Everything that can go wrong, with the numbers inside. Serialised, it is the variant's name with its fields.
+#[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
 #[non_exhaustive]
 pub enum Error {
     /// A scene (or an override of one of its keys) says something that is not allowed.

@@ -428,7 +428,11 @@ impl Stepper {
         Ok(())
     }
 
-    fn find(&self, name: &str) -> Result<&'static Variable> {
+    /// The variable of this name.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVariable`].
+    pub fn find(&self, name: &str) -> Result<&'static Variable> {
         self.variables.iter().copied().find(|variable| variable.name == name).ok_or_else(|| Error::UnknownVariable {
             name: name.to_string(),
             nearest: nearest(name, self.variables.iter().map(|variable| variable.name)),

@@ -7,6 +7,7 @@ cd "$(dirname "$0")/.."
 cargo fmt --all --check
 cargo clippy --workspace --all-targets --locked -- --deny warnings
 cargo test --workspace --locked
+sh bindings/python/tests/all.sh
 RUSTDOCFLAGS="--deny warnings" cargo doc --workspace --no-deps --locked
 
 # Advisories need a network and are checked by hand before a release.

@@ -9,6 +9,7 @@ mod output;
 mod page;
 mod record;
 pub(crate) mod tables;
+pub mod trajectory;
 
 pub use findings::{Findings, Table};
 pub use output::Output;

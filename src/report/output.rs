@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::figures;
 use super::page::Page;
-use super::record::Record;
+use super::record::{Record, Times};
 use super::tables::{Csv, Parquet, put_in_place, text_file, write_error};
 use crate::error::{Error, Result};
 use crate::run::Summary;
@@ -43,10 +43,7 @@ impl Output {
             nodes,
             record: Record::start(stepper),
             columns,
-            times: match scene.record.interval_s {
-                Some(interval) => Times::Every(interval.get(), 1),
-                None => Times::Steps(scene.record.every.map_or(1, |every| every.get() as u64), 0),
-            },
+            times: Times::of(scene),
             period,
         };
         output.row(&stepper.view())?;
@@ -58,28 +55,13 @@ impl Output {
     /// # Errors
     /// [`Error::Write`]; those of [`Stepper::at`].
     pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
-        match self.times {
-            Times::Steps(every, last) => {
-                let step = stepper.meter().totals.steps;
-                self.times = Times::Steps(every, step);
-                if step == last {
-                    return Ok(()); // half a step
-                }
-                self.record.step(&stepper.view());
-                if step.is_multiple_of(every) { self.row(&stepper.view()) } else { Ok(()) }
-            }
-            Times::Every(interval, mut next) => {
-                while next as f64 * interval <= stepper.time() {
-                    stepper.at(next as f64 * interval, |view| {
-                        self.record.step(view);
-                        self.row(view)
-                    })??;
-                    next += 1;
-                    self.times = Times::Every(interval, next);
-                }
-                Ok(())
-            }
-        }
+        let mut times = self.times;
+        let outcome = times.pass(stepper, |view, recorded| {
+            self.record.step(view);
+            if recorded { self.row(view) } else { Ok(()) }
+        });
+        self.times = times;
+        outcome
     }
 
     fn row(&mut self, view: &View<'_>) -> Result<()> {
@@ -131,15 +113,6 @@ impl Output {
         }
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
-}
-
-/// Which times are recorded.
-#[derive(Debug)]
-enum Times {
-    /// Every so many steps; the steps so far.
-    Steps(u64, u64),
-    /// The multiples of so many seconds; the next multiple.
-    Every(f64, u64),
 }
 
 /// The names that the table of node positions may have.

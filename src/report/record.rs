@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::error::Result;
+use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
@@ -11,6 +13,48 @@ const SAMPLES: usize = 2500;
 const FRAMES: usize = 1200;
 /// At most about this many nodes of a frame are kept.
 const POINTS: usize = 120;
+
+/// Which times are recorded.
+#[derive(Debug, Clone, Copy)]
+pub enum Times {
+    /// Every so many steps; the last one that was passed.
+    Steps(u64, u64),
+    /// The multiples of so many seconds; the next multiple.
+    Every(f64, u64),
+}
+
+impl Times {
+    /// Those that a scene asks for, after the first state.
+    pub fn of(scene: &Scene) -> Self {
+        match scene.record.interval_s {
+            Some(interval) => Self::Every(interval.get(), 1),
+            None => Self::Steps(scene.record.every.map_or(1, |every| every.get() as u64), 0),
+        }
+    }
+
+    /// Shows what the step just made has passed, and whether it is recorded: its end, or the multiples within it.
+    ///
+    /// # Errors
+    /// Those of `look` and of [`Stepper::at`].
+    pub fn pass(&mut self, stepper: &mut Stepper, mut look: impl FnMut(&View<'_>, bool) -> Result<()>) -> Result<()> {
+        match self {
+            Self::Steps(every, last) => {
+                let step = stepper.meter().totals.steps;
+                if std::mem::replace(last, step) == step {
+                    return Ok(()); // half a step
+                }
+                look(&stepper.view(), step.is_multiple_of(*every))
+            }
+            Self::Every(interval, next) => {
+                while *next as f64 * *interval <= stepper.time() {
+                    stepper.at(*next as f64 * *interval, |view| look(view, true))??;
+                    *next += 1;
+                }
+                Ok(())
+            }
+        }
+    }
+}
 
 /// The rod at a time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

@@ -1,0 +1,33 @@
+"""Simulates bio-inspired tails and swimmers: a slender rod driven by a travelling natural curvature in a viscous fluid.
+
+`load` reads a scene, `run` runs it, and a `Stepper` lets a host drive it. SI units everywhere; the names of variables end in
+their units.
+
+Examples
+--------
+>>> import caudal
+>>> scene = caudal.load("models/driven-head.toml", set={"solver.duration_s": 0.1})
+>>> result = caudal.run(scene)
+>>> result["time_s"].shape, result["x_m"].shape
+((51,), (51, 33))
+"""
+
+from . import errors
+from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
+from .errors import Error
+from .result import Result, load, run
+from .sweeping import sweep
+
+__all__ = [
+    "Error",
+    "Result",
+    "Scene",
+    "Snapshot",
+    "Stepper",
+    "Variable",
+    "__version__",
+    "errors",
+    "load",
+    "run",
+    "sweep",
+]

@@ -1,0 +1,298 @@
+"""What can go wrong: every exception carries its numbers as attributes; its text says where and what to do."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Optional
+
+if TYPE_CHECKING:
+    from .result import Result
+
+
+class Error(Exception):
+    """Anything that can go wrong inside caudal.
+
+    Attributes
+    ----------
+    result : Result or None
+        What was computed until then, where it ended a run.
+    """
+
+    result: Optional[Result] = None
+
+
+class SceneError(Error, ValueError):
+    """A scene, or an override of one of its keys, says something that is not allowed.
+
+    Attributes
+    ----------
+    place : str
+        File and line, or the override.
+    key : str
+        Dotted key, for example ``rod.nodes``; empty where no single key is to blame.
+    problem : str
+        What was found and what is allowed.
+    """
+
+    place: str
+    key: str
+    problem: str
+
+
+class ReadError(Error, OSError):
+    """A file cannot be read.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    reason : str
+        The operating system's reason.
+    """
+
+    path: str
+    reason: str
+
+
+class WriteError(Error, OSError):
+    """A file or folder cannot be written.
+
+    Attributes
+    ----------
+    path : str
+        The file or folder.
+    reason : str
+        The operating system's reason.
+    """
+
+    path: str
+    reason: str
+
+
+class JournalError(Error):
+    """A journal of results cannot be used.
+
+    Attributes
+    ----------
+    path : str
+        The file.
+    problem : str
+        What is wrong with it and what to do.
+    """
+
+    path: str
+    problem: str
+
+
+class NotConvergedError(Error, ArithmeticError):
+    """Newton's method did not converge, even after the step was halved.
+
+    Attributes
+    ----------
+    time_s, step_s : float
+        Time the step aimed at, and the (halved) step.
+    iterations : int
+        Newton iterations made.
+    increment_m, residual_n : float
+        Largest displacement increment of the last iteration, and largest residual force.
+    node : int
+        Node with the largest residual.
+    """
+
+    time_s: float
+    step_s: float
+    iterations: int
+    increment_m: float
+    residual_n: float
+    node: int
+
+
+class NotFiniteError(Error, ArithmeticError):
+    """A number that is not finite came up.
+
+    Attributes
+    ----------
+    time_s : float
+        Time.
+    node : int
+        Node.
+    what : str
+        Which quantity.
+    """
+
+    time_s: float
+    node: int
+    what: str
+
+
+class FoldOverError(Error, ArithmeticError):
+    """The rod folded over at a joint, where its curvature is singular.
+
+    Attributes
+    ----------
+    time_s : float
+        Time.
+    node : int
+        The joint's node.
+    """
+
+    time_s: float
+    node: int
+
+
+class EdgeCollapseError(Error, ArithmeticError):
+    """An edge lost its length, or turned over within one step.
+
+    Attributes
+    ----------
+    time_s : float
+        Time.
+    node : int
+        First node of the edge.
+    length_m : float
+        Its length.
+    """
+
+    time_s: float
+    node: int
+    length_m: float
+
+
+class ToleranceError(Error, ArithmeticError):
+    """The estimated error of a step stays above the tolerance, however small the step.
+
+    Attributes
+    ----------
+    time_s, step_s : float
+        Time, and the last step.
+    tolerance : float
+        The tolerance.
+    """
+
+    time_s: float
+    step_s: float
+    tolerance: float
+
+
+class LinearError(Error, ArithmeticError):
+    """A linear solver could not be set up.
+
+    Attributes
+    ----------
+    unknowns : int
+        Size of the system.
+    reason : str
+        The solver's reason.
+    """
+
+    unknowns: int
+    reason: str
+
+
+class StepError(Error, ValueError):
+    """The communication step is not a positive, finite time.
+
+    Attributes
+    ----------
+    value : float
+        The step, s.
+    """
+
+    value: float
+
+
+class UnknownVariableError(Error, LookupError):
+    """No variable has this name in this scene.
+
+    Attributes
+    ----------
+    name : str
+        The name asked for.
+    nearest : str or None
+        The most similar name there is.
+    """
+
+    name: str
+    nearest: Optional[str]
+
+
+class NotAnInputError(Error, ValueError):
+    """Only inputs can be set.
+
+    Attributes
+    ----------
+    value : str
+        Name of the variable.
+    """
+
+    value: str
+
+
+class WrongLengthError(Error, ValueError):
+    """An array of the wrong length was given for a variable.
+
+    Attributes
+    ----------
+    name : str
+        The variable.
+    expected, found : int
+        Its number of values, and the number given.
+    """
+
+    name: str
+    expected: int
+    found: int
+
+
+class BadValueError(Error, ValueError):
+    """A value outside the variable's range.
+
+    Attributes
+    ----------
+    name : str
+        The variable.
+    value : float
+        The value given.
+    allowed : str
+        What is allowed.
+    """
+
+    name: str
+    value: float
+    allowed: str
+
+
+class OrderError(Error, ValueError):
+    """No derivative of this order can be set.
+
+    Attributes
+    ----------
+    order, highest : int
+        The order asked for, and the highest there is.
+    """
+
+    order: int
+    highest: int
+
+
+class SnapshotError(Error, ValueError):
+    """A saved state that cannot be taken over.
+
+    Attributes
+    ----------
+    value : str
+        Why.
+    """
+
+    value: str
+
+
+class FmuError(Error):
+    """An FMU cannot be made.
+
+    Attributes
+    ----------
+    value : str
+        Why.
+    """
+
+    value: str

@@ -1,0 +1,257 @@
+"""Runs and what comes out of them."""
+
+from __future__ import annotations
+
+import html
+import os
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from ._caudal import Scene, Variable, _run
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+    import pandas
+
+#: What a scene is made from: one there is, the path of a TOML file, or the tables themselves.
+Source = Union[Scene, str, "os.PathLike[str]", Mapping[str, Any]]
+#: Numbers in an array.
+Array = npt.NDArray[np.float64]
+
+
+def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
+    """Read and check a scene.
+
+    Parameters
+    ----------
+    source : Scene, str, os.PathLike or dict
+        The path of a TOML file, the scene's tables themselves, or another scene to start from.
+    set : dict, optional
+        Overrides by dotted key, such as ``{"rod.nodes": 17, "loads.gravity_m_s2": [0, -9.81]}``.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    caudal.errors.SceneError
+        For an unknown key or a value that is not allowed, with the place in the file.
+    caudal.errors.ReadError
+        For a file that cannot be read.
+
+    Examples
+    --------
+    >>> import caudal
+    >>> scene = caudal.load("models/glycerol.toml", set={"rod.nodes": 17})
+    >>> scene.nodes
+    17
+    >>> caudal.load(scene, set={"rod.nodes": "many"})
+    Traceback (most recent call last):
+    caudal.errors.SceneError: --set rod.nodes="many": rod.nodes: found "many"; allowed: a whole number from 3 to 10000000
+    """
+    return Scene(source, None if set is None else dict(set))
+
+
+def run(
+    scene: Source,
+    *,
+    record: Optional[Iterable[str]] = None,
+    out: Optional[Union[str, "os.PathLike[str]"]] = None,
+    progress: Optional[Callable[[float, float], Optional[bool]]] = None,
+) -> Result:
+    """Run a scene over its duration.
+
+    Other Python threads run meanwhile. Ctrl-C ends the run; what was computed is ``result`` of the exception, as it is
+    where a step fails.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `load` makes one from.
+    record : iterable of str, optional
+        Names of the variables to record, beside the time; by default those of trajectory.csv and, as the scene's
+        ``[record]`` says, the positions of the nodes. When they are recorded is the scene's ``record.every`` or
+        ``record.interval_s``.
+    out : str or os.PathLike, optional
+        Folder for the files that ``caudal run`` writes: tables, figures, summary.json, report.html.
+    progress : callable, optional
+        Called with the time and the duration (s) some twenty times a second and at the end; if it returns False, the run
+        ends there.
+
+    Returns
+    -------
+    Result
+        The recorded variables and the summary.
+
+    Raises
+    ------
+    caudal.Error
+        What went wrong.
+
+    Examples
+    --------
+    >>> import caudal
+    >>> short = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.1})
+    >>> result = caudal.run(short, record=["tip_y_m", "curvature_1_m"])
+    >>> list(result)
+    ['time_s', 'tip_y_m', 'curvature_1_m']
+    >>> result["curvature_1_m"].shape
+    (101, 7)
+    """
+    scene = scene if isinstance(scene, Scene) else load(scene)
+    names = None if record is None else [record] if isinstance(record, str) else list(record)
+    content, failure = _run(scene, names, out, progress)
+    result = Result(scene, content)
+    if failure is not None:
+        failure.result = result  # type: ignore[attr-defined]
+        raise failure
+    return result
+
+
+class Result(Mapping[str, Array]):
+    """What came out of a run: NumPy arrays by the names of variables, with the summary.
+
+    A scalar variable has one number a time, an array of variables one row a time. In a notebook it shows the run as an
+    animation.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    summary : dict
+        The content of summary.json: the end of the run, energies, work, powers, work of the solver.
+    notes : list of str
+        What to know before trusting the result.
+    variables : dict of str to Variable
+        Units and meaning of what is recorded.
+    nodes : numpy.ndarray
+        The nodes that the columns of variables by node stand for.
+    """
+
+    def __init__(self, scene: Scene, content: Mapping[str, Any]) -> None:
+        self.scene = scene
+        self.summary: dict[str, Any] = content["summary"]
+        self.notes: list[str] = content["notes"]
+        self.variables: dict[str, Variable] = content["variables"]
+        self.nodes: npt.NDArray[np.uintp] = content["nodes"]
+        self._arrays: dict[str, Array] = content["arrays"]
+        self._html: str = content["html"]
+
+    @property
+    def complete(self) -> bool:
+        """True if the run reached its duration."""
+        return bool(self.summary["complete"])
+
+    def __getitem__(self, name: str) -> Array:
+        return self._arrays[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._arrays)
+
+    def __len__(self) -> int:
+        return len(self._arrays)
+
+    def __repr__(self) -> str:
+        rows = len(self["time_s"])
+        return f"<caudal.Result of {self.scene.name!r}: {len(self)} variables at {rows} times, {self.summary['ending']}>"
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Everything as a data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row a time, with the time as index; an array of variables has a column ``name[node]`` for each entry.
+        """
+        import pandas
+
+        columns: dict[str, Array] = {}
+        for name, values in self.items():
+            if values.ndim == 1:
+                columns[name] = values
+            else:
+                columns.update({f"{name}[{k}]": column for k, column in zip(self._entries(name), values.T)})
+        return pandas.DataFrame(columns).set_index("time_s")
+
+    def _entries(self, name: str) -> Iterable[Any]:
+        """The nodes of a variable's columns: those recorded, or the joints, of which the last is before the tip."""
+        count = self[name].shape[1]
+        if self.variables[name].shape == (self.scene.nodes,):
+            return self.nodes
+        return range(self.scene.nodes - 1 - count, self.scene.nodes - 1)
+
+    def plot(self, *names: str) -> matplotlib.figure.Figure:
+        """Draw the run.
+
+        Parameters
+        ----------
+        *names : str
+            Variables to draw over time; without names shapes of the rod, the path of its centre of mass, and the energies.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        from matplotlib.figure import Figure
+
+        if not names:
+            return self._overview()
+        figure = Figure(figsize=(7, 1 + 2 * len(names)), layout="constrained")
+        for axes, name in zip(figure.subplots(len(names), sharex=True, squeeze=False)[:, 0], names):
+            variable = self.variables[name]
+            axes.plot(self["time_s"], self[name], linewidth=1)
+            axes.set_ylabel(f"{name}\n({variable.unit})")
+            axes.grid(alpha=0.3)
+        axes.set_xlabel("time (s)")
+        return figure
+
+    def _overview(self) -> matplotlib.figure.Figure:
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7, 8), layout="constrained")
+        shapes, path, energies = figure.subplots(3)
+        figure.suptitle(self.scene.name)
+        time = self["time_s"]
+        if "x_m" in self and "y_m" in self:
+            count = min(9, len(time))
+            chosen = np.linspace(0, len(time) - 1, count).astype(int)
+            for i, row in enumerate(chosen):
+                last = i == count - 1
+                style = {"color": "#0072b2", "linewidth": 2.5} if last else {"color": str(0.85 - 0.4 * i / count)}
+                shapes.plot(self["x_m"][row], self["y_m"][row], label=f"t = {time[row]:g} s" if last else None, **style)
+            shapes.set_aspect("equal", adjustable="datalim")
+            shapes.legend()
+        shapes.set(xlabel="x (m)", ylabel="y (m)", title="shapes")
+        if "x_com_m" in self and "y_com_m" in self:
+            path.plot(self["x_com_m"], self["y_com_m"], color="#d55e00")
+        path.set(xlabel="x (m)", ylabel="y (m)", title="path of the centre of mass")
+        for name in self:
+            if name.endswith(("_energy_j", "_work_j")) and np.any(self[name] != 0):
+                energies.plot(time, self[name], label=name.removesuffix("_j").replace("_", " "))
+        energies.set(xlabel="time (s)", ylabel="J", title="energies and work")
+        energies.legend(fontsize="small")
+        for axes in (shapes, path, energies):
+            axes.grid(alpha=0.3)
+        return figure
+
+    def to_html(self) -> str:
+        """A self-contained page that plays the run.
+
+        Returns
+        -------
+        str
+            The page, HTML.
+        """
+        return self._html
+
+    def _repr_html_(self) -> str:
+        page = html.escape(self._html)
+        ending = "" if self.complete else f"<p>This run did not reach its end: {html.escape(self.summary['ending'])}</p>"
+        frame = f'<iframe srcdoc="{page}" style="width: 100%; height: 440px; border: 0" title="the moving rod"></iframe>'
+        return ending + frame

@@ -1,0 +1,26 @@
+//! caudal as a Python package: scenes, the stepper and whole runs, with NumPy arrays, as `caudal._caudal`.
+//!
+//! Thin: every call is one of the library's. What Python does better (plots, data frames, documentation pages) is in
+//! `python/caudal`. Python's lock is released while the library computes.
+
+mod attention;
+mod error;
+mod run;
+mod scene;
+mod stepper;
+mod sweep;
+mod values;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    module.add_class::<scene::Scene>()?;
+    module.add_class::<stepper::Variable>()?;
+    module.add_class::<stepper::Snapshot>()?;
+    module.add_class::<stepper::Stepper>()?;
+    module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
+    module.add_function(wrap_pyfunction!(run::run, module)?)?;
+    module.add_function(wrap_pyfunction!(sweep::sweep, module)?)
+}

@@ -1,0 +1,96 @@
+//! Whole runs.
+
+use std::ops::ControlFlow;
+use std::path::PathBuf;
+
+use caudal::check::Assessment;
+use caudal::report::Output;
+use caudal::report::trajectory::{Column, Trajectory};
+use caudal::run::{Ending, Summary};
+use caudal::variable::Size;
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+use crate::attention::Attention;
+use crate::error::{OrRaise, exception};
+use crate::scene::Scene;
+use crate::stepper::Variable;
+
+/// Runs a scene: what `caudal.run` makes a result from, and the exception that ended it before its time.
+#[pyfunction]
+#[pyo3(name = "_run")]
+pub fn run<'py>(
+    py: Python<'py>,
+    scene: &Bound<'py, Scene>,
+    record: Option<Vec<String>>,
+    out: Option<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
+    let Scene { scene, document, .. } = scene.get();
+    let prepared = py.detach(|| {
+        let stepper = caudal::stepper::Stepper::of(scene)?;
+        let assessment = Assessment::of(scene, &stepper)?;
+        Ok((stepper, assessment))
+    });
+    let (mut stepper, assessment) = prepared.or_raise(py)?;
+    if let Some(fault) = &assessment.refusal {
+        return Err(exception(py, &document.refuse(fault)));
+    }
+    let mut trajectory = Trajectory::start(scene, &stepper, record.as_deref()).or_raise(py)?;
+    let mut output = out.map(|folder| Output::create(&folder, scene, &stepper)).transpose().or_raise(py)?;
+    let duration = scene.solver.duration_s.get();
+    let tell = |py: Python<'_>, time: f64| match &progress {
+        None => Ok(ControlFlow::Continue(())),
+        // Only False itself ends the run: most callbacks return nothing.
+        Some(callback) => match callback.call1(py, (time, duration))?.extract::<bool>(py) {
+            Ok(false) => Ok(ControlFlow::Break(())),
+            _ => Ok(ControlFlow::Continue(())),
+        },
+    };
+    let mut attention = Attention::new();
+    let finished = py.detach(|| {
+        let outcome = caudal::run::run(scene, &mut stepper, |stepper| {
+            trajectory.step(stepper)?;
+            if let Some(output) = &mut output {
+                output.step(stepper)?;
+            }
+            let time = stepper.time();
+            Ok(attention.pay(|py| tell(py, time)))
+        })?;
+        trajectory.finish(&stepper);
+        let summary = Summary::of(scene, &stepper, &outcome);
+        let notes = [assessment.warnings, summary.notes.clone()].concat();
+        let html = trajectory.player(&summary)?;
+        if let Some(output) = output {
+            output.finish(&stepper, &summary, document, &notes)?;
+        }
+        Ok((outcome.ending, summary, notes, html))
+    });
+    let (ending, summary, notes, html) = finished.or_raise(py)?;
+    if ending == Ending::Complete {
+        let _ = tell(py, stepper.time())?;
+    }
+    let (variables, arrays) = (PyDict::new(py), PyDict::new(py));
+    for Column { variable, nodes, values } in trajectory.into_columns() {
+        variables.set_item(variable.name, Variable::of(py, variable, stepper.model())?)?;
+        let rows = values.len() / nodes.len();
+        let array = PyArray1::from_vec(py, values); // takes the memory over
+        match variable.size {
+            Size::Scalar => arrays.set_item(variable.name, array)?,
+            Size::Nodes | Size::Joints => arrays.set_item(variable.name, array.reshape([rows, nodes.len()])?)?,
+        }
+    }
+    let content = PyDict::new(py);
+    content.set_item("summary", pythonize::pythonize(py, &summary)?)?;
+    content.set_item("notes", notes)?;
+    content.set_item("variables", variables)?;
+    content.set_item("arrays", arrays)?;
+    content.set_item("nodes", PyArray1::from_vec(py, scene.recorded_nodes()))?;
+    content.set_item("html", html)?;
+    let failure = match ending {
+        Ending::Failed(error) => Some(exception(py, &error)),
+        Ending::Complete | Ending::Interrupted => attention.failure,
+    };
+    Ok((content, failure))
+}

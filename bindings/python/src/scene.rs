@@ -1,0 +1,173 @@
+//! Scenes.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use caudal::check::Assessment;
+use caudal::fmu::{Fmu, Standard};
+use caudal::scene::Document;
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::{PyDict, PyTuple};
+
+use crate::error::OrRaise;
+use crate::values::to_toml;
+
+/// A scene, read and checked: everything there is to say about a run.
+///
+/// It cannot be changed; :func:`caudal.load` makes another with other values. It can be pickled, which sends its text.
+///
+/// Parameters
+/// ----------
+/// source : Scene, str, os.PathLike or dict
+///     The path of a TOML file, the scene's tables themselves, or another scene to start from.
+/// set : dict, optional
+///     Overrides by dotted key, such as ``{"solver.time_step_s": 1e-3}``.
+///
+/// Raises
+/// ------
+/// caudal.errors.SceneError
+///     For an unknown key or a value that is not allowed, with the place in the file.
+/// caudal.errors.ReadError
+///     For a file that cannot be read.
+#[pyclass(frozen, module = "caudal")]
+pub struct Scene {
+    pub document: Document,
+    pub scene: Arc<caudal::scene::Scene>,
+    path: PathBuf,
+}
+
+/// What errors call a scene that was given as a dictionary.
+const UNNAMED: &str = "scene";
+
+#[pymethods]
+impl Scene {
+    #[new]
+    #[pyo3(signature = (source, set=None))]
+    fn new(py: Python<'_>, source: &Bound<'_, PyAny>, set: Option<&Bound<'_, PyDict>>) -> PyResult<Self> {
+        let (path, mut document) = if let Ok(other) = source.cast::<Self>() {
+            (other.get().path.clone(), other.get().document.clone())
+        } else if let Ok(tables) = source.cast::<PyDict>() {
+            let text = toml::to_string(&to_toml(tables)?).map_err(|error| PyValueError::new_err(error.to_string()))?;
+            (PathBuf::from(UNNAMED), Document::new(UNNAMED, text))
+        } else {
+            let path: PathBuf = source.extract()?;
+            let document = Document::read(&path).or_raise(py)?;
+            (path, document)
+        };
+        for (key, value) in set.into_iter().flatten() {
+            document.set(&format!("{key}={}", to_toml(&value)?)).or_raise(py)?;
+        }
+        Self::of(py, path, document)
+    }
+
+    /// Name of the scene, which names the folder of a run's files.
+    #[getter]
+    fn name(&self) -> &str {
+        &self.scene.name
+    }
+
+    /// Number of nodes.
+    #[getter]
+    fn nodes(&self) -> usize {
+        self.scene.rod.nodes.get()
+    }
+
+    /// Duration of a run, s.
+    #[getter]
+    fn duration_s(&self) -> f64 {
+        self.scene.solver.duration_s.get()
+    }
+
+    /// The scene's text (TOML), without overrides.
+    #[getter]
+    fn text(&self) -> &str {
+        self.document.text()
+    }
+
+    /// The overrides as ``key=value``.
+    #[getter]
+    fn overrides(&self) -> Vec<String> {
+        self.document.overrides().to_vec()
+    }
+
+    /// The scalar values by key, such as ``rod.length_m``; of pairs ``key[0]`` and ``key[1]``.
+    #[getter]
+    fn parameters<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let dictionary = PyDict::new(py);
+        for parameter in self.scene.parameters() {
+            dictionary.set_item(parameter.name(), parameter.value)?;
+        }
+        Ok(dictionary)
+    }
+
+    /// What a user should know before trusting a run: where the model, the mesh or the step leave their range.
+    ///
+    /// Returns
+    /// -------
+    /// list of str
+    ///     The warnings of ``caudal check``; empty where there is nothing to say.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.errors.SceneError
+    ///     Where a run would be meaningless.
+    fn check(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        let assessment = py.detach(|| {
+            let stepper = caudal::stepper::Stepper::of(&self.scene)?;
+            Assessment::of(&self.scene, &stepper)
+        });
+        let assessment = assessment.or_raise(py)?;
+        match &assessment.refusal {
+            Some(fault) => Err(self.document.refuse(fault)).or_raise(py),
+            None => Ok(assessment.warnings),
+        }
+    }
+
+    /// Write the scene as an FMU for co-simulation.
+    ///
+    /// Parameters
+    /// ----------
+    /// path : str or os.PathLike
+    ///     The file.
+    /// library : str or os.PathLike
+    ///     The shared library that goes into it, ``libcaudal_fmi``: ``cargo build --release`` makes it.
+    /// fmi : {3, 2}
+    ///     Version of the standard.
+    #[pyo3(signature = (path, library, fmi=3))]
+    fn fmu(&self, py: Python<'_>, path: PathBuf, library: PathBuf, fmi: u32) -> PyResult<()> {
+        let standard = match fmi {
+            2 => Standard::Fmi2,
+            3 => Standard::Fmi3,
+            other => return Err(PyValueError::new_err(format!("fmi: found {other}; allowed: 2, 3"))),
+        };
+        py.detach(|| Fmu::of(&self.document)?.write(standard, &library, &path)).or_raise(py)
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<caudal.Scene {:?}: {} nodes, {} s>", self.scene.name, self.nodes(), self.duration_s())
+    }
+
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let rebuild = py.import("caudal._caudal")?.getattr("_rebuild")?;
+        Ok((rebuild, (&self.path, self.text(), self.overrides()).into_pyobject(py)?))
+    }
+}
+
+impl Scene {
+    fn of(py: Python<'_>, path: PathBuf, document: Document) -> PyResult<Self> {
+        let scene = Arc::new(py.detach(|| document.scene()).or_raise(py)?);
+        Ok(Self { document, scene, path })
+    }
+}
+
+/// A scene from what pickle keeps of it.
+#[pyfunction]
+#[pyo3(name = "_rebuild")]
+pub fn rebuild(py: Python<'_>, path: PathBuf, text: String, overrides: Vec<String>) -> PyResult<Scene> {
+    let mut document = Document::new(path.clone(), text);
+    for assignment in &overrides {
+        document.set(assignment).or_raise(py)?;
+    }
+    Scene::of(py, path, document)
+}

@@ -1,0 +1,384 @@
+//! The stepper.
+
+use std::ops::ControlFlow;
+use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+
+use caudal::stepper::{Change, snapshot};
+use caudal::variable::Size;
+use numpy::{PyArray1, PyArrayMethods};
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::prelude::*;
+use pyo3::types::{PyBytes, PyDict, PyFloat, PyTuple};
+
+use crate::attention::Attention;
+use crate::error::{OrRaise, exception};
+use crate::scene::Scene;
+use crate::values::Numbers;
+
+/// What is known of a variable of a scene.
+///
+/// Attributes
+/// ----------
+/// name : str
+///     Name, ending in its unit.
+/// unit : str
+///     SI unit; ``"1"`` where there is none.
+/// causality : str
+///     ``"independent"``, ``"output"``, ``"input"`` or ``"parameter"``.
+/// description : str
+///     What it is.
+/// shape : tuple of int
+///     ``()`` for a scalar, ``(n,)`` for an array.
+#[pyclass(frozen, get_all, module = "caudal")]
+pub struct Variable {
+    name: &'static str,
+    unit: &'static str,
+    causality: &'static str,
+    description: &'static str,
+    shape: Py<PyTuple>,
+}
+
+#[pymethods]
+impl Variable {
+    fn __repr__(&self) -> String {
+        format!("<caudal.Variable {} ({}, {}): {}>", self.name, self.unit, self.causality, self.description)
+    }
+}
+
+impl Variable {
+    /// What Python sees of `variable` in `model`.
+    pub fn of(
+        py: Python<'_>,
+        variable: &'static caudal::variable::Variable,
+        model: &caudal::model::Model,
+    ) -> PyResult<Self> {
+        let shape = match variable.size {
+            Size::Scalar => PyTuple::empty(py),
+            Size::Nodes | Size::Joints => PyTuple::new(py, [variable.len(model)])?,
+        };
+        Ok(Self {
+            name: variable.name,
+            unit: variable.unit,
+            causality: variable.causality.name(),
+            description: variable.description,
+            shape: shape.unbind(),
+        })
+    }
+}
+
+/// Everything of a :class:`Stepper` that changes, at the time of :meth:`Stepper.save`.
+///
+/// ``bytes(snapshot)`` can be kept in a file and restored by a stepper of the same scene in another process of the same
+/// version of caudal.
+#[pyclass(frozen, module = "caudal")]
+pub struct Snapshot {
+    snapshot: caudal::stepper::Snapshot,
+    scene: Arc<caudal::scene::Scene>,
+}
+
+#[pymethods]
+impl Snapshot {
+    /// Its time, s.
+    #[getter]
+    fn time_s(&self) -> f64 {
+        self.snapshot.time()
+    }
+
+    fn __bytes__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        Ok(PyBytes::new(py, &snapshot::seal(self.scene.fingerprint, &self.snapshot).or_raise(py)?))
+    }
+
+    fn __repr__(&self) -> String {
+        format!("<caudal.Snapshot of {:?} at {} s>", self.scene.name, self.time_s())
+    }
+}
+
+/// A simulation that a host drives: set inputs, step, get outputs.
+///
+/// As a context manager it frees its memory at the end of the block. Several steppers run in parallel in several threads;
+/// one stepper belongs to one thread at a time.
+///
+/// Parameters
+/// ----------
+/// scene : Scene, str, os.PathLike or dict
+///     The scene, or what :func:`caudal.load` makes one from.
+///
+/// Examples
+/// --------
+/// >>> import caudal
+/// >>> tail = caudal.Stepper("models/driven-head.toml")
+/// >>> tail.set("head_angle_rad", 0.1)
+/// >>> tail.do_step(0.01)
+/// >>> tail.time_s
+/// 0.01
+/// >>> tail.get("x_m").shape
+/// (33,)
+/// >>> tail.variables["head_moment_n_m"].unit
+/// 'N m'
+#[pyclass(frozen, module = "caudal")]
+pub struct Stepper {
+    scene: Py<Scene>,
+    /// None once it is closed.
+    stepper: Mutex<Option<Box<caudal::stepper::Stepper>>>,
+}
+
+/// The stepper of a locked place.
+struct Open<'a>(MutexGuard<'a, Option<Box<caudal::stepper::Stepper>>>);
+
+impl Open<'_> {
+    fn stepper(&mut self) -> PyResult<&mut caudal::stepper::Stepper> {
+        self.0.as_deref_mut().ok_or_else(|| PyValueError::new_err("this stepper is closed"))
+    }
+}
+
+impl Stepper {
+    fn open(&self) -> PyResult<Open<'_>> {
+        match self.stepper.try_lock() {
+            Ok(guard) => Ok(Open(guard)),
+            // A step that panicked has left its last good state.
+            Err(TryLockError::Poisoned(poisoned)) => Ok(Open(poisoned.into_inner())),
+            Err(TryLockError::WouldBlock) => Err(PyRuntimeError::new_err(
+                "this stepper is at work in another thread: give every thread a stepper of its own",
+            )),
+        }
+    }
+}
+
+#[pymethods]
+impl Stepper {
+    #[new]
+    fn new(py: Python<'_>, scene: &Bound<'_, PyAny>) -> PyResult<Self> {
+        let scene = match scene.cast::<Scene>() {
+            Ok(scene) => scene.clone(),
+            Err(_) => py.get_type::<Scene>().call1((scene,))?.cast_into()?,
+        };
+        let content = &scene.get().scene;
+        let stepper = py.detach(|| caudal::stepper::Stepper::of(content)).or_raise(py)?;
+        Ok(Self { scene: scene.unbind(), stepper: Mutex::new(Some(Box::new(stepper))) })
+    }
+
+    /// Its scene.
+    #[getter]
+    fn scene(&self, py: Python<'_>) -> Py<Scene> {
+        self.scene.clone_ref(py)
+    }
+
+    /// Time now, s.
+    #[getter]
+    fn time_s(&self) -> PyResult<f64> {
+        Ok(self.open()?.stepper()?.time())
+    }
+
+    /// The variables that this scene has, by name: a dict of :class:`Variable`.
+    #[getter]
+    fn variables<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let dictionary = PyDict::new(py);
+        for variable in stepper.variables() {
+            dictionary.set_item(variable.name, Variable::of(py, variable, stepper.model())?)?;
+        }
+        Ok(dictionary)
+    }
+
+    /// Move on by a time, in as many internal steps as the scene's solver wants.
+    ///
+    /// Other Python threads run meanwhile. Ctrl-C ends it after an internal step, where it can be gone on from.
+    ///
+    /// Parameters
+    /// ----------
+    /// h : float
+    ///     The time, s; positive.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.Error
+    ///     What went wrong inside; the stepper then shows the last good state.
+    fn do_step(&self, py: Python<'_>, h: f64) -> PyResult<()> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let mut attention = Attention::new();
+        let outcome = py.detach(|| {
+            stepper.do_step_with(h, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
+        });
+        match (outcome, attention.failure) {
+            (_, Some(failure)) => Err(failure),
+            (Err(error), None) => Err(exception(py, &error)),
+            (Ok(_), None) => Ok(()),
+        }
+    }
+
+    /// Read a variable.
+    ///
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     Its name.
+    /// out : numpy.ndarray, optional
+    ///     An array of doubles that takes the values, so that none is made.
+    ///
+    /// Returns
+    /// -------
+    /// float or numpy.ndarray
+    ///     A number for a scalar, else an array of ``variables[name].shape``; `out` where that is given.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.errors.UnknownVariableError
+    ///     Where this scene has no variable of that name.
+    #[pyo3(signature = (name, out=None))]
+    fn get<'py>(
+        &self,
+        py: Python<'py>,
+        name: &str,
+        out: Option<&Bound<'py, PyArray1<f64>>>,
+    ) -> PyResult<Bound<'py, PyAny>> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let variable = stepper.find(name).or_raise(py)?;
+        if variable.size == Size::Scalar && out.is_none() {
+            return Ok(PyFloat::new(py, variable.first(&stepper.view())).into_any());
+        }
+        let len = variable.len(stepper.model());
+        let array = out.cloned().unwrap_or_else(|| PyArray1::zeros(py, len, false));
+        let mut place = array.try_readwrite()?;
+        let values = place.as_slice_mut()?;
+        if values.len() != len {
+            return Err(exception(
+                py,
+                &caudal::Error::WrongLength { name: variable.name, expected: len, found: values.len() },
+            ));
+        }
+        variable.read(&stepper.view(), values);
+        Ok(array.into_any())
+    }
+
+    /// Set an input; it holds until it is set again.
+    ///
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     Its name.
+    /// value : float or array_like
+    ///     As many numbers as it has, or one for all.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.errors.NotAnInputError, caudal.errors.WrongLengthError, caudal.errors.BadValueError
+    ///     Where it cannot be set so; nothing is changed then.
+    fn set(&self, py: Python<'_>, name: &str, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        self.change(py, name, 0, value)
+    }
+
+    /// Set several inputs as one.
+    ///
+    /// Parameters
+    /// ----------
+    /// values : dict
+    ///     Numbers by name, as in :meth:`set`.
+    fn set_all(&self, py: Python<'_>, values: &Bound<'_, PyDict>) -> PyResult<()> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let mut changes = Vec::with_capacity(values.len());
+        for (name, value) in values {
+            let variable = stepper.find(&name.extract::<String>()?).or_raise(py)?;
+            let mut room = Vec::new();
+            let numbers = Numbers::of(&value)?.spread(variable.len(stepper.model()), &mut room)?.to_vec();
+            changes.push((variable, numbers));
+        }
+        let changes = changes.iter().map(|(variable, values)| Change { variable, order: 0, values });
+        stepper.set_all(changes).or_raise(py)
+    }
+
+    /// Set a time derivative of an input: from now on the input goes on as its value and derivatives say, until its value is
+    /// set again.
+    ///
+    /// Parameters
+    /// ----------
+    /// name : str
+    ///     Name of the input.
+    /// order : int
+    ///     Order of the derivative, from 1.
+    /// value : float or array_like
+    ///     As many numbers as the input has, or one for all.
+    fn set_derivative(&self, py: Python<'_>, name: &str, order: usize, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        if order == 0 {
+            return Err(PyValueError::new_err("order: found 0; allowed: from 1; set() sets the value itself"));
+        }
+        self.change(py, name, order, value)
+    }
+
+    /// A copy of everything that changes.
+    ///
+    /// Returns
+    /// -------
+    /// Snapshot
+    ///     For :meth:`restore`.
+    fn save(&self) -> PyResult<Snapshot> {
+        let snapshot = self.open()?.stepper()?.save();
+        Ok(Snapshot { snapshot, scene: Arc::clone(&self.scene.get().scene) })
+    }
+
+    /// Go back to a snapshot; what follows is equal to the bit to what followed then.
+    ///
+    /// Parameters
+    /// ----------
+    /// snapshot : Snapshot or bytes
+    ///     From :meth:`save` of a stepper of the same scene, or the bytes of one.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.errors.SnapshotError
+    ///     Where it is damaged, or comes from another scene or version.
+    fn restore(&self, py: Python<'_>, snapshot: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        if let Ok(bytes) = snapshot.cast::<PyBytes>() {
+            let snapshot = stepper.deserialize(bytes.as_bytes()).or_raise(py)?;
+            return stepper.restore(&snapshot).or_raise(py);
+        }
+        let snapshot = snapshot.cast::<Snapshot>()?.get();
+        if snapshot.scene.fingerprint != self.scene.get().scene.fingerprint {
+            let other = format!("it was saved from another scene, {:?}", snapshot.scene.name);
+            return Err(exception(py, &caudal::Error::Snapshot(other)));
+        }
+        stepper.restore(&snapshot.snapshot).or_raise(py)
+    }
+
+    /// Free its memory; it cannot be used any more.
+    fn close(&self) -> PyResult<()> {
+        *self.open()?.0 = None;
+        Ok(())
+    }
+
+    fn __enter__(slf: Py<Self>) -> Py<Self> {
+        slf
+    }
+
+    fn __exit__(
+        &self,
+        _kind: &Bound<'_, PyAny>,
+        _value: &Bound<'_, PyAny>,
+        _traceback: &Bound<'_, PyAny>,
+    ) -> PyResult<()> {
+        self.close()
+    }
+
+    fn __repr__(&self) -> String {
+        match self.open().and_then(|mut open| Ok(open.stepper()?.time())) {
+            Ok(time) => format!("<caudal.Stepper of {:?} at {time} s>", self.scene.get().scene.name),
+            Err(_) => format!("<caudal.Stepper of {:?}, closed or at work>", self.scene.get().scene.name),
+        }
+    }
+}
+
+impl Stepper {
+    fn change(&self, py: Python<'_>, name: &str, order: usize, value: &Bound<'_, PyAny>) -> PyResult<()> {
+        let mut open = self.open()?;
+        let stepper = open.stepper()?;
+        let variable = stepper.find(name).or_raise(py)?;
+        let (numbers, mut room) = (Numbers::of(value)?, Vec::new());
+        let values = numbers.spread(variable.len(stepper.model()), &mut room)?;
+        stepper.set_all([Change { variable, order, values }].into_iter()).or_raise(py)
+    }
+}

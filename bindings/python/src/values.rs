@@ -1,0 +1,65 @@
+//! Values between Python and the library.
+
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyTypeError;
+use pyo3::prelude::*;
+use pyo3::types::PyFloat;
+
+/// Numbers that Python gives: an array in place where it is one of contiguous doubles, else converted.
+pub enum Numbers<'py> {
+    /// One for all entries.
+    One(f64),
+    /// One each, in place.
+    Borrowed(PyReadonlyArray1<'py, f64>),
+    /// One each, with gaps in memory.
+    Copied(Vec<f64>),
+}
+
+impl<'py> Numbers<'py> {
+    /// Those of a number or of anything that NumPy makes an array of one dimension from.
+    pub fn of(values: &Bound<'py, PyAny>) -> PyResult<Self> {
+        if let Ok(number) = values.cast::<PyFloat>() {
+            return Ok(Self::One(number.value()));
+        }
+        let array = match values.cast::<PyArray1<f64>>() {
+            Ok(array) => array.clone(),
+            Err(_) => {
+                let numpy = values.py().import("numpy")?;
+                let array = numpy.call_method1("asarray", (values, "float64"))?;
+                if array.getattr("ndim")?.extract::<usize>()? == 0 {
+                    return Ok(Self::One(array.call_method0("item")?.extract()?));
+                }
+                array.cast_into().map_err(|_| PyTypeError::new_err("allowed: a number, or numbers in one dimension"))?
+            }
+        };
+        let array = array.try_readonly()?;
+        Ok(if array.as_slice().is_ok() { Self::Borrowed(array) } else { Self::Copied(array.as_array().to_vec()) })
+    }
+
+    /// As many as a variable of `count` entries wants, where that can be told; `room` holds one repeated.
+    pub fn spread<'a>(&'a self, count: usize, room: &'a mut Vec<f64>) -> PyResult<&'a [f64]> {
+        Ok(match self {
+            Self::One(number) => {
+                room.clear();
+                room.resize(count, *number);
+                room
+            }
+            Self::Borrowed(array) => array.as_slice()?,
+            Self::Copied(values) => values,
+        })
+    }
+}
+
+/// A Python value as TOML; NumPy's scalars and arrays become Python's first.
+pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<toml::Value> {
+    let plain = match value.getattr_opt("tolist")? {
+        Some(tolist) => tolist.call0()?,
+        None => value.clone(),
+    };
+    pythonize::depythonize(&plain).map_err(|_| {
+        PyTypeError::new_err(format!(
+            "{} cannot be part of a scene; allowed: numbers, strings, booleans, and lists and dictionaries of them",
+            plain.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string())
+        ))
+    })
+}

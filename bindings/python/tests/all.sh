@@ -1,0 +1,24 @@
+#!/bin/sh
+# Builds the wheel, installs it beside the FMU hosts in target/hosts, and runs the tests of the Python package and of the
+# example that couples an FMU to a vehicle. Where Python or a package is missing it says what was skipped; with
+# CAUDAL_HOSTS=required it fails.
+set -eu
+cd "$(dirname "$0")/../../.."
+python=target/hosts/bin/python
+
+skip() {
+    echo "SKIPPED: the Python package was not tested: $1" >&2
+    [ "${CAUDAL_HOSTS:-}" != required ]
+    exit
+}
+
+[ -x "$python" ] || python3 -m venv target/hosts || skip "install Python 3 with its venv module"
+"$python" -m pip install --quiet -r bindings/fmi/tests/requirements.txt -r bindings/python/tests/requirements.txt ||
+    skip "the packages of both requirements.txt must be within reach of pip"
+
+cargo build --quiet --locked -p caudal -p caudal-fmi
+rm -rf target/wheels
+"$python" -m maturin build --quiet --locked -m bindings/python/Cargo.toml -o target/wheels --interpreter "$python"
+"$python" -m pip install --quiet --no-deps --force-reinstall target/wheels/*.whl
+CAUDAL_COMMAND="$PWD/target/debug/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
+    bindings/python/tests bindings/fmi/examples

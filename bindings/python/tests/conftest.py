@@ -1,0 +1,49 @@
+"""What the tests share: they run at the root of the project, where the models are."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+import caudal
+
+ROOT = Path(__file__).parents[3]
+os.chdir(ROOT)
+
+#: Several methods, forms and heads, short.
+SCENES = {
+    "baseline": ("models/baseline.toml", {"solver.duration_s": 0.5}),
+    "driven-head": ("models/driven-head.toml", {"solver.duration_s": 0.4}),
+    "cantilever": ("models/cantilever.toml", {"solver.integrator": "generalized-alpha", "solver.duration_s": 0.2}),
+    "glycerol": ("models/glycerol.toml", {"solver.integrator": "esdirk3", "solver.duration_s": 0.1}),
+    "chain": ("models/baseline-smooth.toml", {"solver.form": "chain", "solver.duration_s": 0.5}),
+}
+
+
+@pytest.fixture(params=SCENES)
+def scene(request):
+    """Each of the scenes."""
+    path, changes = SCENES[request.param]
+    return caudal.load(path, set=changes)
+
+
+@pytest.fixture(scope="session")
+def command():
+    """The command as the tests' set-up has built it."""
+    path = os.environ.get("CAUDAL_COMMAND")
+    if not path:
+        pytest.skip("CAUDAL_COMMAND names no caudal command to compare with")
+
+    def run(scene, *arguments):
+        overrides = [f"--set={assignment}" for assignment in scene.overrides]
+        return subprocess.run([path, *arguments, *overrides], check=True, capture_output=True, text=True)
+
+    return run
+
+
+@pytest.fixture
+def read_summary():
+    """The content of a folder's summary.json, all floats to the bit."""
+    return lambda folder: json.loads((Path(folder) / "summary.json").read_text())

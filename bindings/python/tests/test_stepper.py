@@ -1,0 +1,290 @@
+"""The stepper: rollback to the bit, snapshots across processes, inputs and outputs, threads, and what a call costs."""
+
+import gc
+import pickle
+import subprocess
+import sys
+import threading
+import time
+import tracemalloc
+
+import numpy as np
+import pytest
+
+import caudal
+
+STATE = ["x_m", "y_m", "vx_m_s", "vy_m_s", "curvature_1_m", "viscous_work_j", "newton_iterations"]
+
+
+def state(tail):
+    return [tail.get(name) for name in STATE]
+
+
+def same(a, b):
+    return all(np.array_equal(x, y) for x, y in zip(a, b))
+
+
+def test_steps_are_the_run_s_to_the_bit(scene):
+    result = caudal.run(scene, record=["x_m", "y_m"])
+    with caudal.Stepper(scene) as tail:
+        np.testing.assert_array_equal(tail.get("x_m"), result["x_m"][0])
+        step = result["time_s"][1]
+        for row in range(1, min(len(result["time_s"]), 60)):
+            tail.do_step(step)
+            assert tail.time_s == result["time_s"][row]
+            np.testing.assert_array_equal(tail.get("y_m"), result["y_m"][row])
+
+
+def test_rollback_is_equal_to_the_bit_at_random_times(scene):
+    random = np.random.default_rng(7)
+    tail = caudal.Stepper(scene)
+    for _ in range(20):
+        tail.do_step(random.uniform(1e-4, 2e-2))
+        force = random.normal(scale=1e-3, size=scene.nodes)
+        before, begin, rest = tail.save(), state(tail), random.uniform(1e-4, 2e-2)
+
+        def go_on():
+            tail.set("force_y_n", force)
+            tail.do_step(rest)
+            return state(tail)
+
+        there = go_on()
+        tail.restore(before)
+        assert same(state(tail), begin) and tail.time_s == before.time_s
+        assert same(go_on(), there)
+        tail.restore(bytes(before))
+        assert same(go_on(), there)
+
+
+def test_a_snapshot_goes_on_in_another_process(tmp_path):
+    tail = caudal.Stepper("models/driven-head.toml")
+    tail.do_step(0.1)
+    (tmp_path / "snapshot").write_bytes(bytes(tail.save()))
+    script = (
+        "import caudal, sys; tail = caudal.Stepper('models/driven-head.toml'); "
+        "tail.restore(open(sys.argv[1], 'rb').read()); tail.do_step(0.05); print(tail.get('tip_y_m').hex())"
+    )
+    there = subprocess.run([sys.executable, "-c", script, tmp_path / "snapshot"], capture_output=True, text=True, check=True)
+    tail.do_step(0.05)
+    assert float.fromhex(there.stdout) == tail.get("tip_y_m")
+
+
+def test_snapshots_of_other_scenes_and_damaged_ones_are_refused():
+    one = caudal.Stepper("models/glycerol.toml")
+    other = caudal.Stepper(caudal.load("models/glycerol.toml", set={"medium.viscosity_pa_s": 0.5}))
+    saved = bytes(one.save())
+    for wrong in [other.save(), bytes(other.save()), b"", b"no snapshot", saved[:-1], saved[:-1] + bytes([saved[-1] ^ 1])]:
+        with pytest.raises(caudal.errors.SnapshotError):
+            one.restore(wrong)
+    with pytest.raises(TypeError):
+        one.restore(3)
+    one.restore(saved)
+
+
+def test_a_scene_is_pickled_with_its_overrides():
+    scene = caudal.load("models/driven-head.toml", set={"rod.nodes": 12, "solver.integrator": "esdirk3"})
+    copy = pickle.loads(pickle.dumps(scene))
+    assert (copy.name, copy.nodes, copy.parameters) == (scene.name, 12, scene.parameters)
+    one, two = caudal.Stepper(scene), caudal.Stepper(copy)
+    two.restore(bytes(one.save()))  # the same scene, to its fingerprint
+    with pytest.raises(TypeError):
+        pickle.dumps(one)
+
+
+def test_variables_know_their_units_shapes_and_causalities():
+    tail = caudal.Stepper("models/driven-head.toml")
+    variables = tail.variables
+    assert list(variables)[0] == "time_s"
+    for name, variable in variables.items():
+        assert variable.name == name and variable.description and variable.unit
+        assert variable.causality in ("independent", "output", "input", "parameter")
+        value = tail.get(name)
+        assert np.shape(value) == variable.shape
+        assert isinstance(value, np.ndarray if variable.shape else float)
+        if variable.causality == "input":
+            before = tail.save()
+            tail.set(name, value)
+            tail.restore(before)
+        else:
+            with pytest.raises(caudal.errors.NotAnInputError):
+                tail.set(name, value)
+
+
+def test_inputs_take_numbers_lists_and_arrays_of_any_memory():
+    tail = caudal.Stepper("models/glycerol.toml")
+    count = tail.variables["natural_curvature_1_m"].shape[0]
+    wanted = np.linspace(0, 1, count)
+    spread = np.zeros(2 * count)
+    spread[::2] = wanted
+    for given in [wanted, list(wanted), tuple(wanted), spread[::2], wanted.astype(">f8"), np.ma.array(wanted)]:
+        tail.set("natural_curvature_1_m", 0)
+        tail.set("natural_curvature_1_m", given)
+        np.testing.assert_array_equal(tail.get("natural_curvature_1_m"), wanted)
+    for number in [2, 2.0, np.float32(2), np.int8(2), np.array(2.0), True + 1]:
+        tail.set("natural_curvature_1_m", 0)
+        tail.set("natural_curvature_1_m", number)
+        np.testing.assert_array_equal(tail.get("natural_curvature_1_m"), np.full(count, 2.0))
+    before = state(tail)
+    for wrong, kind in [
+        ([1, 2], caudal.errors.WrongLengthError),
+        (np.full(count, np.nan), caudal.errors.BadValueError),
+        (np.inf, caudal.errors.BadValueError),
+        (np.zeros((count, 1)), TypeError),
+        ("many", ValueError),
+        (None, (TypeError, ValueError)),
+    ]:
+        with pytest.raises(kind):
+            tail.set("natural_curvature_1_m", wrong)
+    assert same(state(tail), before)
+
+
+def test_several_inputs_are_set_as_one_or_not_at_all():
+    tail = caudal.Stepper("models/glycerol.toml")
+    tail.set_all({"viscosity_pa_s": 2, "flow_x_m_s": 0.1, "force_x_n": np.zeros(9)})
+    assert (tail.get("viscosity_pa_s"), tail.get("flow_x_m_s")) == (2.0, 0.1)
+    with pytest.raises(caudal.errors.BadValueError) as caught:
+        tail.set_all({"flow_x_m_s": 0.5, "viscosity_pa_s": -1})
+    assert (caught.value.name, caught.value.value) == ("viscosity_pa_s", -1.0) and caught.value.allowed
+    assert tail.get("flow_x_m_s") == 0.1
+
+
+def test_an_input_goes_on_along_its_derivatives():
+    tail = caudal.Stepper("models/glycerol.toml")
+    tail.set_derivative("flow_x_m_s", 1, 2.0)
+    tail.do_step(0.01)
+    assert tail.get("flow_x_m_s") == pytest.approx(0.02, rel=1e-12)
+    for order, kind in [(0, ValueError), (9, caudal.errors.OrderError)]:
+        with pytest.raises(kind):
+            tail.set_derivative("flow_x_m_s", order, 2.0)
+
+
+def test_arrays_that_are_given_are_filled_and_returned():
+    tail = caudal.Stepper("models/glycerol.toml")
+    room = np.empty(9)
+    assert tail.get("x_m", out=room) is room
+    np.testing.assert_array_equal(room, tail.get("x_m"))
+    scalar = np.empty(1)
+    assert tail.get("tip_y_m", out=scalar)[0] == tail.get("tip_y_m")
+    with pytest.raises(caudal.errors.WrongLengthError):
+        tail.get("x_m", out=np.empty(8))
+    frozen = np.empty(9)
+    frozen.flags.writeable = False
+    for wrong in [frozen, np.empty(18)[::2], np.empty(9, dtype="float32"), [0.0] * 9]:
+        with pytest.raises((TypeError, ValueError)):
+            tail.get("x_m", out=wrong)
+
+
+def test_mistakes_are_exceptions_with_the_library_s_fields():
+    tail = caudal.Stepper("models/glycerol.toml")
+    with pytest.raises(caudal.errors.UnknownVariableError, match="did you mean `tip_x_m`") as caught:
+        tail.get("tip_x")
+    assert (caught.value.name, caught.value.nearest) == ("tip_x", "tip_x_m") and isinstance(caught.value, LookupError)
+    for h in [0.0, -1.0, float("nan"), float("inf")]:
+        with pytest.raises(caudal.errors.StepError) as caught:
+            tail.do_step(h)
+        assert caught.value.value == h or h != h
+    with pytest.raises(TypeError):
+        tail.do_step("soon")
+    tail.set("force_y_n", [0, 0, 1e12, 0, -1e12, 0, 0, 0, 0])
+    with pytest.raises(caudal.Error) as caught:
+        tail.do_step(0.01)
+    assert isinstance(caught.value, ArithmeticError) and caught.value.node >= 0
+    assert np.isfinite(tail.get("x_m")).all()
+    tail.set("force_y_n", 0)
+    tail.do_step(1e-3)
+    tail.close()
+    for use in [lambda: tail.do_step(1e-3), lambda: tail.get("x_m"), lambda: tail.time_s, tail.save]:
+        with pytest.raises(ValueError, match="closed"):
+            use()
+
+
+def test_wrong_scenes_say_where():
+    with pytest.raises(caudal.errors.SceneError) as caught:
+        caudal.load("models/glycerol.toml", set={"rod.length_mm": 3})
+    assert caught.value.key == "rod.length_mm" and "did you mean `length_m`" in caught.value.problem
+    assert isinstance(caught.value, ValueError)
+    with pytest.raises(caudal.errors.ReadError) as caught:
+        caudal.load("models/none.toml")
+    assert caught.value.path == "models/none.toml" and isinstance(caught.value, OSError)
+    for wrong in [3, None, object(), b"models/glycerol.toml"]:
+        with pytest.raises(TypeError):
+            caudal.load(wrong)
+    with pytest.raises(TypeError, match="cannot be part of a scene"):
+        caudal.load("models/glycerol.toml", set={"rod.nodes": None})
+
+
+def test_a_scene_can_be_a_dictionary():
+    tables = {
+        "rod": {"nodes": 5, "length_m": 1, "outer_radius_m": 0.01, "youngs_modulus_pa": 1e6, "density_kg_m3": 1e3},
+        "loads": {"gravity_m_s2": [0.0, -9.81], "point": [{"node": -1, "force_n": [0.0, 1e-3]}]},
+        "head": {"kind": "clamped"},
+        "solver": {"time_step_s": 1e-3, "duration_s": 0.01},
+    }
+    result = caudal.run(tables)
+    assert result.complete and result["tip_dy_m"][-1] < 0
+    with pytest.raises(caudal.errors.SceneError):
+        caudal.load({**tables, "rods": {}})
+
+
+def test_two_threads_step_in_parallel_and_one_stepper_is_no_meeting_place():
+    scene = caudal.load("models/driven-head.toml", set={"rod.nodes": 2000})
+    busy = caudal.Stepper(scene)
+    thread = threading.Thread(target=busy.do_step, args=(1.0,))
+    thread.start()
+    # This thread steps another one while that one is in the middle of a single call.
+    mine, steps, refused = caudal.Stepper("models/glycerol.toml"), 0, 0
+    while thread.is_alive():
+        mine.do_step(1e-3)
+        steps += 1
+        try:
+            busy.get("x_m")
+        except RuntimeError as error:
+            assert "another thread" in str(error)
+            refused += 1
+    thread.join()
+    assert steps > 20 and refused > 20
+    assert busy.time_s == 1.0 and abs(mine.time_s - steps * 1e-3) < 1e-9
+
+
+def test_a_step_makes_nothing_in_memory():
+    tail, room = caudal.Stepper("models/baseline-smooth.toml"), np.empty(9)
+    for _ in range(10):
+        tail.do_step(5e-3)
+        tail.get("x_m", out=room)
+    gc.collect()
+    tracemalloc.start()
+    before = tracemalloc.take_snapshot()
+    for _ in range(500):
+        tail.do_step(5e-3)
+        tail.get("x_m", out=room)
+    growth = tracemalloc.take_snapshot().compare_to(before, "filename")
+    tracemalloc.stop()
+    assert sum(entry.size_diff for entry in growth if "tracemalloc" not in str(entry.traceback)) < 2000
+
+
+def test_a_call_costs_little_beyond_the_stepper():
+    """The same twenty internal steps in twenty calls and in one, in turns: the difference is what nineteen calls cost."""
+    tail = caudal.Stepper("models/baseline-smooth.toml")  # N = 9
+    start, h, count = tail.save(), 5e-3, 20
+    many = one = get = float("inf")
+    clock = time.perf_counter_ns
+    for _ in range(1000):
+        tail.restore(start)
+        begin = clock()
+        for _ in range(count):
+            tail.do_step(h)
+        many = min(many, clock() - begin)
+        end = tail.get("x_m")
+        tail.restore(start)
+        begin = clock()
+        tail.do_step(count * h)
+        one = min(one, clock() - begin)
+        assert np.array_equal(tail.get("x_m"), end)
+        begin = clock()
+        for _ in range(count):
+            tail.get("tip_y_m")
+        get = min(get, clock() - begin)
+    overhead = (many - one) / (count - 1)
+    print(f"{one / count:.0f} ns a step inside, {overhead:.0f} ns a call beyond it, {get / count:.0f} ns a get")
+    assert overhead < 1000
+    assert get / count < 1000

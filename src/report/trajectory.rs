@@ -1,0 +1,120 @@
+//! A run's trajectory in memory, for faces that hand it on as arrays, and the page that plays it.
+
+use serde::Serialize;
+
+use super::page::{Motion, render};
+use super::record::{Record, Times};
+use crate::error::Result;
+use crate::run::Summary;
+use crate::scene::{NodesTable, Scene};
+use crate::stepper::Stepper;
+use crate::variable::{Size, Variable, View};
+
+/// Node positions, recorded where the scene would table them.
+const POSITIONS: [&str; 2] = ["x_m", "y_m"];
+
+/// The rows of one variable.
+#[derive(Debug, Clone)]
+pub struct Column {
+    /// The variable.
+    pub variable: &'static Variable,
+    /// The nodes of its entries; `[0]` for a scalar.
+    pub nodes: Vec<usize>,
+    /// One entry a node, row after row.
+    pub values: Vec<f64>,
+}
+
+/// Variables at the times that a scene records.
+#[derive(Debug)]
+pub struct Trajectory {
+    columns: Vec<Column>,
+    times: Times,
+    last: f64,
+    record: Record,
+}
+
+impl Trajectory {
+    /// Begins with the state now. Beside the time it holds the variables `names`; without names those of trajectory.csv,
+    /// and the node positions of `scene.record` if they are tabled.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVariable`](crate::Error::UnknownVariable).
+    pub fn start(scene: &Scene, stepper: &Stepper, names: Option<&[String]>) -> Result<Self> {
+        let variables = stepper.variables().iter().copied();
+        let tabled = scene.nodes_table() != NodesTable::None;
+        let chosen: Vec<_> = match names {
+            None => variables.filter(|v| v.recorded || tabled && POSITIONS.contains(&v.name)).collect(),
+            Some(names) => {
+                let named = names.iter().map(|name| stepper.find(name)).collect::<Result<Vec<_>>>()?;
+                variables.filter(|v| v.name == "time_s" || named.iter().any(|other| v.name == other.name)).collect()
+            }
+        };
+        let column = |variable: &'static Variable| {
+            let nodes = match variable.size {
+                Size::Nodes => scene.recorded_nodes(),
+                Size::Scalar | Size::Joints => variable.entries(stepper.model()).collect(),
+            };
+            Column { variable, nodes, values: Vec::new() }
+        };
+        let columns = chosen.into_iter().map(column).collect();
+        let mut trajectory = Self { columns, times: Times::of(scene), last: 0.0, record: Record::start(stepper) };
+        trajectory.row(&stepper.view());
+        Ok(trajectory)
+    }
+
+    /// Sees the state after a step.
+    ///
+    /// # Errors
+    /// Those of [`Stepper::at`].
+    pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let mut times = self.times;
+        let outcome = times.pass(stepper, |view, recorded| {
+            self.record.step(view);
+            if recorded {
+                self.row(view);
+            }
+            Ok(())
+        });
+        self.times = times;
+        outcome
+    }
+
+    /// Sees the state at the end, unless it is there already.
+    pub fn finish(&mut self, stepper: &Stepper) {
+        let view = stepper.view();
+        if self.last != view.state.t {
+            self.row(&view);
+        }
+        self.record.finish(&view);
+    }
+
+    fn row(&mut self, view: &View<'_>) {
+        self.last = view.state.t;
+        for Column { variable, nodes, values } in &mut self.columns {
+            values.extend(nodes.iter().map(|k| variable.at(view, *k)));
+        }
+    }
+
+    /// The columns, in the order of the table of variables.
+    pub fn columns(&self) -> &[Column] {
+        &self.columns
+    }
+
+    /// The same, to keep.
+    pub fn into_columns(self) -> Vec<Column> {
+        self.columns
+    }
+
+    /// A self-contained page that plays the run, without figures and tables.
+    ///
+    /// # Errors
+    /// [`Error::Page`](crate::Error::Page).
+    pub fn player(&self, summary: &Summary) -> Result<String> {
+        #[derive(Serialize)]
+        struct Content<'a> {
+            summary: &'a Summary,
+            motion: Motion,
+        }
+        render(include_str!("inline.html"), &Content { summary, motion: Motion::of(self.record.frames()) })
+    }
+}
