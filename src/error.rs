@@ -141,6 +141,12 @@ pub enum Error {
         /// Begin and end of the last internal step, s.
         within: [f64; 2],
     },
+    /// A study is asked for something that is not allowed.
+    #[error("the study cannot be made: {problem}")]
+    Study {
+        /// What was found, and what is allowed.
+        problem: String,
+    },
     /// There is no design that does what is asked.
     #[error("no design: {reason}")]
     Design {

@@ -6,7 +6,7 @@ mod common;
 use std::sync::atomic::AtomicBool;
 
 use caudal::integrator::METHODS;
-use caudal::study::{Accuracy, Desk, Studied, accuracy};
+use caudal::study::{Accuracy, Desk, Studied, Study};
 use common::{DRAG, STUDY, WAVE, run, scene, scene_of};
 
 /// The study's tail in a medium, its actuation grown over 0.25 s, by a method with steps of 0.5 s/`parts`: displacement (m)
@@ -70,7 +70,7 @@ fn study(text: &str, overrides: &[&str], asked: &Accuracy) -> caudal::report::Fi
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
     let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
-    match accuracy(&scene_of(text, overrides), asked, desk).unwrap() {
+    match Study::Accuracy(asked.clone()).make(&scene_of(text, overrides), desk).unwrap() {
         Studied::Complete(findings) => findings,
         Studied::Interrupted(..) => panic!("nobody did"),
     }

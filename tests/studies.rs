@@ -7,7 +7,7 @@ use std::process::{Command, Output};
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::report::Findings;
-use caudal::study::{Desk, Scaling, Stability, Studied, Vary, scaling, stability};
+use caudal::study::{Desk, Scaling, Stability, Studied, Study, Vary};
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, scene, scene_of};
 
 const SMALL: Stability =
@@ -18,7 +18,7 @@ fn small(folder: &Path, most: usize) -> Studied {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
     let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2"]);
-    stability(&scene, &SMALL, Desk { folder, interrupted: &interrupted, progress: &progress }).unwrap()
+    Study::Stability(SMALL).make(&scene, Desk { folder, interrupted: &interrupted, progress: &progress }).unwrap()
 }
 
 fn complete(studied: Studied) -> Findings {
@@ -46,7 +46,7 @@ fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
     let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
     let smooth = scene_of(include_str!("../models/baseline-smooth.toml"), &["solver.duration_s=0.05"]);
     let asked = Stability { steps: Some([5e-6, 5e-3]), range: Some([7e6, 7e10]), points: 7, ..SMALL };
-    let findings = complete(stability(&smooth, &asked, desk).unwrap());
+    let findings = complete(Study::Stability(asked).make(&smooth, desk).unwrap());
     let limit = findings.numbers["limits_by_theory"]["symplectic-euler"]["step_s"].as_f64().unwrap();
     assert!((limit / 2.4928e-5 - 1.0).abs() < 1e-4, "{limit:e}");
     let mut seen = 0;
@@ -66,7 +66,8 @@ fn scaling_shows_second_order_in_the_mesh_and_agreement_of_both_forms() {
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
     let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
     let fine = scene_of(include_str!("../models/fine-1e3.toml"), &[]);
-    let findings = complete(scaling(&fine, &Scaling { nodes: vec![17, 33, 65, 1025], steps: 3 }, desk).unwrap());
+    let findings =
+        complete(Study::Scaling(Scaling { nodes: vec![17, 33, 65, 1025], steps: 3 }).make(&fine, desk).unwrap());
     let rows = &findings.tables[0].rows;
     assert_eq!(rows.len(), 8);
     let error = |nodes: u64, form: &str| {

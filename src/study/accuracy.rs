@@ -5,6 +5,7 @@
 //! differ by is the reference's own error; where that is no small part of the result, no reference exists, and the study
 //! measures how fast two runs separate that start a billionth of a length apart.
 
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::trial::{Manner, Recipe, Trial};
@@ -44,7 +45,8 @@ const BELOW_LIMIT: f64 = 0.95;
 const MODES_UP_TO: u64 = 401;
 
 /// What is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Accuracy {
     /// Meshes, their numbers of nodes; empty for the scene's own and two finer ones.
     pub nodes: Vec<u64>,
@@ -136,7 +138,7 @@ fn alpha() -> Option<Recipe> {
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
-pub fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studied> {
     let mut scene = scene.clone();
     scene.solver.newton_tolerance = scene.solver.newton_tolerance.at_most(NEWTON);
     let scene = &scene;

@@ -11,23 +11,108 @@ mod trial;
 
 use std::fmt::Debug;
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use serde::Serialize;
 use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
 use crate::report::Findings;
-use crate::scene::Scene;
-pub use accuracy::{Accuracy, accuracy};
-pub use modes::modes;
-pub use scaling::{Scaling, scaling};
-pub use stability::{Stability, Vary, stability};
+use crate::scene::{Document, NODES, Scene};
+pub use accuracy::Accuracy;
+pub use modes::Spectrum;
+pub use scaling::Scaling;
+pub use stability::{Stability, Vary};
 
 /// Ending of the names of the files in which a study keeps its runs until it is complete.
 const JOURNAL: &str = ".journal";
+
+/// A study, with what is asked of it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Study {
+    /// Natural frequencies and mode shapes.
+    Modes(Spectrum),
+    /// Time, memory and error of a step over the mesh.
+    Scaling(Scaling),
+    /// Error against cost of methods, steps and meshes.
+    Accuracy(Accuracy),
+    /// What methods do over the step and a parameter.
+    Stability(Stability),
+}
+
+impl Study {
+    /// Its name in commands and folders.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Modes(_) => "modes",
+            Self::Scaling(_) => "scaling",
+            Self::Accuracy(_) => "accuracy",
+            Self::Stability(_) => "stability",
+        }
+    }
+
+    /// The folder of its results where none is asked for.
+    pub fn folder(&self, scene: &Scene) -> PathBuf {
+        PathBuf::from("out").join(format!("{}-study-{}", scene.name, self.name()))
+    }
+
+    /// Makes it on `scene`.
+    ///
+    /// # Errors
+    /// [`Error::Study`] for what is not allowed, [`Error::Scene`] where the scene has not what is studied; those of
+    /// [`Scene::model`], [`Error::Write`], [`Error::Journal`].
+    pub fn make(&self, scene: &Scene, desk: Desk<'_>) -> Result<Studied> {
+        if let Some(problem) = self.refused() {
+            return Err(Error::Study { problem });
+        }
+        match self {
+            Self::Modes(asked) => modes::modes(scene, asked.count).map(Studied::Complete),
+            Self::Scaling(asked) => scaling::scaling(scene, asked, desk),
+            Self::Accuracy(asked) => accuracy::accuracy(scene, asked, desk),
+            Self::Stability(asked) => stability::stability(scene, asked, desk),
+        }
+    }
+
+    /// What of the question is not allowed.
+    fn refused(&self) -> Option<String> {
+        match self {
+            Self::Modes(asked) => outside("count", &[asked.count as u64], [1, 500]),
+            Self::Scaling(asked) => {
+                outside("nodes", &asked.nodes, NODES).or_else(|| outside("steps", &[asked.steps], [1, u64::MAX]))
+            }
+            Self::Accuracy(asked) => outside("nodes", &asked.nodes, NODES)
+                .or_else(|| not_positive("steps", &asked.steps))
+                .or_else(|| not_positive("tolerances", &asked.tolerances)),
+            Self::Stability(asked) => outside("points", &[asked.points as u64], [2, 200])
+                .or_else(|| not_positive("accurate", &[asked.accurate]))
+                .or_else(|| not_rising("range", asked.range))
+                .or_else(|| not_rising("steps", asked.steps)),
+        }
+    }
+}
+
+/// What is wrong with whole numbers that belong in a range.
+fn outside(name: &str, numbers: &[u64], [low, high]: [u64; 2]) -> Option<String> {
+    let wrong = numbers.iter().find(|number| !(low..=high).contains(number))?;
+    let most = if high == u64::MAX { "on".to_string() } else { format!("to {high}") };
+    Some(format!("{name}: found {wrong}; allowed: whole numbers from {low} {most}"))
+}
+
+/// What is wrong with numbers that shall be positive.
+fn not_positive(name: &str, numbers: &[f64]) -> Option<String> {
+    let wrong = numbers.iter().find(|number| !(number.is_finite() && **number > 0.0))?;
+    Some(format!("{name}: found {wrong}; allowed: positive numbers"))
+}
+
+/// What is wrong with two numbers that shall be positive and rising.
+fn not_rising(name: &str, numbers: Option<[f64; 2]>) -> Option<String> {
+    let [low, high] = numbers?;
+    not_positive(name, &[low, high])
+        .or_else(|| (low >= high).then(|| format!("{name}: found {low},{high}; allowed: the smaller number first")))
+}
 
 /// What is known of a study while it goes on, and where its results are kept.
 #[derive(Clone, Copy)]
@@ -100,13 +185,19 @@ impl Desk<'_> {
     }
 }
 
-/// Removes the journals of a study whose findings are written.
-pub fn forget(folder: &Path) {
+/// Writes what the study of scene `name` found to its `folder` and forgets the runs that are kept there; returns the
+/// files' paths.
+///
+/// # Errors
+/// Those of [`Findings::write`].
+pub fn keep(findings: &Findings, folder: &Path, name: &str, document: &Document) -> Result<Vec<PathBuf>> {
+    let files = findings.write(folder, name, document)?;
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         if entry.file_name().to_string_lossy().ends_with(JOURNAL) {
             let _ = std::fs::remove_file(entry.path()); // of use to nobody, and of no harm
         }
     }
+    Ok(files)
 }
 
 /// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.

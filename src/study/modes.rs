@@ -2,6 +2,7 @@
 
 use std::f64::consts::TAU;
 
+use serde::Deserialize;
 use serde_json::json;
 
 use crate::error::Result;
@@ -21,11 +22,25 @@ const POINTS: usize = 2001;
 /// A mode of ωΔt up to this is resolved by a step, as a second-order method is then off by ω²Δt²/12 = 0.3 % in frequency.
 const RESOLVED: f64 = 0.2;
 
+/// What is asked for.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Spectrum {
+    /// How many of the lowest modes.
+    pub count: usize,
+}
+
+impl Default for Spectrum {
+    fn default() -> Self {
+        Self { count: 12 }
+    }
+}
+
 /// The `count` lowest modes of `scene`.
 ///
 /// # Errors
 /// Those of [`Scene::model`] and [`lowest`].
-pub fn modes(scene: &Scene, count: usize) -> Result<Findings> {
+pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let model = scene.model()?;
     let (rod, step) = (model.rod, scene.typical_step());
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);

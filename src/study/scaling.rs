@@ -26,7 +26,8 @@ const WEIGHED_FROM: u64 = 100_000;
 const PARTS: usize = 16;
 
 /// What is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Scaling {
     /// Numbers of nodes.
     pub nodes: Vec<u64>,
@@ -71,7 +72,7 @@ struct Run {
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
-pub fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied> {
     let mut nodes = asked.nodes.clone();
     nodes.sort_unstable();
     nodes.dedup();

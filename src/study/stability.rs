@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::trial::{Failure, Manner, Recipe, Trial};
@@ -26,7 +27,8 @@ const GROWN: f64 = 0.2;
 const GROWTH: f64 = 2.0;
 
 /// The parameter that varies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "lowercase")]
 pub enum Vary {
     /// Young's modulus.
     Modulus,
@@ -93,7 +95,8 @@ impl Vary {
 }
 
 /// What is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Deserialize)]
+#[serde(default, deny_unknown_fields)]
 pub struct Stability {
     /// What varies.
     pub vary: Vary,
@@ -105,6 +108,13 @@ pub struct Stability {
     pub points: usize,
     /// Error of the tip's path, relative to how far it goes, up to which a run counts as accurate.
     pub accurate: f64,
+}
+
+impl Default for Stability {
+    /// The modulus, at twelve values and twelve steps around the scene's own.
+    fn default() -> Self {
+        Self { vary: Vary::Modulus, range: None, steps: None, points: 12, accurate: 0.05 }
+    }
 }
 
 /// What a run came to.
@@ -188,7 +198,7 @@ fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
 /// # Errors
 /// [`Error::Scene`] where the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
 /// [`Error::Journal`].
-pub fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
     if let Some((key, problem)) = asked.vary.refused(scene) {
         return Err(Error::Scene { place: scene.name.clone(), key: key.into(), problem: problem.into() });
     }

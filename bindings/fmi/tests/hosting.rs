@@ -12,7 +12,7 @@ use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::variable::{VARIABLES, Variable};
-use common::{Fmi3, MESSAGES, Unpacked, document, reference};
+use common::{Dice, Fmi3, MESSAGES, Unpacked, document, reference, write};
 
 /// FMI 2.0 by its functions.
 struct Fmi2 {
@@ -416,6 +416,93 @@ fn eight_threads_of_a_hundred_instances_agree() {
         let threads: Vec<_> = (0..8).map(|_| scope.spawn(|| run(&fmu))).collect();
         threads.into_iter().for_each(|thread| assert_eq!(thread.join().unwrap(), expected));
     });
+}
+
+#[test]
+fn the_same_scene_gives_the_same_bytes() {
+    for standard in [Standard::Fmi2, Standard::Fmi3] {
+        let folders = [(); 2].map(|()| tempfile::tempdir().unwrap());
+        let [first, second] = folders.each_ref().map(|folder| {
+            let path = write(&document("glycerol", &["rod.nodes=17"]), standard, folder.path());
+            std::thread::sleep(std::time::Duration::from_millis(10));
+            std::fs::read(path).unwrap()
+        });
+        assert!(first == second, "{standard:?}");
+    }
+}
+
+type Derivative = unsafe extern "C" fn(
+    *mut c_void,
+    *const u32,
+    usize,
+    *const u32,
+    usize,
+    *const f64,
+    usize,
+    *mut f64,
+    usize,
+) -> c_int;
+
+#[test]
+fn directional_derivatives_are_the_changes_of_a_get_after_a_set_and_adjoints_their_transposes() {
+    const UNKNOWNS: [&str; 3] = ["head_force_x_n", "joint_moment_n_m", "load_power_w"];
+    const KNOWNS: [&str; 3] = ["viscosity_pa_s", "natural_curvature_1_m", "force_y_n"];
+    let document = document("driven-head", &["rod.nodes=9"]);
+    let fmu = Unpacked::of(&document, Standard::Fmi3);
+    let fmi = Fmi3::of(&fmu);
+    let [directional, adjoint]: [Derivative; 2] =
+        ["fmi3GetDirectionalDerivative", "fmi3GetAdjointDerivative"].map(|name| fmu.function(name));
+    let tail = fmi.start();
+    assert_eq!(fmi.advance(tail, 0.0, 0.1).0, 0);
+    let lengths =
+        |name: &str| if ["joint_moment_n_m", "natural_curvature_1_m", "force_y_n"].contains(&name) { 9 } else { 1 };
+    let [rows, columns] = [UNKNOWNS, KNOWNS].map(|names| names.map(lengths).iter().sum::<usize>());
+    let [unknowns, knowns] = [UNKNOWNS, KNOWNS].map(|names| names.map(reference));
+    let call = |of: Derivative, seed: &[f64], len: usize| {
+        let mut out = vec![f64::NAN; len];
+        let (u, k) = (unknowns.as_ptr(), knowns.as_ptr());
+        assert_eq!(unsafe { of(tail, u, 3, k, 3, seed.as_ptr(), seed.len(), out.as_mut_ptr(), len) }, 0);
+        out
+    };
+    let (mut dice, mut worst) = (Dice(7), 0.0_f64);
+    for _ in 0..10 {
+        // In the units of each: viscosity 1 Pa s, curvature 1/m, force 0.01 N.
+        let seed: Vec<f64> = (0..columns).map(|i| dice.between(-1.0, 1.0) * if i > 9 { 1e-2 } else { 1.0 }).collect();
+        let weights: Vec<f64> = (0..rows).map(|_| dice.between(-1.0, 1.0)).collect();
+        let change = call(directional, &seed, rows);
+        let back = call(adjoint, &weights, columns);
+        let sum = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+        let (forth, back) = (sum(&weights, &change), sum(&back, &seed));
+        assert!((forth - back).abs() <= 1e-12 * forth.abs().max(1e-3), "{forth} {back}");
+
+        let read =
+            |names: &[&str]| names.iter().flat_map(|name| fmi.read(tail, name, lengths(name))).collect::<Vec<_>>();
+        let (inputs, outputs) = (read(&KNOWNS), read(&UNKNOWNS));
+        let set = |values: &[f64]| {
+            let mut at = 0;
+            for name in KNOWNS {
+                let len = lengths(name);
+                assert_eq!(fmi.write(tail, name, &values[at..at + len]), 0);
+                at += len;
+            }
+        };
+        let moved = |by: f64| {
+            set(&inputs.iter().zip(&seed).map(|(x, s)| x + by * s).collect::<Vec<_>>());
+            read(&UNKNOWNS)
+        };
+        const BY: f64 = 1e-3;
+        let (up, down) = (moved(BY), moved(-BY));
+        set(&inputs);
+        assert_eq!(read(&UNKNOWNS), outputs);
+        let scale = change.iter().fold(0.0_f64, |most, x| most.max(x.abs()));
+        for (i, change) in change.iter().enumerate() {
+            let difference = (up[i] - down[i]) / (2.0 * BY);
+            worst = worst.max((difference - change).abs() / scale);
+        }
+    }
+    unsafe { (fmi.free)(tail) };
+    println!("differences differ by {worst:e}");
+    assert!(worst <= 1e-9, "{worst:e}");
 }
 
 /// The shortest time of many short samples of `count` calls, ns a call.

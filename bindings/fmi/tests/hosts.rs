@@ -1,7 +1,8 @@
-//! Today's hosts and checkers load the FMUs and see the stepper's own trajectory: FMPy, fmutool, ecos, libcosim.
+//! Today's hosts and checkers load the FMUs and see the stepper's own trajectory: FMPy, fmutool, ecos, libcosim, rust-fmi.
 //!
-//! They are Python packages, set up in `target/hosts` from `requirements.txt`. Without Python (or a network, the first
-//! time) the test says what was skipped; with `CAUDAL_HOSTS=required`, as in continuous integration, it fails.
+//! The first four are Python packages, set up in `target/hosts` from `requirements.txt`; `rust-host` is built in
+//! `target/rust-host`. What is not there (Python, libclang, a network the first time) the tests say that they skipped; with
+//! `CAUDAL_HOSTS=required`, as in continuous integration, they fail.
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a failure ends the test")]
 
 mod common;
@@ -10,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use caudal::fmu::Standard;
+use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use common::{document, write};
 
@@ -38,14 +40,54 @@ fn python() -> Result<PathBuf, String> {
     Ok(python)
 }
 
+/// Fails where the hosts are required, else says what was not tried.
+fn skip(what: &str, reason: &str) {
+    assert!(std::env::var("CAUDAL_HOSTS").as_deref() != Ok("required"), "{what}: {reason}");
+    eprintln!("SKIPPED: {what}: {reason}");
+}
+
+/// The values of `tip_y_m` after each of `count` steps.
+fn tips(document: &Document, step: f64, count: usize) -> Vec<f64> {
+    let mut stepper = Stepper::of(&document.scene().unwrap()).unwrap();
+    let mut after = || {
+        stepper.do_step(step).unwrap();
+        stepper.get_scalar("tip_y_m").unwrap()
+    };
+    (0..count).map(|_| after()).collect()
+}
+
+#[test]
+fn a_rust_host_sees_the_stepper_s_trajectory() {
+    let package = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/rust-host/Cargo.toml");
+    let target = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../target/rust-host");
+    let mut build = Command::new(env!("CARGO"));
+    build.args(["build", "--quiet", "--locked", "--manifest-path"]).arg(package).env("CARGO_TARGET_DIR", &target);
+    let built = build.output().unwrap();
+    if !built.status.success() {
+        let advice = "it needs libclang (Debian: apt-get install libclang-dev) and crates.io";
+        return skip("rust-fmi", &format!("{}\n{advice}", String::from_utf8_lossy(&built.stderr)));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    for model in ["baseline-smooth", "driven-head"] {
+        let document = document(model, &[]);
+        let expected: Vec<_> = tips(&document, 0.01, 20).iter().map(|tip| tip.to_bits().to_string()).collect();
+        for standard in [Standard::Fmi2, Standard::Fmi3] {
+            let fmu = write(&document, standard, folder.path());
+            let output =
+                Command::new(target.join("debug/rust-host")).arg(fmu).args(["tip_y_m", "0.01", "20"]).output().unwrap();
+            let [found, messages] =
+                [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned());
+            assert!(output.status.success() && messages.is_empty(), "{model}, {standard:?}: {messages}");
+            assert_eq!(found.lines().collect::<Vec<_>>(), expected, "{model}, {standard:?}");
+        }
+    }
+}
+
 #[test]
 fn hosts_and_checkers_take_the_fmus_and_see_the_stepper_s_trajectory() {
     let python = match python() {
         Ok(python) => python,
-        Err(reason) => {
-            assert!(std::env::var("CAUDAL_HOSTS").as_deref() != Ok("required"), "{reason}");
-            return eprintln!("SKIPPED: FMPy, fmutool, ecos and libcosim were not tried: {reason}");
-        }
+        Err(reason) => return skip("FMPy, fmutool, ecos and libcosim", &reason),
     };
     let folder = tempfile::tempdir().unwrap();
     let mut expected = serde_json::Map::new();
@@ -53,13 +95,7 @@ fn hosts_and_checkers_take_the_fmus_and_see_the_stepper_s_trajectory() {
         let document = document(model, &[]);
         let scene = document.scene().unwrap();
         let step = 2.0 * scene.solver.time_step_s.unwrap().get();
-        let mut stepper = Stepper::of(&scene).unwrap();
-        let mut tips = Vec::new();
-        for _ in 0..25 {
-            stepper.do_step(step).unwrap();
-            tips.push(stepper.get_scalar("tip_y_m").unwrap());
-        }
-        let mut entry = serde_json::json!({ "step": step, "tip_y_m": tips });
+        let mut entry = serde_json::json!({ "step": step, "tip_y_m": tips(&document, step, 25) });
         if model == "driven-head" {
             let mut stepper = Stepper::of(&scene.with_nodes(20)).unwrap();
             let mut after = || {

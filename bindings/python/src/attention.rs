@@ -1,6 +1,7 @@
 //! Long computations look up now and then: for Ctrl-C, and to tell how far they are.
 
 use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use pyo3::prelude::*;
@@ -32,5 +33,67 @@ impl Attention {
             self.failure = Some(failure);
             ControlFlow::Break(())
         })
+    }
+}
+
+/// How many parts of how many of a computation are done, which may be told to stop.
+#[derive(Default)]
+pub struct Progress {
+    /// Raised to stop it.
+    pub interrupted: AtomicBool,
+    done: AtomicUsize,
+    of: AtomicUsize,
+}
+
+impl Progress {
+    /// Says so.
+    pub fn reach(&self, done: usize, of: usize) {
+        self.done.store(done, Ordering::Relaxed);
+        self.of.store(of, Ordering::Relaxed);
+    }
+
+    /// One more is done.
+    pub fn advance(&self) {
+        self.done.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Tells `callback`, where there is one.
+    pub fn tell(&self, py: Python<'_>, callback: Option<&Py<PyAny>>) -> PyResult<()> {
+        let numbers = (self.done.load(Ordering::Relaxed), self.of.load(Ordering::Relaxed));
+        callback.map_or(Ok(()), |callback| callback.call1(py, numbers).map(|_| ()))
+    }
+
+    /// Computes in another thread, while this one, which belongs to Python, looks up for its signals and tells `callback`.
+    /// What fails there interrupts the computation and is raised when it has ended.
+    pub fn watch<T: Send>(
+        &self,
+        py: Python<'_>,
+        callback: Option<&Py<PyAny>>,
+        compute: impl FnOnce() -> T + Send,
+    ) -> PyResult<T> {
+        let look = |py: Python<'_>| py.check_signals().and_then(|()| self.tell(py, callback));
+        let (outcome, failure) = py.detach(|| {
+            std::thread::scope(|scope| {
+                let waiting = std::thread::current();
+                let computing = scope.spawn(move || {
+                    let outcome = compute();
+                    waiting.unpark();
+                    outcome
+                });
+                let mut failure = None;
+                while !computing.is_finished() {
+                    std::thread::park_timeout(INTERVAL);
+                    if failure.is_none()
+                        && let Err(error) = Python::attach(look)
+                    {
+                        failure = Some(error);
+                        self.interrupted.store(true, Ordering::Relaxed);
+                    }
+                }
+                (computing.join(), failure)
+            })
+        });
+        let outcome = outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+        failure.map_or(Ok(outcome), Err)
     }
 }

@@ -4,10 +4,12 @@
 //! `python/caudal`. Python's lock is released while the library computes.
 
 mod attention;
+mod design;
 mod error;
 mod run;
 mod scene;
 mod stepper;
+mod study;
 mod sweep;
 mod values;
 
@@ -22,5 +24,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stepper::Stepper>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
-    module.add_function(wrap_pyfunction!(sweep::sweep, module)?)
+    module.add_function(wrap_pyfunction!(sweep::sweep, module)?)?;
+    module.add_function(wrap_pyfunction!(study::study, module)?)?;
+    module.add_function(wrap_pyfunction!(design::design, module)?)
 }

@@ -1,8 +1,6 @@
 //! Sweeps.
 
 use std::path::PathBuf;
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
-use std::time::Duration;
 
 use caudal::Error;
 use caudal::jobs::{Journal, cores};
@@ -10,11 +8,9 @@ use caudal::sweep::{Results, Sweep, run as run_cases};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyList};
 
+use crate::attention::Progress;
 use crate::error::OrRaise;
 use crate::values::to_toml;
-
-/// Time between looks at signals, and between tales of progress.
-const INTERVAL: Duration = Duration::from_millis(50);
 
 /// Runs the cases of a sweep that its folder lacks; the rows of all as dictionaries.
 #[pyfunction]
@@ -47,43 +43,10 @@ pub fn sweep<'py>(
     });
     let (sweep, job, folder, mut journal) = prepared.or_raise(py)?;
     let todo: Vec<usize> = (0..sweep.size()).filter(|index| !journal.has(*index)).collect();
-    let (interrupted, done) = (AtomicBool::new(false), AtomicUsize::new(sweep.size() - todo.len()));
-    let look = |py: Python<'_>| {
-        py.check_signals()?;
-        match &progress {
-            Some(callback) => callback.call1(py, (done.load(Ordering::Relaxed), sweep.size())).map(|_| ()),
-            None => Ok(()),
-        }
-    };
-    // The cases run in other threads; this one belongs to Python and looks up for its signals.
-    let (outcome, failure) = py.detach(|| {
-        std::thread::scope(|scope| {
-            let cases = scope.spawn(|| {
-                let count = |_: &_| {
-                    done.fetch_add(1, Ordering::Relaxed);
-                };
-                run_cases(&sweep, &mut journal, &todo, threads, &interrupted, count)
-            });
-            let mut failure = None;
-            while !cases.is_finished() {
-                std::thread::sleep(INTERVAL);
-                if failure.is_none()
-                    && let Err(error) = Python::attach(look)
-                {
-                    failure = Some(error);
-                    interrupted.store(true, Ordering::Relaxed);
-                }
-            }
-            (cases.join(), failure)
-        })
-    });
-    match outcome {
-        Ok(outcome) => outcome.or_raise(py)?,
-        Err(panic) => std::panic::resume_unwind(panic),
-    }
-    if let Some(failure) = failure {
-        return Err(failure);
-    }
+    let told = Progress::default();
+    told.reach(sweep.size() - todo.len(), sweep.size());
+    let cases = || run_cases(&sweep, &mut journal, &todo, threads, &told.interrupted, |_| told.advance());
+    told.watch(py, progress.as_ref(), cases)?.or_raise(py)?;
     let finished = py.detach(|| {
         let results = Results::new(&sweep, &job, vec![journal])?;
         results.write(&folder)?;
@@ -102,6 +65,6 @@ pub fn sweep<'py>(
         }
         rows.append(dictionary)?;
     }
-    look(py)?;
+    told.tell(py, progress.as_ref())?;
     Ok(rows)
 }

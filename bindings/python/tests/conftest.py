@@ -37,7 +37,7 @@ def command():
         pytest.skip("CAUDAL_COMMAND names no caudal command to compare with")
 
     def run(scene, *arguments):
-        overrides = [f"--set={assignment}" for assignment in scene.overrides]
+        overrides = [f"--set={assignment}" for assignment in (scene.overrides if scene else [])]
         return subprocess.run([path, *arguments, *overrides], check=True, capture_output=True, text=True)
 
     return run

@@ -9,6 +9,7 @@ from pathlib import Path
 import caudal
 import caudal.errors
 import caudal.result
+import caudal.studying
 
 FLAGS = doctest.NORMALIZE_WHITESPACE | doctest.ELLIPSIS | doctest.IGNORE_EXCEPTION_DETAIL
 HERE = Path(__file__).parent
@@ -19,7 +20,7 @@ def public(owner):
 
 
 def test_examples_in_docstrings():
-    for module, least in [(caudal, 2), (caudal.result, 2)]:
+    for module, least in [(caudal, 2), (caudal.result, 2), (caudal.studying, 1)]:
         tests = [test for test in doctest.DocTestFinder().find(module) if test.examples]
         assert len(tests) >= least, module
         runner = doctest.DocTestRunner(optionflags=FLAGS)
@@ -33,9 +34,9 @@ def test_examples_in_the_readme():
 
 
 def test_everything_public_has_a_docstring():
-    classes = [caudal.Scene, caudal.Stepper, caudal.Snapshot, caudal.Variable, caudal.Result]
+    classes = [caudal.Scene, caudal.Stepper, caudal.Snapshot, caudal.Variable, caudal.Result, caudal.Findings]
     errors = [member for member in public(caudal.errors).values() if inspect.isclass(member)]
-    for owner in [caudal, caudal.errors, caudal.load, caudal.run, *classes, *errors]:
+    for owner in [caudal, caudal.errors, caudal.load, caudal.run, caudal.sweep, caudal.study, caudal.design, *classes, *errors]:
         assert inspect.getdoc(owner), owner
     for owner in classes:
         for name, member in public(owner).items():

@@ -14,20 +14,25 @@ Examples
 
 from . import errors
 from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
+from .designing import design
 from .errors import Error
 from .result import Result, load, run
+from .studying import Findings, study
 from .sweeping import sweep
 
 __all__ = [
     "Error",
+    "Findings",
     "Result",
     "Scene",
     "Snapshot",
     "Stepper",
     "Variable",
     "__version__",
+    "design",
     "errors",
     "load",
     "run",
+    "study",
     "sweep",
 ]

@@ -97,3 +97,14 @@ def _sweep(
     restart: bool,
     progress: Optional[Callable[[int, int], Any]],
 ) -> list[dict[str, Any]]: ...
+def _study(
+    scene: Scene,
+    study: dict[str, dict[str, Any]],
+    out: Optional[Union[str, os.PathLike[str]]],
+    progress: Optional[Callable[[int, int], Any]],
+) -> dict[str, Any]: ...
+def _design(
+    scene: Scene,
+    out: Optional[Union[str, os.PathLike[str]]],
+    progress: Optional[Callable[[int, float], Any]],
+) -> tuple[dict[str, Any], Optional[BaseException]]: ...

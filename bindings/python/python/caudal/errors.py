@@ -286,6 +286,30 @@ class SnapshotError(Error, ValueError):
     value: str
 
 
+class StudyError(Error, ValueError):
+    """A study is asked for something that is not allowed.
+
+    Attributes
+    ----------
+    problem : str
+        What was found and what is allowed.
+    """
+
+    problem: str
+
+
+class DesignError(Error):
+    """There is no design that does what is asked.
+
+    Attributes
+    ----------
+    reason : str
+        Why not, and what excludes what.
+    """
+
+    reason: str
+
+
 class FmuError(Error):
     """An FMU cannot be made.
 

@@ -1,0 +1,117 @@
+"""Studies: what a user asks before trusting a run."""
+
+from __future__ import annotations
+
+import html
+import os
+from typing import TYPE_CHECKING, Any, Callable, Literal, Optional, Union
+
+from ._caudal import Scene, _study
+from .result import Source, load
+
+if TYPE_CHECKING:
+    import pandas
+
+
+def study(
+    kind: Literal["accuracy", "modes", "scaling", "stability"],
+    scene: Source,
+    *,
+    out: Optional[Union[str, os.PathLike[str]]] = None,
+    progress: Optional[Callable[[int, int], Any]] = None,
+    **asked: Any,
+) -> Findings:
+    """Study a scene, and leave the files of ``caudal study``: tables, figures, report, summary.
+
+    After Ctrl-C the same call goes on from the runs that its folder has.
+
+    Parameters
+    ----------
+    kind : {"accuracy", "modes", "scaling", "stability"}
+        Error against cost of every method, step and mesh; natural frequencies and mode shapes; time, memory and error of
+        meshes from coarse to fine; what every method does at every step over a parameter.
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `load` makes one from.
+    out : str or os.PathLike, optional
+        Folder for the results; by default ``out/<name of the scene>-study-<kind>``.
+    progress : callable, optional
+        Called with the numbers of runs that are done and of all, some twenty times a second and at the end.
+    **asked
+        The options of ``caudal study <kind>``, for example ``nodes=[17, 33]``, ``steps=[1e-3, 1e-4]``,
+        ``vary="amplitude"``, ``range=[0.1, 1.0]``, ``points=12``, ``count=12``.
+
+    Returns
+    -------
+    Findings
+        What was found.
+
+    Raises
+    ------
+    caudal.errors.StudyError
+        For options that are not allowed.
+
+    Examples
+    --------
+    >>> import caudal, tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     found = caudal.study("modes", "models/baseline.toml", count=3, out=folder)
+    >>> found
+    <caudal.Findings on natural modes: 1 table, 1 figure>
+    """
+    scene = scene if isinstance(scene, Scene) else load(scene)
+    return Findings(_study(scene, {kind: asked}, out, progress))
+
+
+class Findings:
+    """What a study found. In a notebook it shows its answers and figures.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        Where its files are.
+    subject : str
+        What was studied.
+    answers : list of str
+        The answer in words.
+    numbers : dict
+        The numbers behind it, as in summary.json.
+    tables : dict of str to dict of str to list
+        Its tables by name: columns by name.
+    figures : dict of str to str
+        Its figures by file name, SVG.
+    """
+
+    def __init__(self, content: dict[str, Any]) -> None:
+        self.folder = content["folder"]
+        self.subject: str = content["subject"]
+        self.answers: list[str] = content["answers"]
+        self.numbers: dict[str, Any] = content["numbers"]
+        self.tables: dict[str, dict[str, list[Any]]] = content["tables"]
+        self.figures: dict[str, str] = content["figures"]
+
+    def __repr__(self) -> str:
+        def count(things: dict[str, Any], name: str) -> str:
+            return f"{len(things)} {name}{'' if len(things) == 1 else 's'}"
+
+        return f"<caudal.Findings on {self.subject}: {count(self.tables, 'table')}, {count(self.figures, 'figure')}>"
+
+    def to_pandas(self, table: Optional[str] = None) -> pandas.DataFrame:
+        """A table as a data frame.
+
+        Parameters
+        ----------
+        table : str, optional
+            Its name in `tables`; by default the first.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row an entry.
+        """
+        import pandas
+
+        return pandas.DataFrame(self.tables[next(iter(self.tables)) if table is None else table])
+
+    def _repr_html_(self) -> str:
+        answers = "".join(f"<p>{html.escape(answer)}</p>" for answer in self.answers)
+        return answers + "".join(self.figures.values())
