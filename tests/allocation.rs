@@ -8,7 +8,7 @@ use std::cell::Cell;
 
 use caudal::integrator::{METHODS, Method};
 use caudal::reduced::RUNGS;
-use caudal::stepper::Stepper;
+use caudal::stepper::{Change, Stepper};
 use caudal::system::Form;
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, scene_by};
 
@@ -94,6 +94,29 @@ fn a_step_allocates_nothing_whatever_the_rung_and_the_head() {
             }
             assert_eq!(CALLS.get(), before, "{}, {head}", rung.name);
         }
+    }
+}
+
+#[test]
+fn inputs_that_a_host_sets_before_every_step_allocate_nothing() {
+    for method in METHODS {
+        let changes = [SILICONE, WAVE, DRAG, GLYCEROL, "rod.nodes=33", "head.kind=driven"];
+        let step = step(method);
+        let mut stepper = Stepper::of(&scene_by(method, step, &changes)).unwrap();
+        let inputs = ["natural_curvature_1_m", "force_x_n", "viscosity_pa_s", "head_angle_rad"];
+        let inputs = inputs.map(|name| stepper.find(name).unwrap());
+        let values = [0.01; 33];
+        let mut drive = || {
+            for variable in inputs {
+                let values = &values[..variable.len(stepper.model())];
+                stepper.set_all([Change { variable, order: 0, values }].into_iter()).unwrap();
+            }
+            stepper.do_step(step).unwrap();
+        };
+        drive(); // makes room for what is set
+        let before = CALLS.get();
+        (0..20).for_each(|_| drive());
+        assert_eq!(CALLS.get(), before, "{}", method.name);
     }
 }
 

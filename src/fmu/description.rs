@@ -15,30 +15,30 @@ use crate::variable::{Causality, Size, VARIABLES, Variable};
 type Xml = Writer<Vec<u8>>;
 type Attributes = Vec<(&'static str, String)>;
 
-/// A unit: its name, the exponents of kg, m, s and rad, and a unit to show it in with its factor.
-struct Unit(&'static str, [i32; 4], Option<(&'static str, f64)>);
+/// A unit: its name, what is measured in it, the exponents of kg, m, s and rad, and a unit to show it in with its factor.
+struct Unit(&'static str, &'static str, [i32; 4], Option<(&'static str, f64)>);
 
 /// The units of all variables and parameters.
 const UNITS: [Unit; 19] = [
-    Unit("s", [0, 0, 1, 0], Some(("ms", 1e3))),
-    Unit("m", [0, 1, 0, 0], Some(("mm", 1e3))),
-    Unit("m/s", [0, 1, -1, 0], Some(("mm/s", 1e3))),
-    Unit("m/s^2", [0, 1, -2, 0], None),
-    Unit("1/m", [0, -1, 0, 0], None),
-    Unit("rad", [0, 0, 0, 1], Some(("deg", 180.0 / std::f64::consts::PI))),
-    Unit("rad/s", [0, 0, -1, 1], Some(("deg/s", 180.0 / std::f64::consts::PI))),
-    Unit("Hz", [0, 0, -1, 0], None),
-    Unit("kg", [1, 0, 0, 0], Some(("g", 1e3))),
-    Unit("kg/m^3", [1, -3, 0, 0], Some(("g/cm^3", 1e-3))),
-    Unit("N", [1, 1, -2, 0], Some(("mN", 1e3))),
-    Unit("N m", [1, 2, -2, 0], Some(("mN m", 1e3))),
-    Unit("N m^2", [1, 3, -2, 0], None),
-    Unit("J", [1, 2, -2, 0], Some(("mJ", 1e3))),
-    Unit("W", [1, 2, -3, 0], Some(("mW", 1e3))),
-    Unit("Pa", [1, -1, -2, 0], Some(("MPa", 1e-6))),
-    Unit("Pa s", [1, -1, -1, 0], Some(("mPa s", 1e3))),
-    Unit("N s/m^2", [1, -1, -1, 0], None),
-    Unit("1/s", [0, 0, -1, 0], None),
+    Unit("s", "Time", [0, 0, 1, 0], Some(("ms", 1e3))),
+    Unit("m", "Length", [0, 1, 0, 0], Some(("mm", 1e3))),
+    Unit("m/s", "Velocity", [0, 1, -1, 0], Some(("mm/s", 1e3))),
+    Unit("m/s^2", "Acceleration", [0, 1, -2, 0], None),
+    Unit("1/m", "Curvature", [0, -1, 0, 0], None),
+    Unit("rad", "Angle", [0, 0, 0, 1], Some(("deg", 180.0 / std::f64::consts::PI))),
+    Unit("rad/s", "AngularVelocity", [0, 0, -1, 1], Some(("deg/s", 180.0 / std::f64::consts::PI))),
+    Unit("Hz", "Frequency", [0, 0, -1, 0], None),
+    Unit("kg", "Mass", [1, 0, 0, 0], Some(("g", 1e3))),
+    Unit("kg/m^3", "Density", [1, -3, 0, 0], Some(("g/cm^3", 1e-3))),
+    Unit("N", "Force", [1, 1, -2, 0], Some(("mN", 1e3))),
+    Unit("N m", "Moment", [1, 2, -2, 0], Some(("mN m", 1e3))),
+    Unit("N m^2", "BendingStiffness", [1, 3, -2, 0], None),
+    Unit("J", "Energy", [1, 2, -2, 0], Some(("mJ", 1e3))),
+    Unit("W", "Power", [1, 2, -3, 0], Some(("mW", 1e3))),
+    Unit("Pa", "Pressure", [1, -1, -2, 0], Some(("MPa", 1e-6))),
+    Unit("Pa s", "Viscosity", [1, -1, -1, 0], Some(("mPa s", 1e3))),
+    Unit("N s/m^2", "DragPerLength", [1, -1, -1, 0], None),
+    Unit("1/s", "Rate", [0, 0, -1, 0], None),
 ];
 
 fn unit(name: &str) -> Option<&'static Unit> {
@@ -92,7 +92,8 @@ struct Entry {
     kind: &'static str,
     /// Causality, variability, initial: attributes of the variable itself.
     role: Attributes,
-    /// Unit, range, size, start: attributes of its type.
+    unit: Option<&'static Unit>,
+    /// Range, size, start: attributes of its type.
     value: Attributes,
     /// True for an array of the structural parameter's size.
     sized: bool,
@@ -117,18 +118,20 @@ impl Entry {
         if standard == Standard::Fmi3 && ["input", "output"].contains(&causality) && !counts {
             role.push(("intermediateUpdate", "true".to_string()));
         }
-        let (kind, mut value) = match variable.name {
-            NODES if structural => ("UInt64", Vec::new()),
-            NODES => ("Integer", Vec::new()),
-            _ => (if standard == Standard::Fmi3 { "Float64" } else { "Real" }, units(variable.unit)),
+        let kind = match variable.name {
+            NODES if structural => "UInt64",
+            NODES => "Integer",
+            _ if standard == Standard::Fmi3 => "Float64",
+            _ => "Real",
         };
+        let mut value = Vec::new();
         let sized = standard == Standard::Fmi3 && variable.size != Size::Scalar;
         if structural {
             value.extend([("min", scene::NODES[0].to_string()), ("max", scene::NODES[1].to_string())]);
             value.push(("start", model.rod.nodes.to_string()));
         } else {
             value.extend(variable.least().map(|least| ("min", number(least))));
-            if variable.causality != Causality::Parameter {
+            if variable.causality != Causality::Parameter && standard == Standard::Fmi2 {
                 value.extend(nominal(variable.unit, stepper).map(|size| ("nominal", number(size))));
             }
         }
@@ -151,6 +154,7 @@ impl Entry {
             },
             kind,
             role,
+            unit: unit(variable.unit),
             value,
             sized,
         }
@@ -158,7 +162,7 @@ impl Entry {
 
     fn parameter(standard: Standard, place: usize, parameter: &Parameter) -> Self {
         let role = ["parameter", "fixed", "exact"].map(str::to_string);
-        let mut value = units(parameter.unit);
+        let mut value = Vec::new();
         let (least, most) = (*parameter.range.start(), *parameter.range.end());
         value.extend(least.is_finite().then(|| ("min", number(least))));
         value.extend(most.is_finite().then(|| ("max", number(most))));
@@ -169,6 +173,7 @@ impl Entry {
             description: parameter.description.clone(),
             kind: if standard == Standard::Fmi3 { "Float64" } else { "Real" },
             role: ["causality", "variability", "initial"].into_iter().zip(role).collect(),
+            unit: unit(parameter.unit),
             value,
             sized: false,
         }
@@ -187,10 +192,12 @@ impl Entry {
         let own = own.into_iter().chain(self.role.iter().cloned());
         match standard {
             Standard::Fmi2 => {
-                element(xml, "ScalarVariable", own.collect(), |xml| leaf(xml, self.kind, self.value.clone()))
+                let value = self.unit.map(units).into_iter().flatten().chain(self.value.iter().cloned()).collect();
+                element(xml, "ScalarVariable", own.collect(), |xml| leaf(xml, self.kind, value))
             }
             Standard::Fmi3 => {
-                let attributes = own.chain(self.value.iter().cloned()).collect();
+                let measured = self.unit.map(|Unit(_, quantity, ..)| ("declaredType", quantity.to_string()));
+                let attributes = own.chain(measured).chain(self.value.iter().cloned()).collect();
                 match VARIABLES.iter().position(|variable| variable.name == NODES) {
                     Some(nodes) if self.sized => element(xml, self.kind, attributes, |xml| {
                         leaf(xml, "Dimension", vec![("valueReference", nodes.to_string())])
@@ -202,11 +209,10 @@ impl Entry {
     }
 }
 
-/// Unit and display unit, where there is a unit.
-fn units(name: &str) -> Attributes {
-    let Some(Unit(name, _, shown)) = unit(name) else { return Vec::new() };
+/// Quantity, unit and display unit.
+fn units(Unit(name, quantity, _, shown): &Unit) -> Attributes {
     let shown = shown.map(|(shown, _)| ("displayUnit", shown.to_string()));
-    std::iter::once(("unit", name.to_string())).chain(shown).collect()
+    [("quantity", quantity.to_string()), ("unit", name.to_string())].into_iter().chain(shown).collect()
 }
 
 /// Writes an element without content.
@@ -248,10 +254,21 @@ pub(super) fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
     let entries = entries(fmu, standard);
     element(&mut xml, "fmiModelDescription", attributes, |xml| {
         leaf(xml, "CoSimulation", capabilities(fmu, standard))?;
+        let used = |unit: &&Unit| entries.iter().any(|entry| entry.unit.is_some_and(|other| other.0 == unit.0));
         element(xml, "UnitDefinitions", Vec::new(), |xml| {
-            let used = |unit: &&Unit| entries.iter().any(|entry| entry.value.contains(&("unit", unit.0.to_string())));
             UNITS.iter().filter(used).try_for_each(|unit| write_unit(xml, unit))
         })?;
+        if standard == Standard::Fmi3 {
+            // Not at every variable: some readers know units of types only.
+            element(xml, "TypeDefinitions", Vec::new(), |xml| {
+                UNITS.iter().filter(used).try_for_each(|unit| {
+                    let mut attributes = vec![("name", unit.1.to_string())];
+                    attributes.extend(units(unit));
+                    attributes.extend(nominal(unit.0, &fmu.stepper).map(|size| ("nominal", number(size))));
+                    leaf(xml, "Float64Type", attributes)
+                })
+            })?;
+        }
         element(xml, "LogCategories", Vec::new(), |xml| {
             LOG_CATEGORIES.iter().try_for_each(|(name, description)| {
                 let attributes = vec![("name", name.to_string()), ("description", description.to_string())];
@@ -302,7 +319,7 @@ fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
     attributes
 }
 
-fn write_unit(xml: &mut Xml, Unit(name, exponents, shown): &Unit) -> Result<()> {
+fn write_unit(xml: &mut Xml, Unit(name, _, exponents, shown): &Unit) -> Result<()> {
     element(xml, "Unit", vec![("name", name.to_string())], |xml| {
         let base = ["kg", "m", "s", "rad"].into_iter().zip(exponents).filter(|(_, exponent)| **exponent != 0);
         leaf(xml, "BaseUnit", base.map(|(name, exponent)| (name, exponent.to_string())).collect())?;

@@ -130,16 +130,28 @@ impl Scene {
     /// ----------
     /// path : str or os.PathLike
     ///     The file.
-    /// library : str or os.PathLike
-    ///     The shared library that goes into it, ``libcaudal_fmi``: ``cargo build --release`` makes it.
     /// fmi : {3, 2}
     ///     Version of the standard.
-    #[pyo3(signature = (path, library, fmi=3))]
-    fn fmu(&self, py: Python<'_>, path: PathBuf, library: PathBuf, fmi: u32) -> PyResult<()> {
+    /// library : str or os.PathLike, optional
+    ///     The shared library that goes into it; by default the package's own.
+    ///
+    /// Raises
+    /// ------
+    /// caudal.errors.FmuError, caudal.errors.ReadError, caudal.errors.WriteError
+    ///     Where there is no library, or the file cannot be written.
+    #[pyo3(signature = (path, fmi=3, library=None))]
+    fn fmu(&self, py: Python<'_>, path: PathBuf, fmi: u32, library: Option<PathBuf>) -> PyResult<()> {
         let standard = match fmi {
             2 => Standard::Fmi2,
             3 => Standard::Fmi3,
             other => return Err(PyValueError::new_err(format!("fmi: found {other}; allowed: 2, 3"))),
+        };
+        let library = match library {
+            Some(library) => library,
+            None => {
+                let module: PathBuf = py.import("caudal._caudal")?.filename()?.extract()?;
+                caudal::fmu::library(&module).or_raise(py)?
+            }
         };
         py.detach(|| Fmu::of(&self.document)?.write(standard, &library, &path)).or_raise(py)
     }

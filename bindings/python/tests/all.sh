@@ -1,5 +1,5 @@
 #!/bin/sh
-# Builds the wheel, installs it beside the FMU hosts in target/hosts, and runs the tests of the Python package and of the
+# Installs the Python package beside the FMU hosts in target/hosts, and runs the tests of the Python package and of the
 # example that couples an FMU to a vehicle. Where Python or a package is missing it says what was skipped; with
 # CAUDAL_HOSTS=required it fails.
 set -eu
@@ -16,9 +16,7 @@ skip() {
 "$python" -m pip install --quiet -r bindings/fmi/tests/requirements.txt -r bindings/python/tests/requirements.txt ||
     skip "the packages of both requirements.txt must be within reach of pip"
 
-cargo build --quiet --locked -p caudal -p caudal-fmi
-rm -rf target/wheels
-"$python" -m maturin build --quiet --locked -m bindings/python/Cargo.toml -o target/wheels --interpreter "$python"
-"$python" -m pip install --quiet --no-deps --force-reinstall target/wheels/*.whl
-CAUDAL_COMMAND="$PWD/target/debug/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
+cargo build --quiet --release --locked
+MATURIN_PEP517_ARGS=--locked "$python" -m pip install --quiet --no-deps --force-reinstall --no-build-isolation ./bindings/python
+CAUDAL_COMMAND="$PWD/target/release/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
     bindings/python/tests bindings/fmi/examples

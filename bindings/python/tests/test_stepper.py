@@ -5,7 +5,6 @@ import pickle
 import subprocess
 import sys
 import threading
-import time
 import tracemalloc
 
 import numpy as np
@@ -262,29 +261,18 @@ def test_a_step_makes_nothing_in_memory():
     assert sum(entry.size_diff for entry in growth if "tracemalloc" not in str(entry.traceback)) < 2000
 
 
-def test_a_call_costs_little_beyond_the_stepper():
-    """The same twenty internal steps in twenty calls and in one, in turns: the difference is what nineteen calls cost."""
-    tail = caudal.Stepper("models/baseline-smooth.toml")  # N = 9
-    start, h, count = tail.save(), 5e-3, 20
-    many = one = get = float("inf")
-    clock = time.perf_counter_ns
-    for _ in range(1000):
-        tail.restore(start)
-        begin = clock()
-        for _ in range(count):
-            tail.do_step(h)
-        many = min(many, clock() - begin)
-        end = tail.get("x_m")
-        tail.restore(start)
-        begin = clock()
-        tail.do_step(count * h)
-        one = min(one, clock() - begin)
-        assert np.array_equal(tail.get("x_m"), end)
-        begin = clock()
-        for _ in range(count):
-            tail.get("tip_y_m")
-        get = min(get, clock() - begin)
-    overhead = (many - one) / (count - 1)
-    print(f"{one / count:.0f} ns a step inside, {overhead:.0f} ns a call beyond it, {get / count:.0f} ns a get")
-    assert overhead < 1000
-    assert get / count < 1000
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_the_package_carries_what_an_fmu_needs(fmi, tmp_path):
+    fmpy = pytest.importorskip("fmpy")
+    scene = caudal.load("models/glycerol.toml", set={"rod.nodes": 17})
+    path = tmp_path / "tail.fmu"
+    scene.fmu(path, fmi=fmi)
+    step, count = 0.01, 5
+    fmu = fmpy.simulate_fmu(str(path), stop_time=count * step, output_interval=step, output=["tip_y_m"])
+    tail = caudal.Stepper(scene)
+    for found in fmu["tip_y_m"][1:]:
+        tail.do_step(step)
+        assert found == tail.get("tip_y_m")
+    with pytest.raises(caudal.errors.ReadError):
+        scene.fmu(tmp_path / "other.fmu", library=tmp_path / "absent.so")
+    assert not (tmp_path / "other.fmu").exists()

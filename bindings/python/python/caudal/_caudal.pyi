@@ -31,8 +31,8 @@ class Scene:
     def fmu(
         self,
         path: Union[str, os.PathLike[str]],
-        library: Union[str, os.PathLike[str]],
         fmi: Literal[3, 2] = 3,
+        library: Optional[Union[str, os.PathLike[str]]] = None,
     ) -> None: ...
 
 @final
