@@ -1,9 +1,11 @@
-//! `caudal study accuracy`: which method, step and mesh give which error, at what cost.
+//! `caudal study accuracy`: which model, method, step and mesh give which error, at what cost.
 //!
 //! Errors are measured against references that the study computes itself, by two methods that have nothing in common but the
 //! equations: ESDIRK3 with small steps, and generalized-α with small steps extrapolated to none (Richardson). What they
 //! differ by is the reference's own error; where that is no small part of the result, no reference exists, and the study
 //! measures how fast two runs separate that start a billionth of a length apart.
+//!
+//! The references are of the whole model, so the errors of a cheaper one have the model's own in them, which no step removes.
 
 use serde_json::{Value, json};
 
@@ -36,6 +38,8 @@ const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 const FOLLOWED: usize = 100;
 /// Samples of the tip's path.
 const SAMPLES: usize = 500;
+/// A cheaper model is as good as it gets where its error is at most this multiple of the one that no step removes.
+const SETTLED: f64 = 1.1;
 /// The errors that a user is told how to reach.
 const TARGETS: [f64; 2] = [1e-2, 1e-4];
 /// Symplectic Euler runs at this part of its limit, and at half of it, where the limit is known.
@@ -50,7 +54,7 @@ pub struct Accuracy {
     pub nodes: Vec<u64>,
     /// Fixed steps (s); empty for eight times the scene's down to a thirty-second.
     pub steps: Vec<f64>,
-    /// Tolerances of adaptive methods; empty for 1e-2 … 1e-7.
+    /// Tolerances of adaptive methods and of cheaper models; empty for 1e-2 … 1e-7.
     pub tolerances: Vec<f64>,
 }
 
@@ -59,7 +63,7 @@ const QUANTITIES: [&str; 3] = ["net displacement", "tip path", "energy put in"];
 /// The beginnings of the names of their figures.
 const FILES: [&str; 3] = ["displacement", "tip", "energy"];
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 struct Case {
     recipe: Recipe,
     pace: Pace,
@@ -132,7 +136,7 @@ fn alpha() -> Option<Recipe> {
     Recipe::named("generalized-alpha")
 }
 
-/// Charts the error of `scene` against its cost for every method, step and mesh.
+/// Charts the error of `scene` against its cost for every model, method, step and mesh.
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
@@ -215,12 +219,14 @@ pub fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studi
     ))
 }
 
-/// Every method on every mesh with every step or tolerance.
+/// Every model and method on every mesh with every step or tolerance, and the scene as it stands.
 fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> Result<Vec<Case>> {
+    let case =
+        |recipe: &Recipe, pace: Pace, nodes: u64| Case { recipe: recipe.clone(), pace, nodes, part: 1.0, push: None };
     let mut cases = Vec::new();
     for nodes in meshes {
         for recipe in Recipe::all(scene) {
-            let case = |pace: Pace| Case { recipe: recipe.clone(), pace, nodes: *nodes, part: 1.0, push: None };
+            let case = |pace: Pace| case(&recipe, pace, *nodes);
             if recipe.method.implicit {
                 cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
@@ -230,7 +236,13 @@ fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> R
                 cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
             }
         }
+        for recipe in Recipe::cheaper(scene) {
+            let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
+            cases.extend(tolerances.iter().map(case));
+        }
     }
+    let own = Recipe::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.pace(), *nodes));
+    cases.extend(own.filter(|own| !cases.contains(own)));
     Ok(cases)
 }
 
@@ -364,6 +376,13 @@ impl Row<'_> {
         }
     }
 
+    /// Its step or tolerance.
+    fn fineness(&self) -> f64 {
+        match self.case.pace {
+            Pace::Fixed(x) | Pace::Adaptive(x) => x,
+        }
+    }
+
     /// Name of the curve it belongs to.
     fn curve(&self) -> String {
         let adaptive = matches!(self.case.pace, Pace::Adaptive(_));
@@ -395,6 +414,7 @@ impl Report<'_> {
         let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
         self.references_in_words(&mut findings);
         self.own_setting(&rows, &mut findings);
+        self.cheaper_models(&rows, &mut findings);
         self.recommend(&rows, &mut findings);
         self.meshes_in_words(limit.as_ref(), &mut findings);
         findings.tables.push(self.recommended(&rows));
@@ -452,15 +472,69 @@ impl Report<'_> {
     }
 
     fn own_setting(&self, rows: &[Row<'_>], findings: &mut Findings) {
-        let Ok((method, values)) = self.scene.method() else { return };
-        let (own, pace) = (Recipe { method, values }, self.scene.pace());
-        let nodes = self.nodes();
+        let Some(own) = Recipe::own(self.scene) else { return };
+        let (pace, nodes) = (self.scene.pace(), self.nodes());
         let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {:.2} % in displacement, {:.2} % in the tip's path, {:.2} % in energy, in {}.",
-                row.setting(), 100.0 * errors[0], 100.0 * errors[1], 100.0 * errors[2], milliseconds(row.trial.wall_s)
+                row.setting(), 100.0 * errors[0], 100.0 * errors[1], 100.0 * errors[2], milliseconds(row.trial.processor_s)
             ));
+        }
+    }
+
+    /// For every cheaper model that ran, the run with the finest tolerance on the scene's own mesh, and its errors: those
+    /// that no step removes.
+    fn settled<'r, 's>(&self, rows: &'r [Row<'s>]) -> Vec<(&'r Row<'s>, [f64; 3])> {
+        let mut settled: Vec<(&Row<'_>, [f64; 3])> = Vec::new();
+        for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
+            let Some(errors) = row.time else { continue };
+            match settled.iter_mut().find(|(other, _)| other.case.recipe == row.case.recipe) {
+                Some(best) if row.fineness() < best.0.fineness() => *best = (row, errors),
+                Some(_) => {}
+                None => settled.push((row, errors)),
+            }
+        }
+        settled
+    }
+
+    /// What the cheaper models leave out, and what the whole one costs that errs as much.
+    fn cheaper_models(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let on_mesh = || self.on(rows, self.nodes());
+        let displacement = |row: &Row<'_>| row.time.map(|e| e[0]);
+        let own_method = self.scene.method().ok().map(|(method, values)| Recipe::whole(method, values));
+        for (finest, errors) in self.settled(rows) {
+            let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
+            let Some(row) = self.cheapest(model, displacement, SETTLED * errors[0]) else { continue };
+            let (name, seconds) = (row.case.recipe.rung.name, row.trial.processor_s);
+            let [of_displacement, of_tip, of_work] = errors.map(|e| 100.0 * e);
+            let mut text = format!(
+                "The model \"{name}\" leaves errors of {of_displacement:.2} % in displacement, {of_tip:.2} % in the tip's path, {of_work:.2} % in energy, which no step removes; it takes {}.",
+                milliseconds(seconds)
+            );
+            let mut numbers = json!({ "displacement_error": errors[0], "tip_error": errors[1], "energy_error": errors[2],
+                "processor_s": seconds });
+            // The scene's own method with steps that still err more, so that it is not made dearer than it is.
+            let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
+            let own = own.filter(|row| displacement(row).is_some_and(|e| e >= errors[0]));
+            let own = own.max_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s));
+            let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
+            let best = self.cheapest(whole, displacement, errors[0]);
+            for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
+                let Some((other, error)) = other.and_then(|other| Some((other, displacement(other)?))) else {
+                    continue;
+                };
+                let ratio = other.trial.processor_s / seconds;
+                text += &format!(
+                    " The whole model by {}, which {errs} in displacement ({:.3} %), takes {ratio:.0} times as long.",
+                    other.setting(),
+                    100.0 * error
+                );
+                numbers[key] =
+                    json!({ "setting": other.setting(), "displacement_error": error, "times_as_long": ratio });
+            }
+            findings.answers.push(text);
+            findings.numbers.insert(format!("model_{name}"), numbers);
         }
     }
 
@@ -475,9 +549,6 @@ impl Report<'_> {
         's: 'r,
     {
         let rows: Vec<_> = rows.collect();
-        let fineness = |row: &Row<'_>| match row.case.pace {
-            Pace::Fixed(x) | Pace::Adaptive(x) => x,
-        };
         let holds = |row: &&&Row<'s>| {
             error(row).is_some_and(|e| e <= target)
                 && rows
@@ -485,11 +556,11 @@ impl Report<'_> {
                     .filter(|other| {
                         other.case.nodes == row.case.nodes
                             && other.curve() == row.curve()
-                            && fineness(other) < fineness(row)
+                            && other.fineness() < row.fineness()
                     })
                     .all(|other| error(other).is_some_and(|e| e <= target))
         };
-        rows.iter().filter(holds).min_by(|a, b| a.trial.wall_s.total_cmp(&b.trial.wall_s)).copied()
+        rows.iter().filter(holds).min_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s)).copied()
     }
 
     fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
@@ -501,7 +572,7 @@ impl Report<'_> {
                 findings.answers.push(match time {
                     Some(row) => format!(
                         "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
-                        row.setting(), milliseconds(row.trial.wall_s), row.trial.factorisations
+                        row.setting(), milliseconds(row.trial.processor_s), row.trial.factorisations
                     ),
                     None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer --steps may."),
                 });
@@ -511,7 +582,7 @@ impl Report<'_> {
                         "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
                         row.setting(),
                         row.case.nodes,
-                        milliseconds(row.trial.wall_s)
+                        milliseconds(row.trial.processor_s)
                     ));
                 }
                 findings.numbers.insert(
@@ -579,8 +650,10 @@ impl Report<'_> {
                 Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };
             let done = row.time.is_some();
+            let recipe = &row.case.recipe;
             vec![
-                json!(row.case.recipe.to_string()),
+                json!(recipe.rung.name),
+                json!(recipe.rung.method.map_or_else(|| recipe.to_string(), str::to_string)),
                 step,
                 tolerance,
                 json!(row.case.nodes),
@@ -589,6 +662,7 @@ impl Report<'_> {
                 json!(trial.factorisations),
                 json!(trial.halvings),
                 json!(trial.wall_s),
+                json!(trial.processor_s),
                 if done { json!(trial.displacement[0]) } else { Value::Null },
                 if done { json!(trial.work_in) } else { Value::Null },
                 error(row.time, 0),
@@ -607,6 +681,7 @@ impl Report<'_> {
             file: "accuracy.csv",
             title: "All runs",
             columns: [
+                "model",
                 "integrator",
                 "time_step_s",
                 "tolerance",
@@ -616,6 +691,7 @@ impl Report<'_> {
                 "linear_solves",
                 "step_halvings",
                 "wall_s",
+                "processor_s",
                 "net_displacement_m",
                 "energy_put_in_j",
                 "time_error_displacement",
@@ -642,7 +718,7 @@ impl Report<'_> {
         let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
         type Cost = fn(&Trial) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
-            ("time", "wall-clock time (s)", |trial| trial.wall_s),
+            ("time", "processor time (s)", |trial| trial.processor_s),
             ("work", "linear solves", |trial| trial.factorisations as f64),
         ];
         for (i, quantity) in QUANTITIES.iter().enumerate() {
@@ -652,12 +728,19 @@ impl Report<'_> {
                 for row in self.on(rows, nodes) {
                     let Some(error) = row.time.map(|e| e[i]).filter(|e| *e > floor && *e < 10.0) else { continue };
                     let point = (cost(row.trial), error);
+                    if point.0 <= 0.0 {
+                        continue; // a model that solves no equations
+                    }
                     match series.iter_mut().find(|series| series.label == row.curve()) {
                         Some(series) => series.points.push(point),
                         None => series.push(Series::new(row.curve(), vec![point], Mark::Dotted)),
                     }
                 }
+                let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < 10.0);
+                let lines =
+                    level_lines(lines.map(|(row, e)| (format!("model error of {}", row.case.recipe), e[i])), &series);
                 series.extend(order_lines(&series));
+                series.extend(lines);
                 let chart = Chart {
                     title: format!("{}: error of the {quantity}, {nodes} nodes", self.scene.name),
                     x: (*label).into(),
@@ -688,12 +771,10 @@ impl Report<'_> {
                 None => series.push(Series::new(row.curve(), vec![(step, errors[0])], Mark::Dotted)),
             }
         }
-        let steps = || series.iter().flat_map(|series| &series.points).map(|p| p.0);
-        let (low, high) = (steps().fold(f64::INFINITY, f64::min), steps().fold(0.0, f64::max));
-        for (nodes, reference) in self.meshes.iter().zip(self.references) {
-            let error = reference.result.errors(limit)[0];
-            series.push(Series::new(format!("mesh, {nodes}"), vec![(high, error), (low, error)], Mark::Slope));
-        }
+        let meshes = self.meshes.iter().zip(self.references);
+        let levels = meshes.map(|(nodes, reference)| (format!("mesh, {nodes}"), reference.result.errors(limit)[0]));
+        let levels = level_lines(levels, &series);
+        series.extend(levels);
         Chart {
             title: format!("{}: error of the steps against error of the mesh", self.scene.name),
             x: "time step (s)".into(),
@@ -702,6 +783,13 @@ impl Report<'_> {
             series,
         }
     }
+}
+
+/// Level lines, with their names, across a chart of `series`.
+fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
+    let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
+    let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
+    levels.map(|(name, level)| Series::new(name, vec![(high, level), (low, level)], Mark::Slope)).collect()
 }
 
 /// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.
