@@ -86,7 +86,7 @@ fn measured(method: &Method, values: &[f64], omega: f64) -> f64 {
 /// Every method with its defaults and with parameters at which theory says something else.
 fn methods() -> Vec<(&'static Method, Vec<f64>)> {
     let mut all: Vec<_> = METHODS.iter().map(|method| (*method, method.defaults())).collect();
-    let more: [(&str, &[f64]); 8] = [
+    let more: [(&str, &[f64]); 9] = [
         ("newmark", &[0.5, 0.5]),
         ("newmark", &[1.0 / 12.0, 0.5]),
         ("newmark", &[1.0 / 6.0, 0.5]),
@@ -95,6 +95,7 @@ fn methods() -> Vec<(&'static Method, Vec<f64>)> {
         ("generalized-alpha", &[0.0]),
         ("generalized-alpha", &[0.5]),
         ("generalized-alpha", &[0.9]),
+        ("generalized-alpha", &[1.0]),
     ];
     all.extend(more.map(|(name, values)| (Method::named(name).unwrap(), values.to_vec())));
     all

@@ -398,9 +398,8 @@ fn estimates_keep_what_they_promise() {
         ("thin swimmer", cases(THIN, [1e10, 1e5], [1e-2, 100.0], 6, &[]), [0.90, 0.60]),
         ("driven head", cases(DRIVEN, [1e10, 1e5], [1e-2, 10.0], 5, &["solver.duration_s=2.3"]), [0.95, 0.60]),
     ];
-    let line = |name: &str, factor: f64| {
-        Series::new(name, vec![(1e-5, 1e-5 * factor), (1e2, 1e2 * factor)], Mark::Slope)
-    };
+    let line =
+        |name: &str, factor: f64| Series::new(name, vec![(1e-5, 1e-5 * factor), (1e2, 1e2 * factor)], Mark::Slope);
     let mut series = vec![line("1:1", 1.0), line("30:1", 30.0)];
     for (i, rung) in RUNGS[..RUNGS.len() - 1].iter().enumerate() {
         for (name, cases, promised) in &families {

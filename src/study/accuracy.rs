@@ -15,7 +15,7 @@ use crate::error::Result;
 use crate::integrator::Pace;
 use crate::jobs;
 use crate::modes::Modes;
-use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series, number};
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 
@@ -38,6 +38,8 @@ const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 const FOLLOWED: usize = 100;
 /// Samples of the tip's path.
 const SAMPLES: usize = 500;
+/// From this error on, relative, a cheaper model computes another motion.
+const USELESS: f64 = 1.0;
 /// A cheaper model is as good as it gets where its error is at most this multiple of the one that no step removes.
 const SETTLED: f64 = 1.1;
 /// The errors that a user is told how to reach.
@@ -370,9 +372,11 @@ struct Row<'a> {
 
 impl Row<'_> {
     fn setting(&self) -> String {
+        let recipe = &self.case.recipe;
+        let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
         match self.case.pace {
-            Pace::Fixed(step) => format!("{} with steps of {} s", self.case.recipe, short(step)),
-            Pace::Adaptive(tolerance) => format!("{} with tolerance {}", self.case.recipe, short(tolerance)),
+            Pace::Fixed(step) => format!("{by} with steps of {} s", short(step)),
+            Pace::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
         }
     }
 
@@ -385,7 +389,7 @@ impl Row<'_> {
 
     /// Name of the curve it belongs to.
     fn curve(&self) -> String {
-        let adaptive = matches!(self.case.pace, Pace::Adaptive(_));
+        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, Pace::Adaptive(_));
         format!("{}{}", self.case.recipe, if adaptive { ", adaptive" } else { "" })
     }
 }
@@ -394,6 +398,15 @@ impl Row<'_> {
 fn short(x: f64) -> String {
     let digits: f64 = format!("{x:.2e}").parse().unwrap_or(x);
     format!("{digits:e}")
+}
+
+/// A number in two digits, without an exponent where it is neither large nor small.
+fn two_digits(x: f64) -> String {
+    number(format!("{x:.1e}").parse().unwrap_or(x))
+}
+
+fn percent(part: f64) -> String {
+    format!("{} %", two_digits(100.0 * part))
 }
 
 fn milliseconds(seconds: f64) -> String {
@@ -507,13 +520,20 @@ impl Report<'_> {
             let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
             let Some(row) = self.cheapest(model, displacement, SETTLED * errors[0]) else { continue };
             let (name, seconds) = (row.case.recipe.rung.name, row.trial.processor_s);
-            let [of_displacement, of_tip, of_work] = errors.map(|e| 100.0 * e);
-            let mut text = format!(
-                "The model \"{name}\" leaves errors of {of_displacement:.2} % in displacement, {of_tip:.2} % in the tip's path, {of_work:.2} % in energy, which no step removes; it takes {}.",
-                milliseconds(seconds)
-            );
             let mut numbers = json!({ "displacement_error": errors[0], "tip_error": errors[1], "energy_error": errors[2],
                 "processor_s": seconds });
+            let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
+            if errors[0] >= USELESS {
+                text += " leaves out what decides this motion: its displacement is another.";
+                findings.answers.push(text);
+                findings.numbers.insert(format!("model_{name}"), numbers);
+                continue;
+            }
+            let [of_displacement, of_tip, of_work] = errors.map(percent);
+            text += &format!(
+                " errs by {of_displacement} in displacement, {of_tip} in the tip's path, {of_work} in energy, which no step removes, and takes {}.",
+                milliseconds(seconds)
+            );
             // The scene's own method with steps that still err more, so that it is not made dearer than it is.
             let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
             let own = own.filter(|row| displacement(row).is_some_and(|e| e >= errors[0]));
@@ -526,9 +546,10 @@ impl Report<'_> {
                 };
                 let ratio = other.trial.processor_s / seconds;
                 text += &format!(
-                    " The whole model by {}, which {errs} in displacement ({:.3} %), takes {ratio:.0} times as long.",
+                    " The whole model by {}, which {errs} in displacement ({}), takes {} times as long.",
                     other.setting(),
-                    100.0 * error
+                    percent(error),
+                    two_digits(ratio)
                 );
                 numbers[key] =
                     json!({ "setting": other.setting(), "displacement_error": error, "times_as_long": ratio });
@@ -785,11 +806,12 @@ impl Report<'_> {
     }
 }
 
-/// Level lines, with their names, across a chart of `series`.
+/// Level lines across a chart of `series`, with their names at a quarter of its width.
 fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
-    levels.map(|(name, level)| Series::new(name, vec![(high, level), (low, level)], Mark::Slope)).collect()
+    let quarter = low.powf(0.75) * high.powf(0.25);
+    levels.map(|(name, y)| Series::new(name, vec![(low, y), (high, y), (quarter, y)], Mark::Slope)).collect()
 }
 
 /// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.
