@@ -114,7 +114,9 @@ fn every_method_amplifies_an_oscillator_as_theory_says() {
         println!("{} {values:?}: {worst:e}", method.name);
         // Measured: below 1e-10 but for newmark [0.5, 0.5], 9.5e-7 where its two roots meet, generalized-alpha, 5.3e-8, and
         // esdirk3, 1.0e-7: there a modulus is as uncertain as the root of a rounding.
-        assert!(worst < 2e-6, "{} {values:?}: {worst:e}", method.name);
+        // Where three meet, as at rho_inf = 1 for large steps, it is as uncertain as the cube root: 1.1e-5.
+        let certain = if (method.name, &values[..]) == ("generalized-alpha", &[1.0]) { 2e-5 } else { 2e-6 };
+        assert!(worst < certain, "{} {values:?}: {worst:e}", method.name);
     }
 }
 
