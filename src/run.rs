@@ -183,8 +183,16 @@ pub struct Summary {
     pub final_positions_m: Vec<[f64; 2]>,
 }
 
+/// What makes the steps of a run finer where it is smaller.
+fn finer(pace: Pace) -> &'static str {
+    match pace {
+        Pace::Fixed(_) => "step",
+        Pace::Adaptive(_) => "tolerance",
+    }
+}
+
 /// What to say of an energy balance that does not close: the mark of steps that are too coarse, or of a wrong root.
-fn balance_note(meter: &Meter) -> Option<String> {
+fn balance_note(meter: &Meter, pace: Pace) -> Option<String> {
     let Power { actuation, viscous, load, head, flow } = meter.totals.work;
     let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, load, head, flow]
         .into_iter()
@@ -193,15 +201,16 @@ fn balance_note(meter: &Meter) -> Option<String> {
     (defect.abs() > UNBALANCED * scale).then(|| {
         let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };
         format!(
-            "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; a smaller step shows whether the result stands",
+            "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; a smaller {} shows whether the result stands",
             defect.abs(),
-            100.0 * defect.abs() / scale
+            100.0 * defect.abs() / scale,
+            finer(pace)
         )
     })
 }
 
 /// What to say of edges that stretch or turn further than the model or the step can follow.
-fn motion_notes(meter: &Meter) -> impl Iterator<Item = String> {
+fn motion_notes(meter: &Meter, pace: Pace) -> impl Iterator<Item = String> {
     let strained = (meter.totals.max_strain > STRAINED).then(|| {
         format!(
             "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
@@ -211,9 +220,10 @@ fn motion_notes(meter: &Meter) -> impl Iterator<Item = String> {
     });
     let turned = (meter.totals.max_rotation > TURNED).then(|| {
         format!(
-            "an edge turns by {:.0}° within one step, more than {:.0}°: the step does not follow the motion, which may have gone another way; a smaller step, or a smooth start, shows whether the result stands",
+            "an edge turns by {:.0}° within one step, more than {:.0}°: the step does not follow the motion, which may have gone another way; a smaller {}, or a smooth start, shows whether the result stands",
             meter.totals.max_rotation.to_degrees(),
-            TURNED.to_degrees()
+            TURNED.to_degrees(),
+            finer(pace)
         )
     });
     strained.into_iter().chain(turned)
@@ -292,7 +302,7 @@ impl Summary {
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),
             numerical_dissipation_j: meter.numerical_dissipation(),
-            notes: balance_note(meter).into_iter().chain(motion_notes(meter)).collect(),
+            notes: balance_note(meter, scene.pace()).into_iter().chain(motion_notes(meter, scene.pace())).collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: towed.filter(|_| swims).map(|along| along * displacement.powi(2) / elapsed / actuation),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),

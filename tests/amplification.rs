@@ -86,7 +86,7 @@ fn measured(method: &Method, values: &[f64], omega: f64) -> f64 {
 /// Every method with its defaults and with parameters at which theory says something else.
 fn methods() -> Vec<(&'static Method, Vec<f64>)> {
     let mut all: Vec<_> = METHODS.iter().map(|method| (*method, method.defaults())).collect();
-    let more: [(&str, &[f64]); 8] = [
+    let more: [(&str, &[f64]); 9] = [
         ("newmark", &[0.5, 0.5]),
         ("newmark", &[1.0 / 12.0, 0.5]),
         ("newmark", &[1.0 / 6.0, 0.5]),
@@ -95,6 +95,7 @@ fn methods() -> Vec<(&'static Method, Vec<f64>)> {
         ("generalized-alpha", &[0.0]),
         ("generalized-alpha", &[0.5]),
         ("generalized-alpha", &[0.9]),
+        ("generalized-alpha", &[1.0]),
     ];
     all.extend(more.map(|(name, values)| (Method::named(name).unwrap(), values.to_vec())));
     all
@@ -113,7 +114,9 @@ fn every_method_amplifies_an_oscillator_as_theory_says() {
         println!("{} {values:?}: {worst:e}", method.name);
         // Measured: below 1e-10 but for newmark [0.5, 0.5], 9.5e-7 where its two roots meet, generalized-alpha, 5.3e-8, and
         // esdirk3, 1.0e-7: there a modulus is as uncertain as the root of a rounding.
-        assert!(worst < 2e-6, "{} {values:?}: {worst:e}", method.name);
+        // Where three meet, as at rho_inf = 1 for large steps, it is as uncertain as the cube root: 1.1e-5.
+        let certain = if (method.name, &values[..]) == ("generalized-alpha", &[1.0]) { 2e-5 } else { 2e-6 };
+        assert!(worst < certain, "{} {values:?}: {worst:e}", method.name);
     }
 }
 

@@ -436,7 +436,7 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
                 [solver]\ntime_step_s = 1e-2\nduration_s = 1.0\n";
     let scene = Document::new("folder/eel.toml", text).scene().unwrap();
     assert_eq!(scene.name, "eel", "the file's name");
-    assert_eq!(scene.integrator_name(), "implicit-euler");
+    assert_eq!(scene.integrator_name(), "generalized-alpha");
     assert_eq!(scene.solver.newton_tolerance.get(), 1e-10);
     assert!(scene.record.every.is_none() && scene.record.interval_s.is_none());
     assert_eq!(scene.nodes_table(), caudal::scene::NodesTable::Csv);
@@ -462,11 +462,26 @@ fn an_override_takes_the_place_of_what_it_excludes() {
 
 #[test]
 fn a_scene_that_names_neither_method_nor_step_gets_a_method_that_chooses_its_steps() {
-    let text = SOFT.replace("time_step_s = 2e-3\n", "");
+    let text = SOFT.replace("integrator = \"implicit-euler\"\ntime_step_s = 2e-3\n", "");
     let scene = common::scene_of(&text, &[]);
     assert!(matches!(scene.pace(), Pace::Adaptive(_)) && scene.steps().is_none());
     assert!(Method::named(scene.integrator_name()).unwrap().adaptive);
     assert_eq!(scene.spans().collect::<Vec<_>>(), [1.0]);
+}
+
+#[test]
+fn a_scene_with_a_step_that_names_no_method_gets_the_study_s_only_where_the_study_s_start_is_its_own() {
+    let text = SOFT.replace("integrator = \"implicit-euler\"\n", "");
+    for (start, method) in [
+        ("start.kind=shaped", "generalized-alpha"),
+        ("start={ kind = \"ramp\", ramp_s = 0.1 }", "generalized-alpha"),
+        ("start.kind=jump", "implicit-euler"),
+    ] {
+        assert_eq!(common::scene_of(&text, &[start]).integrator_name(), method, "{start}");
+    }
+    // Nothing is released where nothing bends the rod by itself.
+    let passive = Scene { actuation: None, ..common::scene_of(&text, &["start.kind=jump"]) };
+    assert_eq!(passive.integrator_name(), "generalized-alpha");
 }
 
 #[test]

@@ -92,7 +92,7 @@ enum Command {
     },
 }
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 struct SceneArguments {
     /// The scene, a TOML file
     scene: PathBuf,

@@ -33,7 +33,7 @@ pub enum Study {
         #[arg(long, default_value_t = Scaling::default().steps)]
         steps: u64,
     },
-    /// Error against cost for every method, step and mesh, and which of them to take
+    /// Error against cost for every model, method, step and mesh, and which of them to take
     Accuracy {
         #[command(flatten)]
         common: Common,
@@ -43,7 +43,7 @@ pub enum Study {
         /// Steps (s), separated by commas [default: eight times the scene's down to a thirty-second]
         #[arg(long, value_delimiter = ',')]
         steps: Vec<f64>,
-        /// Tolerances of adaptive methods, separated by commas [default: 1e-2 … 1e-7]
+        /// Tolerances of adaptive methods and cheaper models, separated by commas [default: 1e-2 … 1e-7]
         #[arg(long, value_delimiter = ',')]
         tolerances: Vec<f64>,
     },

@@ -17,6 +17,7 @@ use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
 use crate::system::{Link, State};
 pub use estimate::Estimates;
+pub(crate) use full::RUNG as FULL;
 
 /// All rungs, the cheapest first; adding one is its file and its line here.
 pub static RUNGS: &[&Rung] = &[&shape::RUNG, &overdamped::RUNG, &full::RUNG];

@@ -10,8 +10,8 @@ use crate::error::{Error, Result};
 /// Size of a chart in pixels.
 pub(super) const SIZE: (u32, u32) = (760, 440);
 
-/// Colours that people with any kind of colour vision tell apart (Okabe and Ito 2008), then grey.
-const COLOURS: [RGBColor; 7] = [
+/// Colours that people with any kind of colour vision tell apart (Okabe and Ito 2008), grey among them.
+const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -19,6 +19,7 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(230, 159, 0),
     RGBColor(86, 180, 233),
     GREY,
+    RGBColor(0, 0, 0),
 ];
 const GREY: RGBColor = RGBColor(170, 170, 170);
 pub(super) const DARK: RGBColor = RGBColor(80, 80, 80);

@@ -347,8 +347,9 @@ const ESTIMATES_UP_TO: u64 = 33;
 /// Up to this many nodes nodes.csv is written unless asked otherwise.
 const NODES_CSV_UP_TO: usize = 200;
 
-/// The method of a scene that names none: with a step of its own, and without.
-const DEFAULT_INTEGRATORS: [&str; 2] = ["implicit-euler", "esdirk3"];
+/// The method of a scene that names none: without a step of its own; with one; and with one where the rod is released into
+/// its natural curvature at once, on which methods that damp little fail.
+const DEFAULT_INTEGRATORS: [&str; 3] = ["esdirk3", "generalized-alpha", "implicit-euler"];
 
 /// The tolerance of a scene that gives neither step nor tolerance.
 const DEFAULT_TOLERANCE: f64 = 1e-3;
@@ -594,11 +595,15 @@ impl Scene {
         Ok((method, values))
     }
 
-    /// The name of its method: a scene that names none takes one that fits the step it gives, or one that chooses steps
-    /// for itself.
+    /// The name of its method: a scene that names none takes one that fits the step it gives and its start, or one that
+    /// chooses steps for itself.
     pub fn integrator_name(&self) -> &str {
-        let [with_step, without] = DEFAULT_INTEGRATORS;
-        let default = if self.solver.time_step_s.is_some() { with_step } else { without };
+        let [without_step, with_step, released] = DEFAULT_INTEGRATORS;
+        let default = match self.solver.time_step_s {
+            None => without_step,
+            Some(_) if self.start.kind == StartKind::Jump && self.actuation.is_some() => released,
+            Some(_) => with_step,
+        };
         self.solver.integrator.as_deref().unwrap_or(default)
     }
 
@@ -758,7 +763,7 @@ impl Scene {
     pub fn whole(&self) -> Self {
         let mut scene = self.clone();
         scene.solver = SolverTable {
-            integrator: Some(DEFAULT_INTEGRATORS[1].to_string()),
+            integrator: Some(DEFAULT_INTEGRATORS[0].to_string()),
             model: full(),
             time_step_s: None,
             tolerance: Some(Tolerance::constant(WHOLE_TOLERANCE)),
@@ -793,6 +798,13 @@ impl Scene {
         scene.solver.integrator = Some(method.name.to_string());
         let named = method.parameters.iter().zip(values);
         scene.solver.parameters = named.map(|(p, value)| (p.name.to_string(), toml::Value::Float(*value))).collect();
+        scene
+    }
+
+    /// The same scene by a rung of the ladder of models.
+    pub fn with_model(&self, rung: &Rung) -> Self {
+        let mut scene = self.clone();
+        scene.solver.model = rung.name.to_string();
         scene
     }
 

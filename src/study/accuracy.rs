@@ -1,9 +1,11 @@
-//! `caudal study accuracy`: which method, step and mesh give which error, at what cost.
+//! `caudal study accuracy`: which model, method, step and mesh give which error, at what cost.
 //!
 //! Errors are measured against references that the study computes itself, by two methods that have nothing in common but the
 //! equations: ESDIRK3 with small steps, and generalized-α with small steps extrapolated to none (Richardson). What they
 //! differ by is the reference's own error; where that is no small part of the result, no reference exists, and the study
 //! measures how fast two runs separate that start a billionth of a length apart.
+//!
+//! The references are of the whole model, so the errors of a cheaper one have the model's own in them, which no step removes.
 
 use serde::Deserialize;
 use serde_json::{Value, json};
@@ -14,7 +16,7 @@ use crate::error::Result;
 use crate::integrator::Pace;
 use crate::jobs;
 use crate::modes::Modes;
-use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::chart::{Chart, Mark, Scale, Series, number};
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 
@@ -37,6 +39,10 @@ const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 const FOLLOWED: usize = 100;
 /// Samples of the tip's path.
 const SAMPLES: usize = 500;
+/// From this error on, relative, a cheaper model computes another motion.
+const USELESS: f64 = 1.0;
+/// A cheaper model is as good as it gets where its error is at most this multiple of the one that no step removes.
+const SETTLED: f64 = 1.1;
 /// The errors that a user is told how to reach.
 const TARGETS: [f64; 2] = [1e-2, 1e-4];
 /// Symplectic Euler runs at this part of its limit, and at half of it, where the limit is known.
@@ -52,7 +58,7 @@ pub struct Accuracy {
     pub nodes: Vec<u64>,
     /// Fixed steps (s); empty for eight times the scene's down to a thirty-second.
     pub steps: Vec<f64>,
-    /// Tolerances of adaptive methods; empty for 1e-2 … 1e-7.
+    /// Tolerances of adaptive methods and of cheaper models; empty for 1e-2 … 1e-7.
     pub tolerances: Vec<f64>,
 }
 
@@ -61,7 +67,7 @@ const QUANTITIES: [&str; 3] = ["net displacement", "tip path", "energy put in"];
 /// The beginnings of the names of their figures.
 const FILES: [&str; 3] = ["displacement", "tip", "energy"];
 
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 struct Case {
     recipe: Recipe,
     pace: Pace,
@@ -134,7 +140,7 @@ fn alpha() -> Option<Recipe> {
     Recipe::named("generalized-alpha")
 }
 
-/// Charts the error of `scene` against its cost for every method, step and mesh.
+/// Charts the error of `scene` against its cost for every model, method, step and mesh.
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
@@ -217,12 +223,14 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Resul
     ))
 }
 
-/// Every method on every mesh with every step or tolerance.
+/// Every model and method on every mesh with every step or tolerance, and the scene as it stands.
 fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> Result<Vec<Case>> {
+    let case =
+        |recipe: &Recipe, pace: Pace, nodes: u64| Case { recipe: recipe.clone(), pace, nodes, part: 1.0, push: None };
     let mut cases = Vec::new();
     for nodes in meshes {
         for recipe in Recipe::all(scene) {
-            let case = |pace: Pace| Case { recipe: recipe.clone(), pace, nodes: *nodes, part: 1.0, push: None };
+            let case = |pace: Pace| case(&recipe, pace, *nodes);
             if recipe.method.implicit {
                 cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
@@ -232,7 +240,13 @@ fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> R
                 cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
             }
         }
+        for recipe in Recipe::cheaper(scene) {
+            let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
+            cases.extend(tolerances.iter().map(case));
+        }
     }
+    let own = Recipe::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.pace(), *nodes));
+    cases.extend(own.filter(|own| !cases.contains(own)));
     Ok(cases)
 }
 
@@ -360,15 +374,24 @@ struct Row<'a> {
 
 impl Row<'_> {
     fn setting(&self) -> String {
+        let recipe = &self.case.recipe;
+        let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
         match self.case.pace {
-            Pace::Fixed(step) => format!("{} with steps of {} s", self.case.recipe, short(step)),
-            Pace::Adaptive(tolerance) => format!("{} with tolerance {}", self.case.recipe, short(tolerance)),
+            Pace::Fixed(step) => format!("{by} with steps of {} s", short(step)),
+            Pace::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
+        }
+    }
+
+    /// Its step or tolerance.
+    fn fineness(&self) -> f64 {
+        match self.case.pace {
+            Pace::Fixed(x) | Pace::Adaptive(x) => x,
         }
     }
 
     /// Name of the curve it belongs to.
     fn curve(&self) -> String {
-        let adaptive = matches!(self.case.pace, Pace::Adaptive(_));
+        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, Pace::Adaptive(_));
         format!("{}{}", self.case.recipe, if adaptive { ", adaptive" } else { "" })
     }
 }
@@ -377,6 +400,15 @@ impl Row<'_> {
 fn short(x: f64) -> String {
     let digits: f64 = format!("{x:.2e}").parse().unwrap_or(x);
     format!("{digits:e}")
+}
+
+/// A number in two digits, without an exponent where it is neither large nor small.
+fn two_digits(x: f64) -> String {
+    number(format!("{x:.1e}").parse().unwrap_or(x))
+}
+
+fn percent(part: f64) -> String {
+    format!("{} %", two_digits(100.0 * part))
 }
 
 fn milliseconds(seconds: f64) -> String {
@@ -397,6 +429,7 @@ impl Report<'_> {
         let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
         self.references_in_words(&mut findings);
         self.own_setting(&rows, &mut findings);
+        self.cheaper_models(&rows, &mut findings);
         self.recommend(&rows, &mut findings);
         self.meshes_in_words(limit.as_ref(), &mut findings);
         findings.tables.push(self.recommended(&rows));
@@ -454,15 +487,77 @@ impl Report<'_> {
     }
 
     fn own_setting(&self, rows: &[Row<'_>], findings: &mut Findings) {
-        let Ok((method, values)) = self.scene.method() else { return };
-        let (own, pace) = (Recipe { method, values }, self.scene.pace());
-        let nodes = self.nodes();
+        let Some(own) = Recipe::own(self.scene) else { return };
+        let (pace, nodes) = (self.scene.pace(), self.nodes());
         let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {:.2} % in displacement, {:.2} % in the tip's path, {:.2} % in energy, in {}.",
-                row.setting(), 100.0 * errors[0], 100.0 * errors[1], 100.0 * errors[2], milliseconds(row.trial.wall_s)
+                row.setting(), 100.0 * errors[0], 100.0 * errors[1], 100.0 * errors[2], milliseconds(row.trial.processor_s)
             ));
+        }
+    }
+
+    /// For every cheaper model that ran, the run with the finest tolerance on the scene's own mesh, and its errors: those
+    /// that no step removes.
+    fn settled<'r, 's>(&self, rows: &'r [Row<'s>]) -> Vec<(&'r Row<'s>, [f64; 3])> {
+        let mut settled: Vec<(&Row<'_>, [f64; 3])> = Vec::new();
+        for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
+            let Some(errors) = row.time else { continue };
+            match settled.iter_mut().find(|(other, _)| other.case.recipe == row.case.recipe) {
+                Some(best) if row.fineness() < best.0.fineness() => *best = (row, errors),
+                Some(_) => {}
+                None => settled.push((row, errors)),
+            }
+        }
+        settled
+    }
+
+    /// What the cheaper models leave out, and what the whole one costs that errs as much.
+    fn cheaper_models(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let on_mesh = || self.on(rows, self.nodes());
+        let displacement = |row: &Row<'_>| row.time.map(|e| e[0]);
+        let own_method = self.scene.method().ok().map(|(method, values)| Recipe::whole(method, values));
+        for (finest, errors) in self.settled(rows) {
+            let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
+            let Some(row) = self.cheapest(model, displacement, SETTLED * errors[0]) else { continue };
+            let (name, seconds) = (row.case.recipe.rung.name, row.trial.processor_s);
+            let mut numbers = json!({ "displacement_error": errors[0], "tip_error": errors[1], "energy_error": errors[2],
+                "processor_s": seconds });
+            let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
+            if errors[0] >= USELESS {
+                text += " leaves out what decides this motion: its displacement is another.";
+                findings.answers.push(text);
+                findings.numbers.insert(format!("model_{name}"), numbers);
+                continue;
+            }
+            let [of_displacement, of_tip, of_work] = errors.map(percent);
+            text += &format!(
+                " errs by {of_displacement} in displacement, {of_tip} in the tip's path, {of_work} in energy, which no step removes, and takes {}.",
+                milliseconds(seconds)
+            );
+            // The scene's own method with steps that still err more, so that it is not made dearer than it is.
+            let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
+            let own = own.filter(|row| displacement(row).is_some_and(|e| e >= errors[0]));
+            let own = own.max_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s));
+            let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
+            let best = self.cheapest(whole, displacement, errors[0]);
+            for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
+                let Some((other, error)) = other.and_then(|other| Some((other, displacement(other)?))) else {
+                    continue;
+                };
+                let ratio = other.trial.processor_s / seconds;
+                text += &format!(
+                    " The whole model by {}, which {errs} in displacement ({}), takes {} times as long.",
+                    other.setting(),
+                    percent(error),
+                    two_digits(ratio)
+                );
+                numbers[key] =
+                    json!({ "setting": other.setting(), "displacement_error": error, "times_as_long": ratio });
+            }
+            findings.answers.push(text);
+            findings.numbers.insert(format!("model_{name}"), numbers);
         }
     }
 
@@ -477,9 +572,6 @@ impl Report<'_> {
         's: 'r,
     {
         let rows: Vec<_> = rows.collect();
-        let fineness = |row: &Row<'_>| match row.case.pace {
-            Pace::Fixed(x) | Pace::Adaptive(x) => x,
-        };
         let holds = |row: &&&Row<'s>| {
             error(row).is_some_and(|e| e <= target)
                 && rows
@@ -487,11 +579,11 @@ impl Report<'_> {
                     .filter(|other| {
                         other.case.nodes == row.case.nodes
                             && other.curve() == row.curve()
-                            && fineness(other) < fineness(row)
+                            && other.fineness() < row.fineness()
                     })
                     .all(|other| error(other).is_some_and(|e| e <= target))
         };
-        rows.iter().filter(holds).min_by(|a, b| a.trial.wall_s.total_cmp(&b.trial.wall_s)).copied()
+        rows.iter().filter(holds).min_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s)).copied()
     }
 
     fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
@@ -503,7 +595,7 @@ impl Report<'_> {
                 findings.answers.push(match time {
                     Some(row) => format!(
                         "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
-                        row.setting(), milliseconds(row.trial.wall_s), row.trial.factorisations
+                        row.setting(), milliseconds(row.trial.processor_s), row.trial.factorisations
                     ),
                     None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer --steps may."),
                 });
@@ -513,7 +605,7 @@ impl Report<'_> {
                         "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
                         row.setting(),
                         row.case.nodes,
-                        milliseconds(row.trial.wall_s)
+                        milliseconds(row.trial.processor_s)
                     ));
                 }
                 findings.numbers.insert(
@@ -581,8 +673,10 @@ impl Report<'_> {
                 Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };
             let done = row.time.is_some();
+            let recipe = &row.case.recipe;
             vec![
-                json!(row.case.recipe.to_string()),
+                json!(recipe.rung.name),
+                json!(recipe.rung.method.map_or_else(|| recipe.to_string(), str::to_string)),
                 step,
                 tolerance,
                 json!(row.case.nodes),
@@ -591,6 +685,7 @@ impl Report<'_> {
                 json!(trial.factorisations),
                 json!(trial.halvings),
                 json!(trial.wall_s),
+                json!(trial.processor_s),
                 if done { json!(trial.displacement[0]) } else { Value::Null },
                 if done { json!(trial.work_in) } else { Value::Null },
                 error(row.time, 0),
@@ -609,6 +704,7 @@ impl Report<'_> {
             file: "accuracy.csv",
             title: "All runs",
             columns: [
+                "model",
                 "integrator",
                 "time_step_s",
                 "tolerance",
@@ -618,6 +714,7 @@ impl Report<'_> {
                 "linear_solves",
                 "step_halvings",
                 "wall_s",
+                "processor_s",
                 "net_displacement_m",
                 "energy_put_in_j",
                 "time_error_displacement",
@@ -644,7 +741,7 @@ impl Report<'_> {
         let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
         type Cost = fn(&Trial) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
-            ("time", "wall-clock time (s)", |trial| trial.wall_s),
+            ("time", "processor time (s)", |trial| trial.processor_s),
             ("work", "linear solves", |trial| trial.factorisations as f64),
         ];
         for (i, quantity) in QUANTITIES.iter().enumerate() {
@@ -654,12 +751,19 @@ impl Report<'_> {
                 for row in self.on(rows, nodes) {
                     let Some(error) = row.time.map(|e| e[i]).filter(|e| *e > floor && *e < 10.0) else { continue };
                     let point = (cost(row.trial), error);
+                    if point.0 <= 0.0 {
+                        continue; // a model that solves no equations
+                    }
                     match series.iter_mut().find(|series| series.label == row.curve()) {
                         Some(series) => series.points.push(point),
                         None => series.push(Series::new(row.curve(), vec![point], Mark::Dotted)),
                     }
                 }
+                let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < 10.0);
+                let lines =
+                    level_lines(lines.map(|(row, e)| (format!("model error of {}", row.case.recipe), e[i])), &series);
                 series.extend(order_lines(&series));
+                series.extend(lines);
                 let chart = Chart {
                     title: format!("{}: error of the {quantity}, {nodes} nodes", self.scene.name),
                     x: (*label).into(),
@@ -690,12 +794,10 @@ impl Report<'_> {
                 None => series.push(Series::new(row.curve(), vec![(step, errors[0])], Mark::Dotted)),
             }
         }
-        let steps = || series.iter().flat_map(|series| &series.points).map(|p| p.0);
-        let (low, high) = (steps().fold(f64::INFINITY, f64::min), steps().fold(0.0, f64::max));
-        for (nodes, reference) in self.meshes.iter().zip(self.references) {
-            let error = reference.result.errors(limit)[0];
-            series.push(Series::new(format!("mesh, {nodes}"), vec![(high, error), (low, error)], Mark::Slope));
-        }
+        let meshes = self.meshes.iter().zip(self.references);
+        let levels = meshes.map(|(nodes, reference)| (format!("mesh, {nodes}"), reference.result.errors(limit)[0]));
+        let levels = level_lines(levels, &series);
+        series.extend(levels);
         Chart {
             title: format!("{}: error of the steps against error of the mesh", self.scene.name),
             x: "time step (s)".into(),
@@ -704,6 +806,14 @@ impl Report<'_> {
             series,
         }
     }
+}
+
+/// Level lines across a chart of `series`, with their names at a quarter of its width.
+fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
+    let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
+    let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
+    let quarter = low.powf(0.75) * high.powf(0.25);
+    levels.map(|(name, y)| Series::new(name, vec![(low, y), (high, y), (quarter, y)], Mark::Slope)).collect()
 }
 
 /// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.

@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::integrator::{METHODS, Method};
 use crate::metrics::Power;
+use crate::reduced::{FULL, RUNGS, Rung};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
@@ -23,10 +24,12 @@ const EXPLODED: f64 = 1e3;
 /// Parameters worth comparing beside the defaults: the source study's Newmark.
 const ALSO: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 
-/// A method with its parameters.
+/// A model, and the method with its parameters that solves the whole one.
 #[derive(Clone, PartialEq)]
 pub struct Recipe {
-    /// The method.
+    /// The rung of the ladder of models.
+    pub rung: &'static Rung,
+    /// The method; a cheaper model has its own.
     pub method: &'static Method,
     /// Values of its parameters, in their order.
     pub values: Vec<f64>,
@@ -38,8 +41,17 @@ impl PartialEq for Method {
     }
 }
 
+impl PartialEq for Rung {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name
+    }
+}
+
 impl fmt::Display for Recipe {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.is_whole() {
+            return f.write_str(self.rung.name);
+        }
         f.write_str(self.method.name)?;
         let values: Vec<_> = self.values.iter().map(f64::to_string).collect();
         if values.is_empty() { Ok(()) } else { write!(f, "({})", values.join(", ")) }
@@ -53,21 +65,32 @@ impl fmt::Debug for Recipe {
 }
 
 impl Recipe {
-    /// The method `name` with its default parameters.
-    pub fn named(name: &str) -> Option<Self> {
-        Method::named(name).map(|method| Self { method, values: method.defaults() })
+    /// The whole model by a method.
+    pub fn whole(method: &'static Method, values: Vec<f64>) -> Self {
+        Self { rung: &FULL, method, values }
     }
 
-    /// Every method with its defaults, others that are worth comparing, and the one of `scene`.
+    /// The whole model by the method `name` with its default parameters.
+    pub fn named(name: &str) -> Option<Self> {
+        Method::named(name).map(|method| Self::whole(method, method.defaults()))
+    }
+
+    /// The one of `scene`.
+    pub fn own(scene: &Scene) -> Option<Self> {
+        let (method, values) = scene.method().ok()?;
+        Some(Self { rung: scene.choice().ok()?.rung, method, values })
+    }
+
+    /// The whole model by every method with its defaults, others that are worth comparing, and the one of `scene`.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let mut all = Vec::new();
         for method in METHODS {
-            all.push(Self { method, values: method.defaults() });
+            all.push(Self::whole(method, method.defaults()));
             let also = ALSO.iter().filter(|(name, _)| *name == method.name);
-            all.extend(also.map(|(_, values)| Self { method, values: values.to_vec() }));
+            all.extend(also.map(|(_, values)| Self::whole(method, values.to_vec())));
         }
         if let Ok((method, values)) = scene.method() {
-            let own = Self { method, values };
+            let own = Self::whole(method, values);
             if !all.contains(&own) {
                 all.push(own);
             }
@@ -75,9 +98,21 @@ impl Recipe {
         all
     }
 
+    /// The cheaper models of `scene`.
+    pub fn cheaper(scene: &Scene) -> Vec<Self> {
+        let Ok((method, values)) = scene.method() else { return Vec::new() };
+        let rungs = RUNGS.iter().filter(|rung| rung.method.is_some() && (scene.drag.is_some() || !rung.needs_drag));
+        rungs.map(|rung| Self { rung, method, values: values.clone() }).collect()
+    }
+
+    /// True where it keeps all of the rod's mechanics.
+    pub fn is_whole(&self) -> bool {
+        *self.rung == FULL
+    }
+
     /// `scene` solved by it.
     pub fn of(&self, scene: &Scene) -> Scene {
-        scene.with_method(self.method, &self.values)
+        scene.with_method(self.method, &self.values).with_model(self.rung)
     }
 }
 
@@ -117,6 +152,8 @@ pub struct Trial {
     pub halvings: u64,
     /// Wall-clock time of the fastest repetition, s.
     pub wall_s: f64,
+    /// Processor time of the fastest repetition, s: what else the machine does hardly counts in it.
+    pub processor_s: f64,
     /// Displacement of the centre of mass, m.
     pub displacement: [f64; 2],
     /// Energy put in by actuation, loads, head and flow, J.
@@ -147,11 +184,12 @@ impl Trial {
     /// Runs `scene`; `None` if it was interrupted.
     pub fn of(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
         let mut trial = Self::once(scene, manner, interrupted)?;
-        let (mut total, mut repetitions) = (trial.wall_s, 1);
+        let (mut total, mut repetitions) = (trial.processor_s, 1);
         while manner.timed && total < LONG_ENOUGH.as_secs_f64() && repetitions < REPETITIONS {
-            let again = Self::once(scene, manner, interrupted)?.wall_s;
-            trial.wall_s = trial.wall_s.min(again);
-            (total, repetitions) = (total + again, repetitions + 1);
+            let again = Self::once(scene, manner, interrupted)?;
+            trial.wall_s = trial.wall_s.min(again.wall_s);
+            trial.processor_s = trial.processor_s.min(again.processor_s);
+            (total, repetitions) = (total + again.processor_s, repetitions + 1);
         }
         Some(trial)
     }
@@ -164,6 +202,7 @@ impl Trial {
             factorisations: 0,
             halvings: 0,
             wall_s: 0.0,
+            processor_s: 0.0,
             displacement: [f64::NAN; 2],
             work_in: f64::NAN,
             largest_work_in: 0.0,
@@ -178,9 +217,10 @@ impl Trial {
             }
         };
         stepper.halve_failing_steps(manner.halving);
-        let clock = Instant::now();
+        let (clock, processor) = (Instant::now(), processor_time());
         let outcome = trial.drive(scene, &mut stepper, manner, interrupted);
         trial.wall_s = clock.elapsed().as_secs_f64();
+        trial.processor_s = processor_time().zip(processor).map_or(trial.wall_s, |(now, then)| now - then);
         match outcome {
             Ok(ControlFlow::Continue(())) => {}
             Ok(ControlFlow::Break(())) => return None,
@@ -272,6 +312,17 @@ impl Trial {
     pub fn is_complete(&self, manner: Manner) -> bool {
         self.failure.is_none() && self.tip.len() > manner.samples
     }
+}
+
+/// Processor time of this thread so far, s, where the system tells.
+fn processor_time() -> Option<f64> {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Some(time.tv_sec as f64 + 1e-9 * time.tv_nsec as f64)
+    }
+    #[cfg(not(unix))]
+    None
 }
 
 /// What actuation, loads, head and flow put in.

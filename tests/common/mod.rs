@@ -30,6 +30,7 @@ density_kg_m3 = 2700.0
 stiffness_gradient = 1.0
 mass_lumping = "tributary"
 [solver]
+integrator = "implicit-euler"
 time_step_s = 0.001
 duration_s = 1.0
 newton_tolerance = 1e-12
@@ -76,6 +77,7 @@ ratio = 5.0
 head_weight = 10.0
 head_length_m = 0.2
 [solver]
+integrator = "implicit-euler"
 time_step_s = 2e-3
 duration_s = 1.0
 "#;
