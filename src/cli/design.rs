@@ -17,12 +17,12 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCo
     let interrupted = watch_for_interrupts();
     let design = Design::of(&document, |iteration, _| {
         say(&format!(
-            "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  radius {:.1e}{}",
+            "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  step {:.1e}{}",
             iteration.start + 1,
             iteration.iteration,
             iteration.objective,
             iteration.stationarity,
-            iteration.radius,
+            iteration.step,
             if iteration.accepted { "" } else { "  rejected" }
         ));
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

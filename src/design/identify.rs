@@ -46,6 +46,18 @@ pub enum Verdict {
     Unobservable,
 }
 
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Identified => "identified",
+            Self::PriorDriven => "prior-driven",
+            Self::AtABound => "at a bound",
+            Self::Unobservable => "unobservable",
+        }
+    }
+}
+
 /// The answer for one joint.
 #[derive(Debug, Clone, Serialize)]
 pub struct Joint {
@@ -338,13 +350,17 @@ pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constr
     constraints
 }
 
+/// The second differences D₂ of the joints' values, as rows of the unknowns.
+pub fn second_differences(basis: &Basis) -> impl Iterator<Item = Vec<(usize, f64)>> {
+    basis.rows.windows(3).map(|rows| {
+        let parts = rows.iter().zip([1.0, -2.0, 1.0]);
+        parts.flat_map(|(part, factor)| part.iter().map(move |(i, w)| (*i, factor * w))).collect()
+    })
+}
+
 /// Adds λ‖D₂x‖² over the joints.
 pub fn smooth(programme: &mut Quadratic, basis: &Basis, weight: f64) {
-    for rows in basis.rows.windows(3).filter(|_| weight > 0.0) {
-        let mut row: Vec<(usize, f64)> = Vec::new();
-        for (part, factor) in rows.iter().zip([1.0, -2.0, 1.0]) {
-            row.extend(part.iter().map(|(i, w)| (*i, factor * w)));
-        }
+    for row in second_differences(basis).filter(|_| weight > 0.0) {
         programme.add_square(&row, 0.0, weight);
     }
 }

@@ -13,6 +13,6 @@ pub mod trajectory;
 
 pub use findings::{Findings, Table};
 pub use output::Output;
-pub(crate) use page::render;
+pub use page::Motion;
 pub use record::Frame;
 pub(crate) use tables::{put_in_place, text_file, write_error};
