@@ -12,6 +12,7 @@ use caudal::design::{
     Answer, Design, Identified, Markers, Objective, Profile, Search, Table, Verdict, identify, rest,
 };
 use caudal::model::Dynamics;
+use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::{Parameter, Problem};
 use caudal::stepper::Stepper;
@@ -60,6 +61,7 @@ fn scene(text: &str, changes: &[&str]) -> Scene {
 
 /// Positions at 100 Hz, as the scene moves.
 fn clean(scene: &Scene) -> Markers {
+    let every = (0.01 / scene.typical_step()).round() as u64;
     let mut stepper = Stepper::of(scene).unwrap();
     let mut markers = Markers::default();
     let mut keep = |stepper: &Stepper| {
@@ -71,7 +73,7 @@ fn clean(scene: &Scene) -> Markers {
     stepper
         .do_step_with(scene.solver.duration_s.get(), |stepper| {
             count += 1;
-            if count % 10 == 0 {
+            if count % every == 0 {
                 keep(stepper);
             }
             ControlFlow::Continue(())
@@ -124,31 +126,57 @@ const PROFILES: [&str; 3] = [
     "rod.stiffness_profile=[[0.0, 1.0], [0.4, 1.0], [0.5, 2.0], [0.6, 1.0], [1.0, 1.0]]",
 ];
 
+/// The data's own steps err by their square; at 0.25 ms that is below what clean data are asked for.
+const FINE: &str = "solver.time_step_s=2.5e-4";
+
+/// Writes the table of all cases (identification.csv) and its figure (identification.svg) to Cargo's folder for tests.
 #[test]
 fn stiffness_is_recovered_from_clean_and_noisy_markers() {
+    const NOISES: [f64; 5] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3];
+    let mut table = "nodes,profile,noise_m,rms_error,predicted,identified,joints,rms_error_all\n".to_string();
+    let mut series = Vec::new();
     for (nodes, profile) in [(9, 0), (17, 0), (33, 0), (17, 1), (17, 2)] {
-        let scene = scene(EEL, &[&format!("rod.nodes={nodes}"), PROFILES[profile]]);
+        let scene = scene(EEL, &[&format!("rod.nodes={nodes}"), PROFILES[profile], FINE]);
         let markers = clean(&scene);
         let even = scene_with_even_profile(nodes);
-        for sigma in [0.0, 1e-6, 1e-5, 1e-4, 1e-3] {
-            let found = found(&even, &noisy(&markers, sigma, 3));
-            let [error, predicted] = inner(&scene, &found);
+        let (mut errors, mut predictions) = (Vec::new(), Vec::new());
+        for sigma in NOISES {
+            // Root mean squares over three noises.
+            let seeds = if sigma == 0.0 { 1..2 } else { 1..4 };
+            let found: Vec<Identified> = seeds.map(|seed| self::found(&even, &noisy(&markers, sigma, seed))).collect();
+            let rms = |of: &dyn Fn(&Identified) -> f64| {
+                (found.iter().map(|found| of(found).powi(2)).sum::<f64>() / found.len() as f64).sqrt()
+            };
+            let (error, predicted) = (rms(&|found| inner(&scene, found)[0]), rms(&|found| inner(&scene, found)[1]));
+            let identified = found[0].joints.iter().filter(|joint| joint.verdict == Verdict::Identified).count();
+            let (joints, all) = (found[0].joints.len(), rms(&|found| self::error(&scene, found)));
             println!(
-                "N {nodes} profile {profile} sigma {sigma:e}: rms {error:.1e} predicted {predicted:.1e} all {:.1e}",
-                self::error(&scene, &found)
+                "N {nodes} profile {profile} noise {sigma:e}: {error:.1e} predicted {predicted:.1e} ratio {:.2}, {identified} of {joints} identified, all {all:.1e}",
+                error / predicted
             );
+            let name = ["linear", "step", "bump"][profile];
+            table += &format!("{nodes},{name},{sigma:e},{error:e},{predicted:e},{identified},{joints},{all:e}\n");
             if sigma == 0.0 {
-                assert!(error <= if nodes == 33 { 1e-3 } else { 1e-4 }, "{nodes} {profile}: {error:e}");
+                assert!(error <= 1e-4, "{nodes} {profile}: {error:e}");
             } else {
                 // With much noise no joint is identified any more, and none is called so.
-                assert!(!error.is_nan() || sigma >= 1e-4);
-                assert!(
-                    error.is_nan() || error <= 2.0 * predicted,
-                    "{nodes} {profile} {sigma:e}: {error:e} {predicted:e}"
-                );
+                assert!(!error.is_nan() || sigma >= 1e-4, "{nodes} {profile} {sigma:e}");
+                assert!(error.is_nan() || (0.5..=2.0).contains(&(error / predicted)), "{nodes} {profile} {sigma:e}");
+                errors.push((sigma, error));
+                predictions.push((sigma, predicted));
             }
         }
+        if profile == 0 {
+            series.push(Series::new(format!("{nodes} nodes"), errors, Mark::Dots));
+            series.push(Series::new(format!("{nodes} nodes, predicted"), predictions, Mark::Line));
+        }
     }
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    std::fs::write(folder.join("identification.csv"), table).unwrap();
+    let title = "identified stiffness, 100 Hz for 8 s, joints from 0.2 L to 0.8 L";
+    let chart = Chart::new(title, "noise of the markers (m)", "rms relative error of EI", Scale::LogLog, series);
+    std::fs::write(folder.join("identification.svg"), chart.svg().unwrap()).unwrap();
+    println!("table and figure: {}", folder.display());
 }
 
 /// The scene that knows nothing of the profile.
@@ -208,6 +236,7 @@ fn wrong_keys_are_refused_where_they_stand() {
         ("design.variables=[]", "design.variables"),
         ("design.variables=[\"phase\"]", "design.variables"),
         ("design.amplitude_mean=1.0", "design.amplitude_mean"),
+        ("design={ goal = \"distance\", direction = \"-x\", bounds = [0.5, 2.0], mean = 0.4 }", "design.mean"),
     ] {
         let mut document = Document::new("design.toml", EEL);
         document.set(change).unwrap();
@@ -402,6 +431,32 @@ fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
         let all = of(r#"["stiffness", "amplitude", "phase"]"#);
         assert!(all >= of(r#"["stiffness"]"#).max(of(r#"["amplitude", "phase"]"#)), "{best:?}");
     }
+}
+
+#[test]
+fn a_tip_alone_is_a_target() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "time_s,tip_x_m,tip_y_m\n0.5,0.9,0.1\n1.0,0.92,-0.1\n";
+    std::fs::write(folder.path().join("tip.csv"), text).unwrap();
+    let path = folder.path().join("eel.toml");
+    std::fs::write(&path, EEL).unwrap();
+    let mut document = Document::read(&path).unwrap();
+    for change in [
+        "design={ goal = \"track-tip\", data = \"tip.csv\", iterations = 3 }",
+        "solver.duration_s=1.0",
+        "solver.time_step_s=0.01",
+        "rod.nodes=9",
+    ] {
+        document.set(change).unwrap();
+    }
+    let design = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap();
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    assert!(found.objective < found.history[0].objective);
+    assert_eq!(found.deviations.len(), 7);
+    // A sample that no step ends at is named.
+    document.set("solver.time_step_s=0.03").unwrap();
+    let error = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap_err().to_string();
+    assert!(error.contains("t = 0.5 s is at no step"), "{error}");
 }
 
 #[test]

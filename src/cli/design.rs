@@ -7,13 +7,17 @@ use std::sync::atomic::Ordering;
 
 use caudal::design::{Answer, Design};
 use caudal::error::Result;
+use caudal::report::check_writable;
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, say};
+use super::{SceneArguments, complain, exit, refuse, say};
 
 pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
     let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    if let Err(error) = check_writable(&folder) {
+        return Ok(refuse(&error));
+    }
     let interrupted = watch_for_interrupts();
     let design = Design::of(&document, |iteration, _| {
         say(&format!(

@@ -105,7 +105,10 @@ impl Design {
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let nodes = dynamics.nodes();
         let data = |least: usize| match &table.data {
-            Some(file) => Markers::read(&scene.folder.join(file), nodes, least).map(Some),
+            Some(file) => {
+                let tip = table.goal == Goal::TrackTip;
+                Markers::read(&scene.folder.join(file), nodes, tip, least).map(Some)
+            }
             None => Ok(None),
         };
         let mut lines = Vec::new();

@@ -167,6 +167,14 @@ impl Table {
         if (amplitude || phase) && scene.actuation.is_none() {
             return Err(("design.variables", "amplitude and phase need a table [actuation]".to_string()));
         }
+        let least = self.amplitude_bounds.map_or(0.0, |bounds| bounds[0]);
+        for (key, mean, least) in
+            [("design.mean", self.mean, self.bounds[0]), ("design.amplitude_mean", self.amplitude_mean, least)]
+        {
+            if let Some(mean) = mean.filter(|mean| self.goal.is_dynamic() && *mean < least) {
+                return Err((key, format!("found {mean}; allowed: at least the lowest bound, {least}")));
+            }
+        }
         for (key, given, variable, name) in [
             ("design.amplitude_bounds", self.amplitude_bounds.is_some(), amplitude, "amplitude"),
             ("design.amplitude_mean", self.amplitude_mean.is_some(), amplitude, "amplitude"),

@@ -15,4 +15,5 @@ pub use findings::{Findings, Table};
 pub use output::Output;
 pub use page::Motion;
 pub use record::Frame;
+pub use tables::check_writable;
 pub(crate) use tables::{put_in_place, text_file, write_error};
