@@ -288,7 +288,11 @@ impl Dynamics {
             // κ̄ = S g(φ) and dκ̄/dt = S g' φ' + S' g, with S = `size`, S' = `grows`.
             let quicker = TAU * by.drive.frequency;
             actuation.add(Wave { amplitude, gain, gain_rate, ..wave }, natural, rate);
-            actuation.add_derivatives([0.0, size * quicker + grows * turn, size * wave.phase_rate * turn], wave.phase, rate);
+            actuation.add_derivatives(
+                [0.0, size * quicker + grows * turn, size * wave.phase_rate * turn],
+                wave.phase,
+                rate,
+            );
             actuation.add_derivatives([0.0, size * turn, 0.0], wave.phase, natural);
             for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
                 (natural[k], rate[k]) = (0.0, 0.0);

@@ -58,7 +58,7 @@ impl Design {
             if let Some(ratio) = number("frequency_ratio") {
                 text += &format!(", ω/ω₁ = {ratio:.3}");
             }
-            answers.push(text + ": scenes with the same of these have the same answer.");
+            answers.push(text + ": scenes of the same form and with the same of these have the same answer.");
         }
         let warnings = self.evidence.numbers.get("warnings").and_then(Value::as_array);
         answers.extend(warnings.into_iter().flatten().filter_map(Value::as_str).map(|text| format!("Note: {text}")));
@@ -74,15 +74,20 @@ impl Design {
         if even { "even stiffness" } else { "the scene's own" }
     }
 
+    fn after(&self) -> &'static str {
+        if self.table.goal == Goal::Identify { "identified" } else { "design" }
+    }
+
     fn profile_figure(&self, rod: &Rod) -> Figure {
         let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
         let line = |values: &[f64]| xi.iter().copied().zip(values.iter().map(|ei| ei / rod.ei)).collect::<Vec<_>>();
-        let own: Vec<f64> =
-            rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
+        let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
         let highest = self.stiffness.iter().fold(0.0, |max: f64, ei| max.max(ei / rod.ei));
         let deviations: Vec<f64> = match &self.answer {
             Answer::Identified(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),
-            Answer::Found(found) => found.deviations.iter().zip(&self.stiffness).map(|(d, ei)| d * ei / rod.ei).collect(),
+            Answer::Found(found) => {
+                found.deviations.iter().zip(&self.stiffness).map(|(d, ei)| d * ei / rod.ei).collect()
+            }
             Answer::Resting(_) => Vec::new(),
         };
         let mut series = Vec::new();
@@ -90,10 +95,12 @@ impl Design {
             let (low, high) = ((ei - by).max(0.0), (ei + by).min(2.0 * highest));
             series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
         }
-        series.push(Series::new(if self.table.goal == Goal::Identify { "identified" } else { "design" }, line(&self.stiffness), Mark::Dotted));
+        series.push(Series::new(self.after(), line(&self.stiffness), Mark::Dotted));
         let others = self.evidence.profiles.iter().filter(|other| other.name != "design");
         let others: Vec<&Compared> = others.collect();
-        series.extend(others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)));
+        series.extend(
+            others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
+        );
         if others.is_empty() {
             series.push(Series::new("the scene's own", line(&own), Mark::Line));
         }
@@ -115,8 +122,20 @@ impl Design {
         };
         let mut figures = Vec::new();
         for (variable, file, title, y, values) in [
-            (Variable::Amplitude, "amplitude.svg", "amplitude of the actuation", "amplitude over the scene's", &found.profile.amplitude),
-            (Variable::Phase, "phase.svg", "phase of the actuation", "phase subtracted (rad)", &found.profile.phase_rad),
+            (
+                Variable::Amplitude,
+                "amplitude.svg",
+                "amplitude of the actuation",
+                "amplitude over the scene's",
+                &found.profile.amplitude,
+            ),
+            (
+                Variable::Phase,
+                "phase.svg",
+                "phase of the actuation",
+                "phase subtracted (rad)",
+                &found.profile.phase_rad,
+            ),
         ] {
             if self.table.variables.contains(&variable) {
                 let series = vec![Series::new(title, line(values), Mark::Dotted)];
@@ -136,7 +155,7 @@ impl Design {
             figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
-        let named = [(self.before(), before), ("after", after)];
+        let named = [(self.before(), before), (self.after(), after)];
         if let (Goal::TrackTip | Goal::Identify, Some(target)) = (self.table.goal, target) {
             for (axis, file, title, y) in
                 [(0, "tip_x.svg", "the tip, x", "x of the tip (m)"), (1, "tip_y.svg", "the tip, y", "y of the tip (m)")]
@@ -170,14 +189,30 @@ impl Design {
             } else {
                 ("distance of the tip from its target", "distance (m)")
             };
-            let series = named.map(|(label, motion)| Series::new(label, thinned(error(motion), POINTS), Mark::Line)).into();
-            figures.push(("error.svg", self.chart(title, "time (s)", y, Scale::LogY(8), series)));
+            let series =
+                named.map(|(label, motion)| Series::new(label, thinned(error(motion), POINTS), Mark::Line)).into();
+            figures.push((
+                "error.svg",
+                self.chart(
+                    title,
+                    "time (s)",
+                    y,
+                    Scale::LogY(if self.table.goal == Goal::Identify { 4 } else { 8 }),
+                    series,
+                ),
+            ));
         } else {
             let series = named.map(|(label, motion)| {
                 let start = rod.mean(motion.positions(0)).x;
                 Series::new(label, curve(motion, |q| rod.mean(q).x - start), Mark::Line)
             });
-            let chart = self.chart("way of the centre of mass", "time (s)", "x − x at the start (m)", Scale::Linear, series.into());
+            let chart = self.chart(
+                "way of the centre of mass",
+                "time (s)",
+                "x − x at the start (m)",
+                Scale::Linear,
+                series.into(),
+            );
             figures.push(("way.svg", chart));
         }
         figures
@@ -188,7 +223,10 @@ impl Design {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
         let all = [self.shapes(before), self.shapes(after)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
-        let files = [("before.svg", format!("last cycle, {}", self.before())), ("after.svg", "last cycle, after".into())];
+        let files = [
+            ("before.svg", format!("last cycle, {}", self.before())),
+            ("after.svg", format!("last cycle, {}", self.after())),
+        ];
         let figure = |((file, title), mut series): ((&'static str, String), Vec<Series>)| {
             series.push(Series::new("", extent.clone(), Mark::Unseen));
             (file, self.chart(&title, "x (m)", "y (m)", Scale::Equal, series))
@@ -201,7 +239,8 @@ impl Design {
         let period = self.scene.actuation.as_ref().map(|a| 1.0 / a.frequency_hz.get()).filter(|p| p.is_finite());
         let start = period.map_or(0.0, |period| trajectory.times[last] - period);
         let first = trajectory.times.partition_point(|t| *t < start).min(last);
-        let points = |n: usize| trajectory.positions(n).as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>();
+        let points =
+            |n: usize| trajectory.positions(n).as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>();
         let mut series: Vec<Series> =
             (0..SHAPES).map(|i| Series::new("", points(first + (last - first) * i / SHAPES), Mark::Ghost)).collect();
         series.push(Series::new("rod", points(last), Mark::Dotted));
@@ -215,7 +254,7 @@ impl Design {
             Answer::Found(found) => &found.singular_values[..],
             Answer::Resting(_) => &[],
         };
-        if !singular.is_empty() {
+        if singular.first().is_some_and(|largest| *largest > 0.0) {
             let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
             let series = vec![Series::new("singular values", points, Mark::Dotted)];
             let y = if self.table.goal == Goal::Identify {
@@ -223,7 +262,8 @@ impl Design {
             } else {
                 "singular value (m for a change by 1)"
             };
-            figures.push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
+            figures
+                .push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
         }
         let Answer::Found(found) = &self.answer else { return figures };
         let tracked = self.table.goal == Goal::TrackTip;
@@ -245,7 +285,8 @@ impl Design {
         ] {
             let series = (0..self.table.starts.unwrap_or(3).max(1)).filter_map(|start| {
                 let mine = found.history.iter().filter(|iteration| iteration.start == start);
-                let points: Vec<(f64, f64)> = mine.map(|iteration| (iteration.iteration as f64, of(iteration))).collect();
+                let points: Vec<(f64, f64)> =
+                    mine.map(|iteration| (iteration.iteration as f64, of(iteration))).collect();
                 (!points.is_empty()).then(|| Series::new(format!("start {}", start + 1), points, Mark::Dotted))
             });
             figures.push((file, self.chart(title, "iteration", y, scale, series.collect())));
@@ -260,7 +301,8 @@ impl Design {
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
             let row = |other: &Compared| {
-                let gain = design.zip(other.objective).map(|(design, other)| gain_percent(self.table.goal, design, other));
+                let gain =
+                    design.zip(other.objective).map(|(design, other)| gain_percent(self.table.goal, design, other));
                 vec![json!(other.name), json!(other.objective), json!(gain)]
             };
             tables.push(Table {
@@ -277,7 +319,12 @@ impl Design {
             tables.push(Table {
                 file: "checks.csv",
                 title: "Simulated again",
-                columns: vec!["simulation".into(), format!("{value}, before"), format!("{value}, after"), "better by (%)".into()],
+                columns: vec![
+                    "simulation".into(),
+                    format!("{value}, before"),
+                    format!("{value}, after"),
+                    "better by (%)".into(),
+                ],
                 rows: self.evidence.checks.iter().map(row).collect(),
             });
         }

@@ -95,7 +95,7 @@ pub struct Identified {
     pub balances: Option<[f64; 3]>,
     /// Constraints that bind, with their duals.
     pub active: Vec<(String, f64)>,
-    /// Square roots of the eigenvalues of the scaled Hessian, falling: how many numbers the data know, and how well (the
+    /// Square roots of the eigenvalues of the data's part of the scaled Hessian, falling: how many numbers the data know, and how well (the
     /// inverse is a standard deviation over the reference stiffness).
     pub singular_values: Vec<f64>,
     /// Samples left out.
@@ -389,6 +389,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
     let mut stiffness = own.clone();
     let mut found = None;
+    let mut data = Quadratic::new(0);
     for _ in 0..PASSES {
         let knowns: Vec<Known> = (all.iter().zip(&stiffness))
             .map(|(series, ei)| known(series, &motion, entries, gain, *ei, sigma))
@@ -404,11 +405,13 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             })
             .collect();
         let least = informations.iter().copied().filter(|i| *i > 0.0).fold(f64::INFINITY, f64::min);
+        data = Quadratic::new(basis.unknowns);
         let weak = WEAK * if least.is_finite() { least } else { 1.0 };
         for (((known, row), information), own) in knowns.iter().zip(&basis.rows).zip(&informations).zip(&own) {
             if *information > 0.0 {
                 let square = known.square - known.noise;
                 programme.add_square(row, known.product / square / reference, *information);
+                data.add_square(row, 0.0, *information);
             }
             programme.add_square(row, own / reference, weak);
         }
@@ -422,7 +425,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
         return Err(Error::Design { reason: "nothing was solved".to_string() });
     };
     let n = basis.unknowns;
-    let hessian = DMatrix::from_row_slice(n, n, &programme.hessian);
+    let hessian = DMatrix::from_row_slice(n, n, &data.hessian);
     let mut singular_values: Vec<f64> = hessian.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
     singular_values.sort_by(|a, b| b.total_cmp(a));
     let active = programme.active(&solution);

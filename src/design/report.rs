@@ -5,7 +5,7 @@ use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::identify::{Identified, Verdict, identify};
@@ -57,6 +57,13 @@ pub enum Answer {
     Found(Found),
 }
 
+/// A scene's `[design]`.
+#[derive(Deserialize)]
+struct Wanted {
+    #[serde(rename = "design")]
+    _table: Option<Table>,
+}
+
 /// What stands beside the answer.
 #[derive(Debug, Default)]
 pub(super) struct Evidence {
@@ -101,6 +108,7 @@ impl Design {
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] where there is no answer; those of data and simulation.
     pub fn of(document: &Document, mut tell: impl FnMut(&Iteration, &Objective) -> ControlFlow<()>) -> Result<Self> {
         let scene = document.scene()?;
+        document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let nodes = dynamics.nodes();
@@ -162,7 +170,9 @@ impl Design {
                     evidence.motions = motions.into();
                 }
                 if found.interrupted {
-                    lines.push("interrupted: it was not simulated again with other steps, methods or meshes".to_string());
+                    lines.push(
+                        "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
+                    );
                 } else {
                     evidence.checks = verify(document, &scene, &table, target.as_ref(), &profile);
                 }
@@ -177,14 +187,15 @@ impl Design {
             }
         };
         for check in &evidence.checks {
-            let gain = check.gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+            let gain = check.gain_percent.filter(|gain| gain.abs() >= 0.005);
+            let gain = gain.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
             let value = check.designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
             let what = match table.goal {
                 Goal::Identify => " rms distance from the markers (m)",
                 Goal::StaticShape => " rms distance from the shape (m)",
                 _ => "",
             };
-            lines.push(format!("{}{what}: {value}{gain}", check.simulation));
+            lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
         }
         let designed = designed(document, &scene, &profile)?;
         let stiffness = profile.stiffness_n_m2;
@@ -468,7 +479,8 @@ fn replay(document: &Document, scene: &Scene, markers: &Markers, profile: &Profi
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = own.as_ref().ok().and_then(|own| measure(&changes, own));
-        let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(Goal::Identify, designed, before));
+        let gain_percent =
+            designed.zip(before).map(|(designed, before)| gain_percent(Goal::Identify, designed, before));
         Check { simulation, designed, before, gain_percent }
     };
     simulations(scene).into_iter().map(check).collect()
@@ -486,7 +498,8 @@ pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize
     rows.map(|(time, row)| {
         let q = trajectory.at(*time)?;
         let nodes = row.as_chunks::<2>().0;
-        let square = |(k, [x, y]): (usize, &[f64; 2])| (q[2 * k * finer] - x).powi(2) + (q[2 * k * finer + 1] - y).powi(2);
+        let square =
+            |(k, [x, y]): (usize, &[f64; 2])| (q[2 * k * finer] - x).powi(2) + (q[2 * k * finer + 1] - y).powi(2);
         Some((nodes.iter().enumerate().map(square).sum::<f64>() / nodes.len() as f64).sqrt())
     })
     .collect()

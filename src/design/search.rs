@@ -39,6 +39,9 @@ const DAMPING: f64 = 1.0;
 /// The length that makes its steps smooth, over the rod's.
 const SMOOTH: f64 = 0.3;
 
+/// Most iterations of a start, where none are given.
+const ITERATIONS: usize = 200;
+
 /// First trust radius, the largest, and the smallest worth a step.
 const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
 
@@ -351,7 +354,7 @@ impl Search<'_> {
         let mut hessian: Option<DMatrix<f64>> = None;
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
-        for iteration in 0..=self.table.iterations.unwrap_or(60) {
+        for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
             let model = rough / unit
@@ -394,8 +397,7 @@ impl Search<'_> {
             }
             let promised = -(gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
             let next = self.point(unknowns, unknowns.kept((&here.x + &step).as_slice().to_vec()));
-            let ratio =
-                next.as_ref().map_or(f64::NEG_INFINITY, |next| (merit(&here) - merit(next)) / unit / promised);
+            let ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| (merit(&here) - merit(next)) / unit / promised);
             report.accepted = ratio > WON;
             if squares {
                 if report.accepted {
@@ -416,9 +418,10 @@ impl Search<'_> {
                     let curved = |point: &Point| {
                         let means = unknowns.means(point.x.as_slice());
                         let sum = DVector::from_column_slice(&point.value.by);
-                        means.iter().zip(duals).fold(sum, |sum, ((_, by), dual)| {
-                            sum + DVector::from_column_slice(by) * (dual * unit)
-                        })
+                        means
+                            .iter()
+                            .zip(duals)
+                            .fold(sum, |sum, ((_, by), dual)| sum + DVector::from_column_slice(by) * (dual * unit))
                     };
                     let (moved, turned) = (&next.x - &here.x, curved(&next) - curved(&here));
                     let size = 10.0 * curved(&here).norm();

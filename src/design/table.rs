@@ -82,7 +82,7 @@ pub struct Table {
     pub direction: Option<String>,
     /// Starts of a dynamic goal.
     pub starts: Option<usize>,
-    /// Most iterations a start.
+    /// Most iterations a start; 200 where it is absent.
     pub iterations: Option<usize>,
 }
 
@@ -162,7 +162,10 @@ impl Table {
         }
         if (amplitude || phase) && !self.goal.is_dynamic() {
             let allowed = "with \"track-tip\", \"distance\" and \"efficiency\"";
-            return Err(("design.variables", format!("this goal finds stiffness alone; others are allowed: {allowed}")));
+            return Err((
+                "design.variables",
+                format!("this goal finds stiffness alone; others are allowed: {allowed}"),
+            ));
         }
         if (amplitude || phase) && scene.actuation.is_none() {
             return Err(("design.variables", "amplitude and phase need a table [actuation]".to_string()));
@@ -184,11 +187,15 @@ impl Table {
                 return Err((key, format!("found without \"{name}\" in variables; allowed: only with it")));
             }
         }
-        if let Some([low, high]) = self.amplitude_bounds.filter(|[low, high]| !(*low > 0.0 && high >= low && high.is_finite())) {
+        if let Some([low, high]) =
+            self.amplitude_bounds.filter(|[low, high]| !(*low > 0.0 && high >= low && high.is_finite()))
+        {
             let problem = format!("found [{low}, {high}]; allowed: [least, largest], both positive");
             return Err(("design.amplitude_bounds", problem));
         }
-        if let Some([low, high]) = self.phase_bounds_rad.filter(|[low, high]| !(high >= low && high - low < f64::INFINITY)) {
+        if let Some([low, high]) =
+            self.phase_bounds_rad.filter(|[low, high]| !(high >= low && high - low < f64::INFINITY))
+        {
             return Err(("design.phase_bounds_rad", format!("found [{low}, {high}]; allowed: [least, largest]")));
         }
         if let Some(mean) = self.amplitude_mean.filter(|mean| !(*mean > 0.0 && mean.is_finite())) {

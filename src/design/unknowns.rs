@@ -120,7 +120,9 @@ impl Unknowns {
         let block = |variable: &Variable| {
             let (map, bounds, mean) = match variable {
                 Variable::Stiffness => (compliance, table.bounds, table.mean),
-                Variable::Amplitude => (Map::Logarithm, table.amplitude_bounds.unwrap_or([0.5, 2.0]), table.amplitude_mean),
+                Variable::Amplitude => {
+                    (Map::Logarithm, table.amplitude_bounds.unwrap_or([0.5, 2.0]), table.amplitude_mean)
+                }
                 Variable::Phase => (Map::Same, table.phase_bounds_rad.unwrap_or([-PI, PI]), None),
             };
             Block { variable: *variable, map, bounds, mean }
@@ -257,7 +259,8 @@ impl Unknowns {
             let sense = block.sense();
             for ((i, x), place) in (first..).zip(part).zip(&self.places) {
                 let place = format!("{}{place}", block.name());
-                for (words, bound, sign) in [("at least", block.bounds[0], -sense), ("at most", block.bounds[1], sense)] {
+                for (words, bound, sign) in [("at least", block.bounds[0], -sense), ("at most", block.bounds[1], sense)]
+                {
                     let room = sign * (block.unknown(bound) - x);
                     constraints.push(Constraint::at_most(format!("{place} {words} {bound}"), vec![(i, sign)], room));
                 }
@@ -296,7 +299,9 @@ impl Unknowns {
         let of = |(row, x): (&Vec<(usize, f64)>, f64)| {
             let along = |s: usize| row.iter().map(|(i, w)| w * v_t[(s, first + i)]).sum::<f64>() / singular[s];
             let value = block.value(x);
-            noise * (0..singular.len()).map(|s| along(s).powi(2)).sum::<f64>().sqrt() * (block.slope(value) / value).abs()
+            noise
+                * (0..singular.len()).map(|s| along(s).powi(2)).sum::<f64>().sqrt()
+                * (block.slope(value) / value).abs()
         };
         self.basis.rows.iter().zip(self.basis.joints(part)).map(of).collect()
     }

@@ -202,7 +202,8 @@ impl Chart {
         place: impl Fn((f64, f64)) -> Option<(f64, f64)>,
     ) -> std::result::Result<(), String> {
         let mut named = 0;
-        let drawn_at = self.series.iter().filter(|series| series.mark != Mark::Unseen).flat_map(|series| &series.points);
+        let drawn_at =
+            self.series.iter().filter(|series| series.mark != Mark::Unseen).flat_map(|series| &series.points);
         let finite = drawn_at.filter(|p| p.0.is_finite() && p.1.is_finite()).filter_map(|p| place(*p));
         let occupied: Vec<(i32, i32)> = finite.map(|p| chart.backend_coord(&p)).collect();
         for series in &self.series {

@@ -88,9 +88,8 @@ impl Trajectory {
         let [a, b] = [s * s * (3.0 - 2.0 * s), s * (1.0 - s)];
         let ends = self.positions(n - 1).iter().zip(self.positions(n));
         let rates = self.velocities(n - 1).iter().zip(self.velocities(n));
-        let point = |((q0, q1), (v0, v1)): ((&f64, &f64), (&f64, &f64))| {
-            q0 + a * (q1 - q0) + h * b * ((1.0 - s) * v0 - s * v1)
-        };
+        let point =
+            |((q0, q1), (v0, v1)): ((&f64, &f64), (&f64, &f64))| q0 + a * (q1 - q0) + h * b * ((1.0 - s) * v0 - s * v1);
         Some(ends.zip(rates).map(point).collect())
     }
 
@@ -399,7 +398,9 @@ impl Problem {
     /// [`Error::WrongLength`].
     pub fn set_actuation(&mut self, factors: &[f64], phases: &[f64]) -> Result<()> {
         let joints = self.model().rod.joints();
-        for (name, found) in [("actuation.amplitude_profile", factors.len()), ("actuation.phase_profile_rad", phases.len())] {
+        for (name, found) in
+            [("actuation.amplitude_profile", factors.len()), ("actuation.phase_profile_rad", phases.len())]
+        {
             if found != joints.len() {
                 return Err(Error::WrongLength { name, expected: joints.len(), found });
             }

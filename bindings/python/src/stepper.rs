@@ -198,9 +198,7 @@ impl Stepper {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let mut attention = Attention::new();
-        let outcome = py.detach(|| {
-            stepper.do_step_with(h, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
-        });
+        let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.pay(|_| Ok(ControlFlow::Continue(())))));
         match (outcome, attention.failure) {
             (_, Some(failure)) => Err(failure),
             (Err(error), None) => Err(exception(py, &error)),
