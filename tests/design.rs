@@ -273,6 +273,29 @@ fn a_shape_at_rest_gives_its_stiffness_back() {
 }
 
 #[test]
+fn a_designed_shape_is_rested_in_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, state) = common::equilibrium(&scene(EEL, &[&HANGING[..], &PROFILES[2..]].concat()), &[0.0; 34], 1);
+    let columns: String = (0..17).map(|k| format!(",x{k}_m,y{k}_m")).collect();
+    let row: String = state.q.iter().map(|x| format!(",{x:?}")).collect();
+    std::fs::write(folder.path().join("markers.csv"), format!("time_s{columns}\n0.0{row}\n")).unwrap();
+    let path = folder.path().join("hanging.toml");
+    std::fs::write(&path, EEL).unwrap();
+    let mut document = Document::read(&path).unwrap();
+    HANGING.iter().chain(&["rod.stiffness_gradient=0.0"]).for_each(|change| document.set(change).unwrap());
+    let design = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap();
+    let rests = |words: &str| {
+        let line =
+            design.lines.iter().find(|line| line.contains(words)).unwrap_or_else(|| panic!("{:?}", design.lines));
+        line.rsplit(' ').next().unwrap().parse::<f64>().unwrap()
+    };
+    let (before, after) = (rests("at rest, before:"), rests("at rest:"));
+    println!("{before:e} m before, {after:e} m");
+    assert!(before > 1e-3 && after <= 1e-9, "{before:e} {after:e}");
+    assert!(design.write(&folder.path().join("out")).unwrap().iter().any(|path| path.ends_with("shape.svg")));
+}
+
+#[test]
 fn a_shape_against_its_loads_is_refused_node_by_node() {
     let hanging = scene(EEL, &HANGING);
     let (_, state) = common::equilibrium(&hanging, &[0.0; 34], 1);
@@ -310,7 +333,7 @@ fn a_hidden_profile_is_tracked_to_ten_micrometres() {
             let table = Table::of(&even).unwrap();
             let problem = Problem::of(&even).unwrap();
             let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
-            let mut search = Search { scene: &even, table: &table, objective: &objective, problem };
+            let mut search = Search { table: &table, objective: &objective, problem };
             let found = search.run(|_| ControlFlow::Continue(())).unwrap();
             let met = found.history.iter().position(|iteration| iteration.objective <= 1e-5);
             println!("{name} {profile}: {:.1e} m, met after {met:?} of {}", found.objective, found.history.len());
@@ -400,6 +423,7 @@ fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
                 "solver.duration_s=3.0".to_string(),
                 "solver.time_step_s=0.01".to_string(),
                 "design.starts=1".to_string(),
+                "design.knots=[0.1, 0.4, 0.6, 0.9]".to_string(),
             ];
             changes.iter().for_each(|change| document.set(change).unwrap());
             if with_amplitude {
@@ -436,6 +460,16 @@ fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
         let all = of(r#"["stiffness", "amplitude", "phase"]"#);
         assert!(all >= of(r#"["stiffness"]"#).max(of(r#"["amplitude", "phase"]"#)), "{best:?}");
     }
+}
+
+#[test]
+fn the_shipped_tip_is_met_to_the_rounding_of_its_data() {
+    let document = Document::read("models/design-tip.toml".as_ref()).unwrap();
+    let design = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap();
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    // Measured: 3.9e-8 m after 10 iterations; the data are rounded to 1e-7 m, 2.9e-8 m on the mean.
+    println!("{:.1e} m after {}, {:.1e}", found.objective, found.history.len(), found.stationarity);
+    assert!(found.converged && found.objective <= 5e-8 && found.history.len() <= 25);
 }
 
 #[test]

@@ -223,10 +223,9 @@ impl Design {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
         let all = [self.shapes(before), self.shapes(after)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
-        let files = [
-            ("before.svg", format!("last cycle, {}", self.before())),
-            ("after.svg", format!("last cycle, {}", self.after())),
-        ];
+        let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
+        let files =
+            [("before.svg", format!("{what}, {}", self.before())), ("after.svg", format!("{what}, {}", self.after()))];
         let figure = |((file, title), mut series): ((&'static str, String), Vec<Series>)| {
             series.push(Series::new("", extent.clone(), Mark::Unseen));
             (file, self.chart(&title, "x (m)", "y (m)", Scale::Equal, series))
@@ -277,9 +276,13 @@ impl Design {
             ),
             (
                 "convergence.svg",
-                "gradient of the Lagrangian over the objective",
+                if tracked {
+                    "cosine of what is left and what can be moved"
+                } else {
+                    "gradient of the Lagrangian over the objective"
+                },
                 "stationarity in the unknowns",
-                Scale::LogY(10),
+                Scale::LogY(12),
                 |iteration| iteration.stationarity,
             ),
         ] {

@@ -161,7 +161,7 @@ impl Design {
                 let target = data(1)?;
                 let problem = Problem::of(&scene)?;
                 let objective = Objective::new(&table, &problem, target.as_ref())?;
-                let mut search = Search { scene: &scene, table: &table, objective: &objective, problem };
+                let mut search = Search { table: &table, objective: &objective, problem };
                 let found = search.run(|iteration| tell(iteration, &objective))?;
                 lines.extend(say_found(&found, &table));
                 let profile = found.profile.clone();

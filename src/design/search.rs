@@ -20,11 +20,11 @@ use super::qp::{Constraint, Quadratic};
 use super::table::{Goal, Table};
 use super::unknowns::{Profile, Unknowns};
 use crate::error::{Error, Result};
-use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
 
-/// Stationary in scaled variables: the gradient of the Lagrangian over the objective. A search goes on to the first and has
-/// converged with the second.
+/// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
+/// residuals and of their derivatives (the cosine between them, as in MINPACK). A search goes on to the first and has converged
+/// with the second.
 const STATIONARY: [f64; 2] = [1e-7, 1e-6];
 
 /// A tip that is met to this part of the length is met.
@@ -198,7 +198,7 @@ pub struct Iteration {
     pub iteration: usize,
     /// The objective as shown.
     pub objective: f64,
-    /// The gradient of the Lagrangian over the objective, in the unknowns.
+    /// The gradient of the Lagrangian by the unknowns, over the objective; of a tracked tip over residuals and derivatives.
     pub stationarity: f64,
     /// The longest component of the step.
     pub step: f64,
@@ -251,8 +251,6 @@ struct End {
 
 /// The search of one scene.
 pub struct Search<'a> {
-    /// The scene.
-    pub scene: &'a Scene,
     /// What is asked for.
     pub table: &'a Table,
     /// The objective.
@@ -383,7 +381,16 @@ impl Search<'_> {
             for (constraint, dual) in programme.constraints.iter().zip(&solution.duals).skip(trusted) {
                 constraint.row.iter().for_each(|(i, c)| lagrangian[*i] += dual * c);
             }
-            let stationarity = lagrangian.amax();
+            let stationarity = match &here.value.residuals {
+                Some((residuals, rows)) => {
+                    let (jacobian, size) = (jacobian(rows, n), DVector::from_column_slice(residuals).norm());
+                    let cosine =
+                        |(slope, column): (&f64, f64)| slope.abs() * unit / (column * size).max(f64::MIN_POSITIVE);
+                    let columns = jacobian.column_iter().map(|column| column.norm());
+                    lagrangian.iter().zip(columns).map(cosine).fold(0.0, f64::max)
+                }
+                None => lagrangian.amax(),
+            };
             let mut active = programme.active(&solution);
             active.retain(|(name, _)| name != "trust region");
             let step = DVector::from_column_slice(&solution.x);
