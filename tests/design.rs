@@ -8,10 +8,11 @@ mod common;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
-use caudal::design::{Answer, Design, Identified, Markers, Objective, Search, Table, Verdict, identify, rest};
+use caudal::design::{Answer, Design, Identified, Markers, Objective, Profile, Search, Table, Verdict, identify, rest};
 use caudal::model::Dynamics;
+use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::{Document, Scene};
-use caudal::sensitivity::Problem;
+use caudal::sensitivity::{Parameter, Problem};
 use caudal::stepper::Stepper;
 use common::Dice;
 
@@ -58,6 +59,7 @@ fn scene(text: &str, changes: &[&str]) -> Scene {
 
 /// Positions at 100 Hz, as the scene moves.
 fn clean(scene: &Scene) -> Markers {
+    let every = (0.01 / scene.typical_step()).round() as u64;
     let mut stepper = Stepper::of(scene).unwrap();
     let mut markers = Markers::default();
     let mut keep = |stepper: &Stepper| {
@@ -69,7 +71,7 @@ fn clean(scene: &Scene) -> Markers {
     stepper
         .do_step_with(scene.solver.duration_s.get(), |stepper| {
             count += 1;
-            if count % 10 == 0 {
+            if count % every == 0 {
                 keep(stepper);
             }
             ControlFlow::Continue(())
@@ -122,31 +124,57 @@ const PROFILES: [&str; 3] = [
     "rod.stiffness_profile=[[0.0, 1.0], [0.4, 1.0], [0.5, 2.0], [0.6, 1.0], [1.0, 1.0]]",
 ];
 
+/// The data's own steps err by their square; at 0.25 ms that is below what clean data are asked for.
+const FINE: &str = "solver.time_step_s=2.5e-4";
+
+/// Writes the table of all cases (identification.csv) and its figure (identification.svg) to Cargo's folder for tests.
 #[test]
 fn stiffness_is_recovered_from_clean_and_noisy_markers() {
+    const NOISES: [f64; 5] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3];
+    let mut table = "nodes,profile,noise_m,rms_error,predicted,identified,joints,rms_error_all\n".to_string();
+    let mut series = Vec::new();
     for (nodes, profile) in [(9, 0), (17, 0), (33, 0), (17, 1), (17, 2)] {
-        let scene = scene(EEL, &[&format!("rod.nodes={nodes}"), PROFILES[profile]]);
+        let scene = scene(EEL, &[&format!("rod.nodes={nodes}"), PROFILES[profile], FINE]);
         let markers = clean(&scene);
         let even = scene_with_even_profile(nodes);
-        for sigma in [0.0, 1e-6, 1e-5, 1e-4, 1e-3] {
-            let found = found(&even, &noisy(&markers, sigma, 3));
-            let [error, predicted] = inner(&scene, &found);
+        let (mut errors, mut predictions) = (Vec::new(), Vec::new());
+        for sigma in NOISES {
+            // Root mean squares over three noises.
+            let seeds = if sigma == 0.0 { 1..2 } else { 1..4 };
+            let found: Vec<Identified> = seeds.map(|seed| self::found(&even, &noisy(&markers, sigma, seed))).collect();
+            let rms = |of: &dyn Fn(&Identified) -> f64| {
+                (found.iter().map(|found| of(found).powi(2)).sum::<f64>() / found.len() as f64).sqrt()
+            };
+            let (error, predicted) = (rms(&|found| inner(&scene, found)[0]), rms(&|found| inner(&scene, found)[1]));
+            let identified = found[0].joints.iter().filter(|joint| joint.verdict == Verdict::Identified).count();
+            let (joints, all) = (found[0].joints.len(), rms(&|found| self::error(&scene, found)));
             println!(
-                "N {nodes} profile {profile} sigma {sigma:e}: rms {error:.1e} predicted {predicted:.1e} all {:.1e}",
-                self::error(&scene, &found)
+                "N {nodes} profile {profile} noise {sigma:e}: {error:.1e} predicted {predicted:.1e} ratio {:.2}, {identified} of {joints} identified, all {all:.1e}",
+                error / predicted
             );
+            let name = ["linear", "step", "bump"][profile];
+            table += &format!("{nodes},{name},{sigma:e},{error:e},{predicted:e},{identified},{joints},{all:e}\n");
             if sigma == 0.0 {
-                assert!(error <= if nodes == 33 { 1e-3 } else { 1e-4 }, "{nodes} {profile}: {error:e}");
+                assert!(error <= 1e-4, "{nodes} {profile}: {error:e}");
             } else {
                 // With much noise no joint is identified any more, and none is called so.
-                assert!(!error.is_nan() || sigma >= 1e-4);
-                assert!(
-                    error.is_nan() || error <= 2.0 * predicted,
-                    "{nodes} {profile} {sigma:e}: {error:e} {predicted:e}"
-                );
+                assert!(!error.is_nan() || sigma >= 1e-4, "{nodes} {profile} {sigma:e}");
+                assert!(error.is_nan() || (0.5..=2.0).contains(&(error / predicted)), "{nodes} {profile} {sigma:e}");
+                errors.push((sigma, error));
+                predictions.push((sigma, predicted));
             }
         }
+        if profile == 0 {
+            series.push(Series::new(format!("{nodes} nodes"), errors, Mark::Dots));
+            series.push(Series::new(format!("{nodes} nodes, predicted"), predictions, Mark::Line));
+        }
     }
+    let folder = std::path::Path::new(env!("CARGO_TARGET_TMPDIR"));
+    std::fs::write(folder.join("identification.csv"), table).unwrap();
+    let title = "identified stiffness, 100 Hz for 8 s, joints from 0.2 L to 0.8 L";
+    let chart = Chart::new(title, "noise of the markers (m)", "rms relative error of EI", Scale::LogLog, series);
+    std::fs::write(folder.join("identification.svg"), chart.svg().unwrap()).unwrap();
+    println!("table and figure: {}", folder.display());
 }
 
 /// The scene that knows nothing of the profile.
@@ -157,7 +185,7 @@ fn scene_with_even_profile(nodes: usize) -> Scene {
 #[test]
 fn shipped_markers_show_step_and_gain_and_name_what_is_missing() {
     let document = Document::read("models/design-identify.toml".as_ref()).unwrap();
-    let design = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap();
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
     let Answer::Identified(found) = &design.answer else { panic!("identified") };
     // The data were made with a gain of 0.93.
     assert!((found.actuation_gain.unwrap() / 0.93 - 1.0).abs() < 0.01);
@@ -176,7 +204,7 @@ fn shipped_markers_show_step_and_gain_and_name_what_is_missing() {
 #[test]
 fn the_stiffness_of_aluminium_neither_matters_nor_can_be_identified() {
     let document = Document::read("models/design-aluminium.toml".as_ref()).unwrap();
-    let design = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap();
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
     let Answer::Identified(found) = &design.answer else { panic!("identified") };
     assert!(found.joints.iter().all(|joint| joint.verdict == Verdict::Unobservable), "{:?}", found.joints);
     for words in ["cannot be identified", "stiffness does not matter here"] {
@@ -198,15 +226,21 @@ fn demands_that_exclude_each_other_are_named() {
 #[test]
 fn wrong_keys_are_refused_where_they_stand() {
     for (change, words) in [
-        ("design.goal=fly", "fly"),
+        ("design.goal=fly", "design.goal: found \"fly\"; allowed: `identify`"),
         ("design.smooth=1", "design.smooth"),
+        ("design.starts=-3", "design.starts: found -3; allowed: a whole number that is not negative"),
+        ("design.bounds=[0.2]", "design.bounds: found [0.2]; allowed: two values in brackets"),
         ("design.bounds=[2.0, 1.0]", "design.bounds"),
         ("design.knots=[0.5, 0.2]", "design.knots"),
         ("design.direction=+x", "design.direction"),
+        ("design.variables=[]", "design.variables"),
+        ("design.variables=[\"phase\"]", "design.variables"),
+        ("design.amplitude_mean=1.0", "design.amplitude_mean"),
+        ("design={ goal = \"distance\", direction = \"-x\", bounds = [0.5, 2.0], mean = 0.4 }", "design.mean"),
     ] {
         let mut document = Document::new("design.toml", EEL);
         document.set(change).unwrap();
-        let error = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap_err();
+        let error = Design::of(&document, |_| ControlFlow::Continue(())).unwrap_err();
         assert!(error.is_bad_input() && error.to_string().contains(words), "{change}: {error}");
     }
 }
@@ -239,6 +273,29 @@ fn a_shape_at_rest_gives_its_stiffness_back() {
 }
 
 #[test]
+fn a_designed_shape_is_rested_in_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_, state) = common::equilibrium(&scene(EEL, &[&HANGING[..], &PROFILES[2..]].concat()), &[0.0; 34], 1);
+    let columns: String = (0..17).map(|k| format!(",x{k}_m,y{k}_m")).collect();
+    let row: String = state.q.iter().map(|x| format!(",{x:?}")).collect();
+    std::fs::write(folder.path().join("markers.csv"), format!("time_s{columns}\n0.0{row}\n")).unwrap();
+    let path = folder.path().join("hanging.toml");
+    std::fs::write(&path, EEL).unwrap();
+    let mut document = Document::read(&path).unwrap();
+    HANGING.iter().chain(&["rod.stiffness_gradient=0.0"]).for_each(|change| document.set(change).unwrap());
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let rests = |words: &str| {
+        let line =
+            design.lines.iter().find(|line| line.contains(words)).unwrap_or_else(|| panic!("{:?}", design.lines));
+        line.rsplit(' ').next().unwrap().parse::<f64>().unwrap()
+    };
+    let (before, after) = (rests("at rest, before:"), rests("at rest:"));
+    println!("{before:e} m before, {after:e} m");
+    assert!(before > 1e-3 && after <= 1e-9, "{before:e} {after:e}");
+    assert!(design.write(&folder.path().join("out")).unwrap().iter().any(|path| path.ends_with("shape.svg")));
+}
+
+#[test]
 fn a_shape_against_its_loads_is_refused_node_by_node() {
     let hanging = scene(EEL, &HANGING);
     let (_, state) = common::equilibrium(&hanging, &[0.0; 34], 1);
@@ -255,22 +312,190 @@ fn a_shape_against_its_loads_is_refused_node_by_node() {
     assert!(error.contains("node 9 ") && !error.contains("node 8 ") && !error.contains("node 10 "), "{error}");
 }
 
+/// A passive tail on a head that heaves.
+const DRIVEN: [&str; 3] = [
+    "head={ kind = \"driven\", position_m = [0.0, { amplitude = 0.05, frequency_hz = 1.0 }], angle_rad = 0.0 }",
+    "actuation.kappa_amp=0.0",
+    "rod.youngs_modulus_pa=3e6",
+];
+
 #[test]
 fn a_hidden_profile_is_tracked_to_ten_micrometres() {
     let changes = ["design.goal=track-tip", "solver.duration_s=2.0", "solver.time_step_s=4e-3", "design.iterations=25"];
-    let hidden = scene(EEL, &[&changes[..], &[PROFILES[1]]].concat());
-    let even = scene(EEL, &[&changes[..], &["rod.stiffness_gradient=0.0"]].concat());
-    let trajectory = Problem::of(&hidden).unwrap().simulate().unwrap();
-    let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
-    let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
-    let table = Table::of(&even).unwrap();
-    let problem = Problem::of(&even).unwrap();
-    let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
-    let mut search = Search { scene: &even, table: &table, objective: &objective, problem };
-    let found = search.run(|_| ControlFlow::Continue(())).unwrap();
-    // Measured: 4.4e-6.
-    println!("tip rms {:e} m after {} iterations", found.objective, found.history.len());
-    assert!(found.objective <= 1e-5 && found.history.len() <= 25, "{:e} {}", found.objective, found.history.len());
+    for (name, more) in [("free", &[][..]), ("soft", &DRIVEN[2..]), ("driven", &DRIVEN), ("33", &["rod.nodes=33"])] {
+        for profile in PROFILES {
+            let changes = [&changes[..], more].concat();
+            let hidden = scene(EEL, &[&changes[..], &[profile]].concat());
+            let even = scene(EEL, &[&changes[..], &["rod.stiffness_gradient=0.0"]].concat());
+            let trajectory = Problem::of(&hidden).unwrap().simulate().unwrap();
+            let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
+            let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
+            let table = Table::of(&even).unwrap();
+            let problem = Problem::of(&even).unwrap();
+            let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
+            let mut search = Search { table: &table, objective: &objective, problem };
+            let found = search.run(|_| ControlFlow::Continue(())).unwrap();
+            let met = found.history.iter().position(|iteration| iteration.objective <= 1e-5);
+            println!("{name} {profile}: {:.1e} m, met after {met:?} of {}", found.objective, found.history.len());
+            // Measured: after 4 to 6 iterations, and 1e-9 m after 7 to 23.
+            assert!(met.is_some() && found.history.len() <= 26, "{name} {profile}: {:e}", found.objective);
+        }
+    }
+}
+
+/// Every parameter that a search may change.
+fn every_parameter(problem: &Problem) -> Vec<Parameter> {
+    let kinds = [Parameter::Stiffness, Parameter::WaveAmplitude, Parameter::WavePhase];
+    kinds.into_iter().flat_map(|kind| problem.model().rod.joints().map(kind)).collect()
+}
+
+/// The profile with parameter `j` of those moved by `by` of its size.
+fn profile_moved(profile: &Profile, j: usize, by: f64) -> Profile {
+    let (mut moved, joints) = (profile.clone(), profile.amplitude.len());
+    match j / joints {
+        0 => moved.stiffness_n_m2[j] *= 1.0 + by,
+        1 => moved.amplitude[j - joints] *= 1.0 + by,
+        _ => moved.phase_rad[j - 2 * joints] += by,
+    }
+    moved
+}
+
+#[test]
+fn objectives_have_the_derivatives_of_differences() {
+    for goal in ["distance", "efficiency", "track-tip"] {
+        let goal_of = format!("design.goal={goal}");
+        let mut changes = vec![
+            &goal_of[..],
+            "solver.duration_s=1.5",
+            "solver.time_step_s=5e-3",
+            "solver.newton_tolerance=1e-14",
+            "rod.nodes=9",
+        ];
+        changes.extend((goal != "track-tip").then_some("design.direction=-x"));
+        let scene = scene(EEL, &changes);
+        let table = Table::of(&scene).unwrap();
+        let mut problem = Problem::of(&scene).unwrap();
+        let trajectory = Problem::of(&scene).unwrap().simulate().unwrap();
+        let positions = (0..trajectory.times.len()).map(|n| trajectory.positions(n).to_vec()).collect();
+        let target = Markers { times: trajectory.times.clone(), positions, missing: Vec::new() };
+        let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
+        let mut dice = Dice(5);
+        let mut profile = Profile::of(problem.stiffness());
+        profile.stiffness_n_m2.iter_mut().for_each(|ei| *ei *= dice.many(1, 0.7, 1.3)[0]);
+        profile.amplitude = dice.many(7, 0.7, 1.3);
+        profile.phase_rad = dice.many(7, -0.5, 0.5);
+        let parameters = every_parameter(&problem);
+        let (_, exact) = objective.derivatives(&mut problem, &profile, &parameters).unwrap();
+        let sizes: Vec<f64> = [&profile.stiffness_n_m2[..], &[1.0; 14]].concat();
+        let mut measure = |j: usize, by: f64| objective.measure(&mut problem, &profile_moved(&profile, j, by)).unwrap();
+        let mut central = |j: usize, by: f64| (measure(j, by) - measure(j, -by)) / (2.0 * by);
+        let largest = exact.iter().zip(&sizes).fold(0.0, |max: f64, (d, size)| max.max((d * size).abs()));
+        let mut worst: f64 = 0.0;
+        for (j, (exact, size)) in exact.iter().zip(&sizes).enumerate() {
+            let (fine, coarse) = (central(j, 1e-3), central(j, 2e-3));
+            worst = worst.max((exact * size - fine - (fine - coarse) / 3.0).abs() / largest);
+        }
+        println!("{goal}: {worst:.1e}");
+        assert!(worst <= 1e-6, "{goal}: {worst:e}");
+    }
+}
+
+/// The objective of a designed scene, by the run's own meter: the way along −x, or its square over the work.
+fn of_run(designed: &std::path::Path, goal: &str) -> f64 {
+    let scene = Scene::load(designed).unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    stepper.do_step(scene.solver.duration_s.get()).unwrap();
+    let moved = -stepper.get_scalar("net_displacement_m").unwrap();
+    if goal == "distance" { moved } else { moved * moved.abs() / stepper.get_scalar("actuation_work_j").unwrap() }
+}
+
+#[test]
+fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
+    let mut best = std::collections::BTreeMap::new();
+    for goal in ["distance", "efficiency"] {
+        for variables in [r#"["stiffness"]"#, r#"["amplitude", "phase"]"#, r#"["stiffness", "amplitude", "phase"]"#] {
+            let mut document = Document::read("models/design-silicone-eel.toml".as_ref()).unwrap();
+            let with_amplitude = variables.contains("amplitude");
+            let changes = [
+                format!("design.goal={goal}"),
+                format!("design.variables={variables}"),
+                "rod.nodes=9".to_string(),
+                "solver.duration_s=3.0".to_string(),
+                "solver.time_step_s=0.01".to_string(),
+                "design.starts=1".to_string(),
+                "design.knots=[0.1, 0.4, 0.6, 0.9]".to_string(),
+            ];
+            changes.iter().for_each(|change| document.set(change).unwrap());
+            if with_amplitude {
+                document.set("design.amplitude_mean=1.0").unwrap();
+                document.set("design.phase_bounds_rad=[-1.5, 1.5]").unwrap();
+            }
+            let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+            let Answer::Found(found) = &design.answer else { panic!("found") };
+            let first = found.history[0].objective;
+            println!(
+                "{goal} {variables}: {first:.4e} to {:.4e} in {}, {:.0e}, active {}",
+                found.objective,
+                found.history.len(),
+                found.stationarity,
+                found.active.len()
+            );
+            assert!(found.converged, "{goal} {variables}");
+            assert!(found.objective > 1.05 * first, "{goal} {variables}: {first} {}", found.objective);
+            if with_amplitude {
+                let mean = found.profile.amplitude.iter().sum::<f64>() / found.profile.amplitude.len() as f64;
+                assert!(mean <= 1.0 + 1e-9, "{mean}");
+                assert!(found.profile.phase_rad.iter().all(|phase| phase.abs() <= 1.5 + 1e-9));
+            }
+            // The scene it leaves has all of it.
+            let folder = tempfile::tempdir().unwrap();
+            let files = design.write(folder.path()).unwrap();
+            let designed = files.iter().find(|path| path.to_string_lossy().ends_with("-designed.toml")).unwrap();
+            let run = of_run(designed, goal);
+            assert!((run / found.objective - 1.0).abs() <= 1e-6, "{goal} {variables}: {run:e} {:e}", found.objective);
+            best.insert((goal, variables.len()), found.objective);
+        }
+        // All variables together are at least as good as each alone.
+        let of = |variables: &str| best[&(goal, variables.len())];
+        let all = of(r#"["stiffness", "amplitude", "phase"]"#);
+        assert!(all >= of(r#"["stiffness"]"#).max(of(r#"["amplitude", "phase"]"#)), "{best:?}");
+    }
+}
+
+#[test]
+fn the_shipped_tip_is_met_to_the_rounding_of_its_data() {
+    let document = Document::read("models/design-tip.toml".as_ref()).unwrap();
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    // Measured: 3.9e-8 m after 10 iterations; the data are rounded to 1e-7 m, 2.9e-8 m on the mean.
+    println!("{:.1e} m after {}, {:.1e}", found.objective, found.history.len(), found.stationarity);
+    assert!(found.converged && found.objective <= 5e-8 && found.history.len() <= 25);
+}
+
+#[test]
+fn a_tip_alone_is_a_target() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = "time_s,tip_x_m,tip_y_m\n0.5,0.9,0.1\n1.0,0.92,-0.1\n";
+    std::fs::write(folder.path().join("tip.csv"), text).unwrap();
+    let path = folder.path().join("eel.toml");
+    std::fs::write(&path, EEL).unwrap();
+    let mut document = Document::read(&path).unwrap();
+    for change in [
+        "design={ goal = \"track-tip\", data = \"tip.csv\", iterations = 3 }",
+        "solver.duration_s=1.0",
+        "solver.time_step_s=0.01",
+        "rod.nodes=9",
+    ] {
+        document.set(change).unwrap();
+    }
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    assert!(found.objective < found.history[0].objective);
+    assert_eq!(found.deviations.len(), 7);
+    // A sample that no step ends at is named.
+    document.set("solver.time_step_s=0.03").unwrap();
+    let error = Design::of(&document, |_| ControlFlow::Continue(())).unwrap_err().to_string();
+    assert!(error.contains("t = 0.5 s is at no step"), "{error}");
 }
 
 #[test]
@@ -280,7 +505,7 @@ fn an_interrupted_search_keeps_the_best_so_far() {
         document.set(change).unwrap();
     }
     let mut seen = Vec::new();
-    let design = Design::of(&document, |iteration, _| {
+    let design = Design::of(&document, |iteration| {
         seen.push(iteration.objective);
         if seen.len() == 4 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     });
@@ -298,7 +523,7 @@ fn searches_end_at_a_stationary_profile_that_holds_in_other_simulations() {
         for change in ["rod.nodes=17", "design.starts=1"] {
             document.set(change).unwrap();
         }
-        let design = Design::of(&document, |_, _| ControlFlow::Continue(())).unwrap();
+        let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
         let Answer::Found(found) = &design.answer else { panic!("found") };
         println!("{name}: {:?}", design.lines);
         assert!(found.converged && found.stationarity <= 1e-6, "{name}: {:e}", found.stationarity);

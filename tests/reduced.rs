@@ -290,6 +290,10 @@ impl Actuation for Counted<TravellingWave> {
     fn add_derivatives(&self, sizes: [f64; 3], phase: f64, out: &mut [f64]) {
         self.0.add_derivatives(sizes, phase, out);
     }
+
+    fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation> {
+        self.0.profiled(factors, phases)
+    }
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod common;
 
 use std::fmt::Write;
 
+use caudal::actuation::Wave;
 use caudal::error::Error;
 use caudal::integrator::{Method, Pace};
 use caudal::scene::{Document, Scene};
@@ -208,6 +209,10 @@ const MISTAKES: &[Mistake] = &[
     ("stiffness_gradient = 1.0", "stiffness_profile = [[0.0]]", 0, "rod.stiffness_profile", "found a list of 1; allowed: two values in brackets"),
     ("stiffness_gradient = 1.0", "stiffness_profile = [0.0, 1.0]", 0, "rod.stiffness_profile", "found 0.0; allowed: two values in brackets"),
     ("stiffness_gradient = 1.0", "stiffness_profile = 3", 0, "rod.stiffness_profile", "found 3; allowed: a list in brackets"),
+    // profiles of the actuation
+    ("envelope = [0.2, 0.8]", "amplitude_profile = [[0.5, 1.0], [0.2, 1.0]]", 0, "actuation.amplitude_profile", "found the point [0.2, 1] after 0.5; allowed: points [xi, factor] with rising xi from 0 to 1"),
+    ("envelope = [0.2, 0.8]", "amplitude_profile = [[0.5, -1.0]]", 0, "actuation.amplitude_profile", "found -1; allowed: a number that is not negative"),
+    ("envelope = [0.2, 0.8]", "phase_profile_rad = []", 0, "actuation.phase_profile_rad", "found no points; allowed: points [xi, phase] with rising xi from 0 to 1"),
     // signals
     ("position_m = [0.0,", "position_m = [nan,", 0, "head.position_m", "found NaN; allowed: a finite number"),
     ("position_m = [0.0,", "position_m = [\"a\",", 0, "head.position_m", "found \"a\"; allowed: a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }"),
@@ -388,6 +393,7 @@ fn every_key_of_the_contract_is_read_in_each_of_its_forms() {
         ("kappa_reference_length_m = 0.125\n", ""),
         ("frequency_hz = 2.0", "frequency_hz = 0"),
         ("envelope = [0.2, 0.8]\n", ""),
+        ("envelope = [0.2, 0.8]", "amplitude_profile = [[0.0, 1.0], [1.0, 0.5]]\nphase_profile_rad = [[0.2, -0.3]]"),
         ("kind = \"ramp\"\nramp_s = 0.5", "kind = \"jump\""),
         ("kind = \"ramp\"\nramp_s = 0.5", "kind = \"shaped\""),
         ("kind = \"ramp\"\nramp_s = 0.5", ""),
@@ -427,6 +433,34 @@ fn every_key_of_the_contract_is_read_in_each_of_its_forms() {
         let scene = Document::new("folder/scene.toml", text).scene().unwrap_or_else(|error| panic!("{to}: {error}"));
         let mut stepper = Stepper::of(&scene).unwrap_or_else(|error| panic!("{to}: {error}"));
         stepper.do_step(1e-3).unwrap_or_else(|error| panic!("{to}: {error}"));
+    }
+}
+
+/// An amplitude profile is a factor; a phase that falls along the rod is a longer wave.
+#[test]
+fn profiles_of_the_actuation_are_factors_and_phases() {
+    let natural = |changes: &[&str]| {
+        let mut document = Document::new("soft.toml", SOFT);
+        for change in changes {
+            document.set(change).unwrap();
+        }
+        let model = document.scene().unwrap().model().unwrap();
+        let (actuation, drive) = model.actuation.unwrap();
+        let wave = Wave { amplitude: drive.amplitude, gain: 0.7, gain_rate: 0.2, phase: 0.4, phase_rate: 6.0 };
+        let mut both = [vec![0.0; model.rod.nodes], vec![0.0; model.rod.nodes]];
+        let [natural, rate] = &mut both;
+        actuation.add(wave, natural, rate);
+        both.concat()
+    };
+    for [profile, same] in [
+        ["actuation.amplitude_profile=[[0.0, 1.0], [1.0, 3.0]]", "actuation.envelope=[1.0, 2.0]"],
+        ["actuation.phase_profile_rad=[[0.0, 0.0], [1.0, 6.283185307179586]]", "actuation.wavelength_m=0.5"],
+        ["actuation.phase_profile_rad=[[0.4, 0.0]]", "actuation.wavelength_m=1.0"],
+    ] {
+        let base = ["actuation.envelope=[1.0, 0.0]", "actuation.wavelength_m=1.0", "rod.length_m=1.0"];
+        let (a, b) = (natural(&[&base[..], &[profile]].concat()), natural(&[&base[..], &[same]].concat()));
+        let size = b.iter().fold(0.0, |max: f64, x| max.max(x.abs()));
+        assert!(a.iter().zip(&b).all(|(a, b)| (a - b).abs() <= 1e-13 * size) && size > 0.0, "{profile} {a:?} {b:?}");
     }
 }
 

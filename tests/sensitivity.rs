@@ -183,8 +183,38 @@ fn adjoint_derivatives_are_the_forward_ones() {
     }
 }
 
-/// The study's aluminium tail. One rounding of a displacement of 0.1 m is 1e-9 N along an edge (EA/ΔL = 8e7 N/m), or
-/// 2e-8 m/s² of a node: that in 100 steps is what is left. Measured: 1.1e-10, 2.0e-11 and 1.8e-11.
+/// What a change of Young's modulus by a few roundings does to the forward derivatives, as [`adjoint_error`] measures it.
+/// The derivatives themselves change by 1e-15; what is more is how they are conditioned.
+fn rounding(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
+    let forward = |scene: &Scene| {
+        let mut problem = Problem::of(scene).unwrap();
+        let (outputs, kinds) = (outputs(&problem), along_the_rod(&problem));
+        let all = parameters(&problem);
+        let sizes: Vec<f64> = (0..kinds.len()).map(|j| all.get(j).map_or(1.0, |p| p.1)).collect();
+        let found = problem.forward(&kinds, &outputs, 1, |_| {}).unwrap();
+        let mut dice = common::Dice(7);
+        let (mut sums, mut terms) = (Vec::new(), 0.0_f64);
+        for o in (0..outputs.len()).filter(|o| wanted(units(&problem)[*o])) {
+            let weights = dice.many(found.times.len(), -1.0, 1.0);
+            for (j, size) in sizes.iter().enumerate() {
+                let term = |n: usize| found.row(n, o)[j] * size;
+                terms = terms.max(largest((0..weights.len()).map(term)));
+                sums.push((0..weights.len()).map(|n| weights[n] * term(n)).sum::<f64>());
+            }
+        }
+        (sums, terms)
+    };
+    let (sums, terms) = forward(scene);
+    let noise = |steps: i32| {
+        let moved = scene.with_modulus(1.0 + f64::from(steps) * f64::EPSILON);
+        largest(sums.iter().zip(forward(&moved).0).map(|(a, b)| a - b)) / terms
+    };
+    largest([-3, -2, 2, 3].map(noise))
+}
+
+/// The study's aluminium tail. One rounding of a displacement of 0.1 m is 1e-9 N along an edge (EA/ΔL = 8e7 N/m), or 2e-8 m/s²
+/// of a node: that in 100 steps is what is left. 1e-10 is asked for, or what rounding does to the forward derivatives alone where
+/// that is more. Measured: 2.6e-11, 5.6e-11 and 5.2e-11, where rounding does 1.8e-10, 1.0e-10 and 1.8e-10.
 #[test]
 fn adjoint_derivatives_of_the_aluminium_tail_are_the_forward_ones() {
     for method in methods() {
@@ -196,8 +226,9 @@ fn adjoint_derivatives_of_the_aluminium_tail_are_the_forward_ones() {
         ];
         let aluminium = scene_of(include_str!("../models/baseline-smooth.toml"), &changes);
         let error = adjoint_error(&aluminium, |unit| unit == "m");
-        println!("{method}: {error:.1e}");
-        assert!(error <= 1e-9, "{method}: {error:e}");
+        let rounding = rounding(&aluminium, |unit| unit == "m");
+        println!("{method}: {error:.1e}, rounding of the forward derivatives {rounding:.1e}");
+        assert!(error <= 1e-10_f64.max(rounding), "{method}: {error:e} {rounding:e}");
     }
 }
 

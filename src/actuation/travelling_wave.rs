@@ -47,4 +47,12 @@ impl Actuation for TravellingWave {
             *out += (value - second) * (c * sin - s * cos) + first * (c * cos + s * sin);
         }
     }
+
+    fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation> {
+        let turned = |(([c, s], factor), phase): ((&[f64; 2], &f64), &f64)| {
+            let (sin, cos) = phase.sin_cos();
+            [factor * (c * cos - s * sin), factor * (s * cos + c * sin)]
+        };
+        Box::new(Self { table: self.table.iter().zip(factors).zip(phases).map(turned).collect() })
+    }
 }

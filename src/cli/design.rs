@@ -7,22 +7,26 @@ use std::sync::atomic::Ordering;
 
 use caudal::design::{Answer, Design};
 use caudal::error::Result;
+use caudal::report::check_writable;
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, say};
+use super::{SceneArguments, complain, exit, refuse, say};
 
 pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
     let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    if let Err(error) = check_writable(&folder) {
+        return Ok(refuse(&error));
+    }
     let interrupted = watch_for_interrupts();
-    let design = Design::of(&document, |iteration, _| {
+    let design = Design::of(&document, |iteration| {
         say(&format!(
-            "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  radius {:.1e}{}",
+            "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  step {:.1e}{}",
             iteration.start + 1,
             iteration.iteration,
             iteration.objective,
             iteration.stationarity,
-            iteration.radius,
+            iteration.step,
             if iteration.accepted { "" } else { "  rejected" }
         ));
         if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }

@@ -46,6 +46,18 @@ pub enum Verdict {
     Unobservable,
 }
 
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Identified => "identified",
+            Self::PriorDriven => "prior-driven",
+            Self::AtABound => "at a bound",
+            Self::Unobservable => "unobservable",
+        }
+    }
+}
+
 /// The answer for one joint.
 #[derive(Debug, Clone, Serialize)]
 pub struct Joint {
@@ -83,7 +95,7 @@ pub struct Identified {
     pub balances: Option<[f64; 3]>,
     /// Constraints that bind, with their duals.
     pub active: Vec<(String, f64)>,
-    /// Square roots of the eigenvalues of the scaled Hessian, falling: how many numbers the data know, and how well (the
+    /// Square roots of the eigenvalues of the data's part of the scaled Hessian, falling: how many numbers the data know, and how well (the
     /// inverse is a standard deviation over the reference stiffness).
     pub singular_values: Vec<f64>,
     /// Samples left out.
@@ -338,13 +350,17 @@ pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constr
     constraints
 }
 
+/// The second differences D₂ of the joints' values, as rows of the unknowns.
+pub fn second_differences(basis: &Basis) -> impl Iterator<Item = Vec<(usize, f64)>> {
+    basis.rows.windows(3).map(|rows| {
+        let parts = rows.iter().zip([1.0, -2.0, 1.0]);
+        parts.flat_map(|(part, factor)| part.iter().map(move |(i, w)| (*i, factor * w))).collect()
+    })
+}
+
 /// Adds λ‖D₂x‖² over the joints.
 pub fn smooth(programme: &mut Quadratic, basis: &Basis, weight: f64) {
-    for rows in basis.rows.windows(3).filter(|_| weight > 0.0) {
-        let mut row: Vec<(usize, f64)> = Vec::new();
-        for (part, factor) in rows.iter().zip([1.0, -2.0, 1.0]) {
-            row.extend(part.iter().map(|(i, w)| (*i, factor * w)));
-        }
+    for row in second_differences(basis).filter(|_| weight > 0.0) {
         programme.add_square(&row, 0.0, weight);
     }
 }
@@ -373,6 +389,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
     let mut stiffness = own.clone();
     let mut found = None;
+    let mut data = Quadratic::new(0);
     for _ in 0..PASSES {
         let knowns: Vec<Known> = (all.iter().zip(&stiffness))
             .map(|(series, ei)| known(series, &motion, entries, gain, *ei, sigma))
@@ -388,11 +405,13 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             })
             .collect();
         let least = informations.iter().copied().filter(|i| *i > 0.0).fold(f64::INFINITY, f64::min);
+        data = Quadratic::new(basis.unknowns);
         let weak = WEAK * if least.is_finite() { least } else { 1.0 };
         for (((known, row), information), own) in knowns.iter().zip(&basis.rows).zip(&informations).zip(&own) {
             if *information > 0.0 {
                 let square = known.square - known.noise;
                 programme.add_square(row, known.product / square / reference, *information);
+                data.add_square(row, 0.0, *information);
             }
             programme.add_square(row, own / reference, weak);
         }
@@ -406,7 +425,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
         return Err(Error::Design { reason: "nothing was solved".to_string() });
     };
     let n = basis.unknowns;
-    let hessian = DMatrix::from_row_slice(n, n, &programme.hessian);
+    let hessian = DMatrix::from_row_slice(n, n, &data.hessian);
     let mut singular_values: Vec<f64> = hessian.symmetric_eigenvalues().iter().map(|x| x.max(0.0).sqrt()).collect();
     singular_values.sort_by(|a, b| b.total_cmp(a));
     let active = programme.active(&solution);

@@ -33,12 +33,12 @@ pub struct Markers {
 }
 
 impl Markers {
-    /// Reads the columns time_s, x0_m, y0_m, … of `nodes` nodes, at least `least` samples. One with an empty or NaN entry
-    /// is left out and named.
+    /// Reads the columns time_s, x0_m, y0_m, … of `nodes` nodes, or of a `tip` alone time_s, tip_x_m, tip_y_m: at least `least`
+    /// samples. One with an empty or NaN entry is left out and named.
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Scene`] with file and line where it is not such a table.
-    pub fn read(path: &Path, nodes: usize, least: usize) -> Result<Self> {
+    pub fn read(path: &Path, nodes: usize, tip: bool, least: usize) -> Result<Self> {
         let refuse = |line: u64, problem: String| Error::Scene {
             place: format!("{}:{line}", path.display()),
             key: String::new(),
@@ -54,7 +54,8 @@ impl Markers {
         let expected: Vec<String> = std::iter::once("time_s".to_string())
             .chain((0..nodes).flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]))
             .collect();
-        if !header.iter().eq(expected.iter().map(String::as_str)) {
+        let tip = tip && header.iter().eq(["time_s", "tip_x_m", "tip_y_m"]);
+        if !tip && !header.iter().eq(expected.iter().map(String::as_str)) {
             let found = format!("found {} columns from {:?}", header.len(), header.iter().next().unwrap_or_default());
             let allowed = format!("time_s, x0_m, y0_m, … y{}_m: one marker a node of the scene's rod", nodes - 1);
             return Err(refuse(1, format!("{found}; allowed: {allowed}")));
@@ -84,6 +85,7 @@ impl Markers {
             last = time;
             let row: Vec<f64> = (1..header.len()).map(number).collect::<Result<_>>()?;
             match row.iter().position(|x| x.is_nan()) {
+                Some(_) if tip => markers.missing.push(format!("the tip at t = {time} s")),
                 Some(i) => markers.missing.push(format!("node {} at t = {time} s", i / 2)),
                 None => {
                     markers.times.push(time);

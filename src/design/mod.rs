@@ -1,6 +1,7 @@
 //! Inverse design: which stiffness, from what is known or wanted of the motion. What is convex is one quadratic programme,
 //! solved by Clarabel; the rest is a sequence of them with exact [sensitivities](crate::sensitivity).
 
+mod figures;
 pub mod identify;
 pub mod markers;
 pub mod qp;
@@ -8,10 +9,12 @@ mod report;
 pub mod search;
 pub mod shape;
 pub mod table;
+mod unknowns;
 
 pub use identify::{Identified, Verdict, identify};
 pub use markers::Markers;
 pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};
 pub use shape::{Resting, rest};
-pub use table::{Goal, Table};
+pub use table::{Goal, Table, Variable};
+pub use unknowns::Profile;

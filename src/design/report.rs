@@ -1,31 +1,32 @@
-//! A design from scene to files: what was asked, what was found, how it stands re-simulated, figures, and a scene with the
-//! designed profile.
+//! A design from scene to files: what was asked, what was found, how it stands re-simulated, and a scene with the designed
+//! profile.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use serde::Serialize;
-use serde_json::{Value, json};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value, json};
 
 use super::identify::{Identified, Verdict, identify};
 use super::markers::{LEAST, Markers};
 use super::search::{Found, Iteration, Objective, Search};
 use super::shape::{Resting, rest};
-use super::table::{Goal, Table};
+use super::table::{Goal, Table, Variable};
+use super::unknowns::Profile;
+use crate::check::Assessment;
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
-use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::{put_in_place, render, text_file, write_error};
+use crate::newton::Newton;
+use crate::report::{put_in_place, text_file, write_error};
+use crate::rod::interpolated;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
-use crate::system::System;
+use crate::stepper::Stepper;
+use crate::system::{Direction, System};
 
 /// A tip that moves by less than this part of the length for twice the stiffness hardly feels it.
 const HARDLY: f64 = 1e-2;
-
-/// Shapes drawn over the last cycle.
-const SHAPES: usize = 9;
 
 /// A design.
 #[derive(Debug)]
@@ -38,8 +39,9 @@ pub struct Design {
     pub stiffness: Vec<f64>,
     /// What is worth saying, a line each.
     pub lines: Vec<String>,
-    checks: Vec<Check>,
-    scene: Scene,
+    pub(super) evidence: Evidence,
+    pub(super) scene: Scene,
+    document: Document,
     designed: Document,
 }
 
@@ -55,16 +57,48 @@ pub enum Answer {
     Found(Found),
 }
 
-/// The objective in another simulation.
+/// A scene's `[design]`.
+#[derive(Deserialize)]
+struct Wanted {
+    #[serde(rename = "design")]
+    _table: Option<Table>,
+}
+
+/// What stands beside the answer.
+#[derive(Debug, Default)]
+pub(super) struct Evidence {
+    /// The answer in other simulations.
+    pub checks: Vec<Check>,
+    /// Profiles with their objectives: those it is compared with, and the design at the end.
+    pub profiles: Vec<Compared>,
+    /// The motions before and after; empty where a simulation fails, or there is none.
+    pub motions: Vec<Trajectory>,
+    /// What was to be met.
+    pub target: Option<Markers>,
+    /// The numbers that decide what stiffness does.
+    pub numbers: Map<String, Value>,
+}
+
+/// A profile beside the designed one.
 #[derive(Debug, Clone, Serialize)]
-struct Check {
-    simulation: String,
-    /// The objective of the design; none where the simulation fails.
-    designed: Option<f64>,
-    /// The same of the even profile of the same mean.
-    even: Option<f64>,
-    /// Gain over the even profile, %.
-    gain_percent: Option<f64>,
+pub(super) struct Compared {
+    pub name: String,
+    pub profile: Profile,
+    /// The objective; none where the simulation fails.
+    pub objective: Option<f64>,
+}
+
+/// The answer in another simulation. It is the objective of a dynamic goal, and the root mean square distance of the rod from
+/// the markers (m) in identification.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Check {
+    pub simulation: String,
+    /// Of the design; none where the simulation fails.
+    pub designed: Option<f64>,
+    /// Of what was before: even stiffness of the same mean, the scene's own in identification.
+    pub before: Option<f64>,
+    /// Gain over it, %.
+    pub gain_percent: Option<f64>,
 }
 
 impl Design {
@@ -72,26 +106,36 @@ impl Design {
     ///
     /// # Errors
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] where there is no answer; those of data and simulation.
-    pub fn of(document: &Document, mut tell: impl FnMut(&Iteration, &Objective) -> ControlFlow<()>) -> Result<Self> {
+    pub fn of(document: &Document, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Self> {
         let scene = document.scene()?;
+        document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let nodes = dynamics.nodes();
         let data = |least: usize| match &table.data {
-            Some(file) => Markers::read(&scene.folder.join(file), nodes, least).map(Some),
+            Some(file) => {
+                let tip = table.goal == Goal::TrackTip;
+                Markers::read(&scene.folder.join(file), nodes, tip, least).map(Some)
+            }
             None => Ok(None),
         };
-        let reference = dynamics.model.rod.ei;
         let mut lines = Vec::new();
-        let mut checks = Vec::new();
-        let (answer, stiffness) = match table.goal {
+        let mut evidence = Evidence { numbers: dimensionless(&scene), ..Evidence::default() };
+        let (answer, profile) = match table.goal {
             Goal::Identify => {
                 let markers = data(LEAST)?.unwrap_or_default();
                 let found = identify(&mut dynamics, &markers, &table)?;
                 lines.extend(say_identified(&found));
                 lines.extend(say_effect(&scene));
-                let stiffness = found.joints.iter().map(|joint| joint.stiffness_n_m2).collect();
-                (Answer::Identified(found), stiffness)
+                let mut profile = Profile::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
+                profile.amplitude.fill(found.actuation_gain.unwrap_or(1.0));
+                match simulated(&scene, &profile) {
+                    Ok(motions) => evidence.motions = motions.into(),
+                    Err(error) => lines.push(format!("no simulation beside the data: {error}")),
+                }
+                evidence.checks = replay(document, &scene, &markers, &profile);
+                evidence.target = Some(markers);
+                (Answer::Identified(found), profile)
             }
             Goal::StaticShape => {
                 let markers = data(1)?.unwrap_or_default();
@@ -100,229 +144,121 @@ impl Design {
                     lines.push(format!("node {node} misses the shape: it would take EI = {ei:.4e} N m²"));
                 }
                 if !found.undecided.is_empty() {
-                    lines.push(format!(
-                        "neither curvature nor moment at nodes {:?}: any stiffness does",
-                        found.undecided
-                    ));
+                    let nodes = &found.undecided;
+                    lines.push(format!("neither curvature nor moment at nodes {nodes:?}: any stiffness does"));
                 }
-                let stiffness = found.stiffness_n_m2.clone();
-                (Answer::Resting(found), stiffness)
+                let profile = Profile::of(found.stiffness_n_m2.clone());
+                let own = Problem::of(&scene).map(|problem| Profile::of(problem.stiffness()))?;
+                for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
+                    let designed = resting(document, &scene, profile, &markers.positions[0]);
+                    let check = Check { simulation: simulation.into(), designed, before: None, gain_percent: None };
+                    evidence.checks.push(check);
+                }
+                evidence.target = Some(markers);
+                (Answer::Resting(found), profile)
             }
             Goal::TrackTip | Goal::Distance | Goal::Efficiency => {
                 let target = data(1)?;
                 let problem = Problem::of(&scene)?;
                 let objective = Objective::new(&table, &problem, target.as_ref())?;
-                let mut search = Search { scene: &scene, table: &table, objective: &objective, problem };
-                let found = search.run(|iteration| tell(iteration, &objective))?;
+                let mut search = Search { table: &table, objective: &objective, problem };
+                let found = search.run(tell)?;
                 lines.extend(say_found(&found, &table));
-                lines.extend(compare(&mut search, &found, &table));
-                checks = verify(document, &scene, &table, target.as_ref(), &found.stiffness_n_m2, reference)?;
-                for check in &checks {
-                    let gain = check
-                        .gain_percent
-                        .map_or(String::new(), |gain| format!(", {gain:+.2} % over the even profile"));
-                    let value = check.designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
-                    lines.push(format!("{}: {value}{gain}", check.simulation));
+                let profile = found.profile.clone();
+                evidence.profiles = compare(&mut search, &found, &table);
+                if let Ok(motions) = motions(&mut search.problem, &evidence.profiles[0].profile, &profile) {
+                    evidence.motions = motions.into();
                 }
-                let stiffness = found.stiffness_n_m2.clone();
-                (Answer::Found(found), stiffness)
+                if found.interrupted {
+                    lines.push(
+                        "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
+                    );
+                } else {
+                    evidence.checks = verify(document, &scene, &table, target.as_ref(), &profile);
+                }
+                for compared in &evidence.profiles[..evidence.profiles.len() - 1] {
+                    if let Some(value) = compared.objective {
+                        let gain = gain_percent(table.goal, found.objective, value);
+                        lines.push(format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name));
+                    }
+                }
+                evidence.target = target;
+                (Answer::Found(found), profile)
             }
         };
-        let designed = designed(document, &scene, &dynamics, &stiffness)?;
-        Ok(Self { table, answer, stiffness, lines, checks, scene, designed })
+        for check in &evidence.checks {
+            let gain = check.gain_percent.filter(|gain| gain.abs() >= 0.005);
+            let gain = gain.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+            let value = check.designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
+            let what = match table.goal {
+                Goal::Identify => " rms distance from the markers (m)",
+                Goal::StaticShape => " rms distance from the shape (m)",
+                _ => "",
+            };
+            lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
+        }
+        let designed = designed(document, &scene, &profile)?;
+        let stiffness = profile.stiffness_n_m2;
+        Ok(Self { table, answer, stiffness, lines, evidence, scene, document: document.clone(), designed })
     }
 
-    /// Writes design.json, figures, report.html and the scene with the designed profile to `folder`; returns their paths.
+    /// Writes design.json, tables, figures, report.html and the scene with the designed profile to `folder`; returns their
+    /// paths.
     ///
     /// # Errors
-    /// [`Error::Write`], [`Error::Chart`], [`Error::Page`].
+    /// [`Error::Write`], [`Error::Chart`], [`Error::Page`]; files already in the folder are then as they were.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
-        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
-        let figures =
-            self.figures()?.into_iter().map(|(name, chart)| Ok((name, chart.svg()?))).collect::<Result<Vec<_>>>()?;
-        let numbers = self.numbers()?;
-        let failed = |e: serde_json::Error| Error::Page { reason: e.to_string() };
-        let json = serde_json::to_string_pretty(&numbers).map_err(failed)?;
-        let html = self.page(&figures)?;
+        let failed = |reason: String| Error::Page { reason };
+        let findings = self.findings()?;
+        let numbers = serde_json::to_string_pretty(&self.numbers()?).map_err(|e| failed(e.to_string()))?;
         let mut texts = vec![
-            ("design.json".to_string(), json + "\n"),
-            ("report.html".to_string(), html),
+            ("report.html".to_string(), findings.page(&self.scene.name, &self.document)?),
+            ("design.json".to_string(), numbers + "\n"),
             (format!("{}-designed.toml", self.scene.name), self.designed.text().to_string()),
         ];
-        texts.extend(figures.into_iter().map(|(name, svg)| (name.to_string(), svg)));
-        let mut files = Vec::new();
-        for (name, text) in texts {
-            let path = folder.join(name);
-            files.push(text_file(path, &text)?);
+        for table in &findings.tables {
+            texts.push((table.file.to_string(), table.csv().map_err(|e| failed(e.to_string()))?));
         }
+        texts.extend(findings.figures);
+        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
+        let files = texts.iter().map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
 
-    fn numbers(&self) -> Result<Value> {
+    /// The content of design.json.
+    ///
+    /// # Errors
+    /// [`Error::Page`].
+    pub fn numbers(&self) -> Result<Value> {
         let failed = |e: serde_json::Error| Error::Page { reason: e.to_string() };
         let rod = self.scene.model()?.rod;
         Ok(json!({
             "name": self.scene.name,
             "caudal_version": env!("CARGO_PKG_VERSION"),
             "goal": self.table.goal,
-            "status": match &self.answer {
-                Answer::Found(found) if found.interrupted => "interrupted",
-                Answer::Found(found) if !found.converged => "not converged",
-                _ => "solved",
-            },
+            "status": self.status(),
             "reference_stiffness_n_m2": rod.ei,
             "xi": rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect::<Vec<_>>(),
             "stiffness_n_m2": self.stiffness,
             "bounds": self.table.bounds,
             "lines": self.lines,
-            "checks": serde_json::to_value(&self.checks).map_err(failed)?,
+            "dimensionless": self.evidence.numbers,
+            "checks": serde_json::to_value(&self.evidence.checks).map_err(failed)?,
+            "compared": serde_json::to_value(&self.evidence.profiles).map_err(failed)?,
             "answer": serde_json::to_value(&self.answer).map_err(failed)?,
         }))
     }
 
-    fn figures(&self) -> Result<Vec<(&'static str, Chart)>> {
-        let rod = self.scene.model()?.rod;
-        let name = &self.scene.name;
-        let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
-        let factors: Vec<f64> = self.stiffness.iter().map(|ei| ei / rod.ei).collect();
-        let line = |values: &[f64]| xi.iter().copied().zip(values.iter().copied()).collect::<Vec<_>>();
-        let own: Vec<f64> =
-            rod.joints().map(|k| rod.joint[k] * rod.spacing / rod.ei * if k == 0 { 0.5 } else { 1.0 }).collect();
-        let mut profile = Vec::new();
-        if let Answer::Identified(found) = &self.answer {
-            let top = factors.iter().copied().fold(0.0, f64::max);
-            for (joint, factor) in found.joints.iter().zip(&factors) {
-                let by = (joint.deviation_n_m2 / rod.ei).min(2.0 * top);
-                profile.push(Series::new("", vec![(joint.xi, factor - by), (joint.xi, factor + by)], Mark::Ghost));
-            }
+    pub(super) fn status(&self) -> &'static str {
+        match &self.answer {
+            Answer::Found(found) if found.interrupted => "interrupted",
+            Answer::Found(found) if !found.converged => "not converged",
+            _ => "solved",
         }
-        profile.push(Series::new("designed", line(&factors), Mark::Dotted));
-        profile.push(Series::new("the scene's own", line(&own), Mark::Line));
-        let highest = factors.iter().chain(&own).copied().fold(0.0, f64::max);
-        for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
-            if bound <= 3.0 * highest {
-                profile.push(Series::new(label, vec![(xi[0], bound), (xi[xi.len() - 1], bound)], Mark::Line));
-            }
-        }
-        let chart =
-            |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
-        let bars = if matches!(self.answer, Answer::Identified(_)) { ", bars: one standard deviation" } else { "" };
-        let title = format!("stiffness along the rod{bars}");
-        let mut figures =
-            vec![("profile.svg", chart(&title, "s/L", "EI over EI of the scene", Scale::Linear, profile))];
-        let singular = match &self.answer {
-            Answer::Identified(found) => &found.singular_values[..],
-            Answer::Found(found) => &found.singular_values[..],
-            Answer::Resting(_) => &[],
-        };
-        if !singular.is_empty() {
-            let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
-            let series = vec![Series::new("singular values", points, Mark::Dotted)];
-            figures.push((
-                "singular_values.svg",
-                chart("what the data know", "number", "singular value", Scale::LogY(10), series),
-            ));
-        }
-        if let Answer::Found(found) = &self.answer {
-            let mut series = Vec::new();
-            for start in 0..found.starts.len() {
-                let of = found.history.iter().filter(|iteration| iteration.start == start);
-                let points = of.map(|iteration| (iteration.iteration as f64, iteration.stationarity)).collect();
-                series.push(Series::new(format!("start {}", start + 1), points, Mark::Dotted));
-            }
-            figures.push((
-                "convergence.svg",
-                chart(
-                    "gradient of the Lagrangian over the objective",
-                    "iteration",
-                    "stationarity in ln EI",
-                    Scale::LogY(10),
-                    series,
-                ),
-            ));
-            let mut series = Vec::new();
-            for start in 0..found.starts.len() {
-                let of = found.history.iter().filter(|iteration| iteration.start == start);
-                let points = of.map(|iteration| (iteration.iteration as f64, iteration.objective)).collect();
-                series.push(Series::new(format!("start {}", start + 1), points, Mark::Dotted));
-            }
-            figures.push((
-                "objective.svg",
-                chart("objective", "iteration", objective_label(self.table.goal), Scale::Linear, series),
-            ));
-            let mut problem = Problem::of(&self.scene)?;
-            let even = vec![rod.ei * self.table.mean.unwrap_or(1.0); xi.len()];
-            for (file, title, ei) in [
-                ("before.svg", "last cycle, even stiffness", &even),
-                ("after.svg", "last cycle, designed", &self.stiffness),
-            ] {
-                problem.set_stiffness(ei)?;
-                if let Ok(trajectory) = problem.simulate() {
-                    figures.push((file, chart(title, "x (m)", "y (m)", Scale::Equal, self.shapes(&trajectory))));
-                }
-            }
-        }
-        Ok(figures)
-    }
-
-    /// The shapes of the last cycle.
-    fn shapes(&self, trajectory: &Trajectory) -> Vec<Series> {
-        let last = trajectory.times.len() - 1;
-        let period = self.scene.actuation.as_ref().map(|a| 1.0 / a.frequency_hz.get()).filter(|p| p.is_finite());
-        let start = period.map_or(0.0, |period| trajectory.times[last] - period);
-        let first = trajectory.times.partition_point(|t| *t < start).min(last);
-        let points = |n: usize| trajectory.positions(n).chunks_exact(2).map(|p| (p[0], p[1])).collect::<Vec<_>>();
-        let mut series: Vec<Series> =
-            (0..SHAPES).map(|i| Series::new("", points(first + (last - first) * i / SHAPES), Mark::Ghost)).collect();
-        series.push(Series::new("rod", points(last), Mark::Dotted));
-        series
-    }
-
-    fn page(&self, figures: &[(&'static str, String)]) -> Result<String> {
-        #[derive(Serialize)]
-        struct Content<'a> {
-            name: &'a str,
-            goal: Goal,
-            lines: &'a [String],
-            rows: Vec<[String; 5]>,
-            figures: &'a [(&'static str, String)],
-            scene: &'a str,
-        }
-        let rod = self.scene.model()?.rod;
-        let rows = rod.joints().zip(&self.stiffness).enumerate().map(|(i, (k, ei))| {
-            let (deviation, verdict) = match &self.answer {
-                Answer::Identified(found) => {
-                    let joint = &found.joints[i];
-                    let verdict = match joint.verdict {
-                        Verdict::Identified => "identified",
-                        Verdict::PriorDriven => "prior-driven",
-                        Verdict::AtABound => "at a bound",
-                        Verdict::Unobservable => "unobservable",
-                    };
-                    (format!("{:.2e}", joint.deviation_n_m2), verdict.to_string())
-                }
-                _ => {
-                    let factor = ei / rod.ei;
-                    let bound = self.table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
-                    (String::new(), if bound { "at a bound".to_string() } else { String::new() })
-                }
-            };
-            let xi = k as f64 / (rod.nodes - 1) as f64;
-            [k.to_string(), format!("{xi:.4}"), format!("{ei:.6e}"), deviation, verdict]
-        });
-        let content = Content {
-            name: &self.scene.name,
-            goal: self.table.goal,
-            lines: &self.lines,
-            rows: rows.collect(),
-            figures,
-            scene: self.designed.text(),
-        };
-        render(include_str!("page.html"), &content)
     }
 }
 
-fn objective_label(goal: Goal) -> &'static str {
+pub(super) fn objective_label(goal: Goal) -> &'static str {
     match goal {
         Goal::TrackTip => "rms distance of the tip from its target (m)",
         Goal::Distance => "distance (m)",
@@ -409,85 +345,209 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
     lines
 }
 
-/// The design against the even profile, the study's gradient and the best linear one of the same mean.
-fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<String> {
-    if table.goal == Goal::TrackTip {
-        return Vec::new();
+/// How much better `value` is than `other`, %.
+pub(super) fn gain_percent(goal: Goal, value: f64, other: f64) -> f64 {
+    let better = if matches!(goal, Goal::TrackTip | Goal::Identify) { other - value } else { value - other };
+    100.0 * better / other.abs()
+}
+
+/// The numbers that decide what stiffness does (Sp, β, …), where the scene has them.
+fn dimensionless(scene: &Scene) -> Map<String, Value> {
+    let mut numbers = Map::new();
+    let assessed = Stepper::of(scene).and_then(|stepper| Assessment::of(scene, &stepper));
+    if let Ok(assessed) = assessed {
+        for (name, value) in [
+            ("sperm_number", assessed.sperm_number),
+            ("inertia_ratio", assessed.inertia_ratio),
+            ("frequency_ratio", assessed.frequency_ratio),
+            ("reynolds_number", assessed.reynolds),
+        ] {
+            numbers.insert(name.to_string(), json!(value));
+        }
+        numbers.insert("warnings".to_string(), json!(assessed.warnings));
     }
+    numbers
+}
+
+/// The even profile, the study's gradient and the best linear one of the same mean, and the design, with their objectives.
+fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compared> {
     let rod = &search.problem.model().rod;
     let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
-    let even = table.mean.unwrap_or(1.0);
+    let reference = rod.ei;
+    let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
-    let gradient: Vec<f64> = xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect();
-    let mut lines = Vec::new();
-    let mut say = |name: &str, value: Option<f64>| {
-        if let Some(value) = value {
-            let gain = 100.0 * (found.objective - value) / value.abs();
-            lines.push(format!("{name}: {value:.6e}; the design is {gain:+.2} % better"));
-        }
+    let of = |factors: Vec<f64>| Profile::of(factors.iter().map(|factor| factor * reference).collect());
+    let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
+    let mut profiles = Vec::new();
+    let mut add = |name: &str, profile: Profile, search: &mut Search<'_>| {
+        let objective = search.objective.measure(&mut search.problem, &profile);
+        profiles.push(Compared { name: name.to_string(), profile, objective });
     };
-    say("even profile", search.measure(&vec![even; xi.len()]));
-    say("the study's gradient", search.measure(&gradient));
-    let linear = search.best_linear();
-    say(&format!("best linear profile (slope {:.3})", linear.map_or(f64::NAN, |l| l.0)), linear.map(|l| l.1));
-    lines
+    if table.variables.contains(&Variable::Stiffness) {
+        add("even stiffness", of(vec![even; xi.len()]), search);
+        if table.goal != Goal::TrackTip && !found.interrupted {
+            add("the study's gradient", of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect()), search);
+            if let Some((slope, _)) = search.best_linear() {
+                add(&format!("best linear profile (slope {slope:.3})"), linear(slope), search);
+            }
+        }
+    } else {
+        add("the scene's own", Profile::of(found.own_stiffness_n_m2.clone()), search);
+    }
+    let designed = Compared { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
+    profiles.push(designed);
+    profiles
 }
 
-/// The designed profile as points [ξ, factor].
-fn profile(scene_nodes: usize, first: usize, stiffness: &[f64], reference: f64) -> Vec<[f64; 2]> {
-    let xi = |i: usize| (i + first) as f64 / (scene_nodes - 1) as f64;
-    stiffness.iter().enumerate().map(|(i, ei)| [xi(i), ei / reference]).collect()
+/// The motions of two profiles.
+fn motions(problem: &mut Problem, before: &Profile, after: &Profile) -> Result<[Trajectory; 2]> {
+    let mut motion = |profile: &Profile| {
+        problem.set_stiffness(&profile.stiffness_n_m2)?;
+        problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
+        problem.simulate()
+    };
+    Ok([motion(before)?, motion(after)?])
 }
 
-/// Simulates the design and the even profile again: as it is, with half the step, on a finer mesh, by another method.
+/// The motions of the scene as it is, and with `profile`.
+fn simulated(scene: &Scene, profile: &Profile) -> Result<[Trajectory; 2]> {
+    let mut problem = Problem::of(scene)?;
+    let own = Profile::of(problem.stiffness());
+    motions(&mut problem, &own, profile)
+}
+
+/// The simulations that a design is looked at in: as it is, with half the step, by another method, on a finer mesh.
+fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
+    let step = 0.5 * scene.typical_step();
+    let other = if scene.integrator_name() == "generalized-alpha" { "newmark" } else { "generalized-alpha" };
+    let finer = 2 * scene.rod.nodes.get() - 1;
+    vec![
+        ("as designed".to_string(), Vec::new()),
+        (format!("time step {step:e} s"), vec![format!("solver.time_step_s={step:e}")]),
+        (other.to_string(), vec![format!("solver.integrator={other}")]),
+        (format!("{finer} nodes"), vec![format!("rod.nodes={finer}")]),
+    ]
+}
+
+/// The scene of `document` with `changes` and a profile of the joints of `scene`.
+fn changed(document: &Document, scene: &Scene, changes: &[String], profile: &Profile) -> Result<Scene> {
+    let mut document = document.clone();
+    for change in changes {
+        document.set(change)?;
+    }
+    for ([table, key], value) in keys(scene, profile)? {
+        document.put("the design", &format!("{table}.{key}"), &value);
+    }
+    document.scene()
+}
+
+/// Simulates the design and the even profile again.
 fn verify(
     document: &Document,
     scene: &Scene,
     table: &Table,
     target: Option<&Markers>,
-    stiffness: &[f64],
-    reference: f64,
-) -> Result<Vec<Check>> {
-    let step = scene.typical_step();
-    let other = if scene.integrator_name() == "generalized-alpha" { "newmark" } else { "generalized-alpha" };
-    let finer = 2 * scene.rod.nodes.get() - 1;
-    let first = scene.model()?.rod.first_joint;
-    let points = profile(scene.rod.nodes.get(), first, stiffness, reference);
-    let mut simulations = vec![
-        ("as designed".to_string(), Vec::new()),
-        (format!("time step {:e} s", 0.5 * step), vec![format!("solver.time_step_s={:e}", 0.5 * step)]),
-        (other.to_string(), vec![format!("solver.integrator={other}")]),
-    ];
-    if table.goal != Goal::TrackTip {
-        simulations.push((format!("{finer} nodes"), vec![format!("rod.nodes={finer}")]));
-    }
-    let measure = |changes: &[String], points: &[[f64; 2]]| -> Option<f64> {
-        let mut document = document.clone();
-        for change in changes {
-            document.set(change).ok()?;
-        }
-        let list: Vec<String> = points.iter().map(|[xi, factor]| format!("[{xi:?}, {factor:?}]")).collect();
-        document.set(&format!("rod.stiffness_profile=[{}]", list.join(", "))).ok()?;
-        let scene = document.scene().ok()?;
+    profile: &Profile,
+) -> Vec<Check> {
+    let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
+        let scene = changed(document, scene, changes, profile).ok()?;
         let mut problem = Problem::of(&scene).ok()?;
-        let ei = problem.stiffness();
+        let own = Profile::of(problem.stiffness());
         let objective = Objective::new(table, &problem, target).ok()?;
-        objective.measure(&mut problem, &ei)
+        objective.measure(&mut problem, &own)
     };
-    let even = [[0.0, table.mean.unwrap_or(1.0)]];
-    Ok(simulations
-        .into_iter()
-        .map(|(simulation, changes)| {
-            let designed = measure(&changes, &points);
-            let even = (table.goal != Goal::TrackTip).then(|| measure(&changes, &even)).flatten();
-            let gain_percent = designed.zip(even).map(|(designed, even)| 100.0 * (designed - even) / even.abs());
-            Check { simulation, designed, even, gain_percent }
-        })
-        .collect())
+    let before = Problem::of(scene).map(|problem| {
+        let even = problem.model().rod.ei * table.mean.unwrap_or(1.0);
+        let own = problem.stiffness();
+        let has = table.variables.contains(&Variable::Stiffness);
+        Profile::of(if has { vec![even; own.len()] } else { own })
+    });
+    let check = |(simulation, changes): (String, Vec<String>)| {
+        let designed = measure(&changes, profile);
+        let before = before.as_ref().ok().and_then(|before| measure(&changes, before));
+        let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table.goal, designed, before));
+        Check { simulation, designed, before, gain_percent }
+    };
+    simulations(scene).into_iter().map(check).collect()
+}
+
+/// How far the rod is from `markers` as it is and with an identified profile, in several simulations.
+fn replay(document: &Document, scene: &Scene, markers: &Markers, profile: &Profile) -> Vec<Check> {
+    let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
+        let changed = changed(document, scene, changes, profile).ok()?;
+        let trajectory = Problem::of(&changed).ok()?.simulate().ok()?;
+        let finer = (changed.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
+        distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
+    };
+    let own = Problem::of(scene).map(|problem| Profile::of(problem.stiffness()));
+    let check = |(simulation, changes): (String, Vec<String>)| {
+        let designed = measure(&changes, profile);
+        let before = own.as_ref().ok().and_then(|own| measure(&changes, own));
+        let gain_percent =
+            designed.zip(before).map(|(designed, before)| gain_percent(Goal::Identify, designed, before));
+        Check { simulation, designed, before, gain_percent }
+    };
+    simulations(scene).into_iter().map(check).collect()
+}
+
+pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    (values.map(|x| x * x).sum::<f64>() / count).sqrt()
+}
+
+/// Root mean square distance (m) of every `finer`-th node from the markers at each of their times; none where the simulation
+/// is shorter.
+pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize) -> Option<Vec<f64>> {
+    let rows = markers.times.iter().zip(&markers.positions);
+    rows.map(|(time, row)| {
+        let q = trajectory.at(*time)?;
+        let nodes = row.as_chunks::<2>().0;
+        let square =
+            |(k, [x, y]): (usize, &[f64; 2])| (q[2 * k * finer] - x).powi(2) + (q[2 * k * finer + 1] - y).powi(2);
+        Some((nodes.iter().enumerate().map(square).sum::<f64>() / nodes.len() as f64).sqrt())
+    })
+    .collect()
+}
+
+/// How far (m, root mean square) the rod of a profile rests from `positions`; none where no equilibrium is found from there.
+fn resting(document: &Document, scene: &Scene, profile: &Profile, positions: &[f64]) -> Option<f64> {
+    let scene = changed(document, scene, &[], profile).ok()?;
+    let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
+    let mut newton = Newton::new(dynamics.nodes(), scene.solver.newton_tolerance.get()).ok()?;
+    let mut state = dynamics.first_state();
+    state.q.copy_from_slice(positions);
+    newton.solve(&mut dynamics, &mut state, Direction { q: 1.0, v: 0.0, a: 0.0 }).ok()?;
+    let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
+    Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
+}
+
+/// The keys of a scene that make it have `profile`, with their tables.
+fn keys(scene: &Scene, profile: &Profile) -> Result<Vec<([&'static str; 2], toml::Value)>> {
+    let rod = scene.model()?.rod;
+    let list = |values: &dyn Fn(usize, f64) -> f64| {
+        let points = rod.joints().enumerate().map(|(i, k)| {
+            let xi = k as f64 / (rod.nodes - 1) as f64;
+            toml::Value::Array(vec![toml::Value::Float(xi), toml::Value::Float(values(i, xi))])
+        });
+        toml::Value::Array(points.collect())
+    };
+    let mut keys = vec![(["rod", "stiffness_profile"], list(&|i, _| profile.stiffness_n_m2[i] / rod.ei))];
+    if let Some(actuation) = &scene.actuation {
+        let [amplitude, phase] = actuation.profiles();
+        if profile.amplitude.iter().any(|factor| *factor != 1.0) {
+            let own = |xi: f64| interpolated(&amplitude, xi).unwrap_or(1.0);
+            keys.push((["actuation", "amplitude_profile"], list(&|i, xi| own(xi) * profile.amplitude[i])));
+        }
+        if profile.phase_rad.iter().any(|phase| *phase != 0.0) {
+            let own = |xi: f64| interpolated(&phase, xi).unwrap_or(0.0);
+            keys.push((["actuation", "phase_profile_rad"], list(&|i, xi| own(xi) + profile.phase_rad[i])));
+        }
+    }
+    Ok(keys)
 }
 
 /// The scene with the designed profile and without `[design]`; files that it names are found from anywhere.
-fn designed(document: &Document, scene: &Scene, dynamics: &Dynamics, stiffness: &[f64]) -> Result<Document> {
+fn designed(document: &Document, scene: &Scene, profile: &Profile) -> Result<Document> {
     let failed = |reason: String| Error::Page { reason };
     let mut table: toml::Table = document.text().parse().map_err(|e: toml::de::Error| failed(e.to_string()))?;
     for change in document.overrides() {
@@ -496,12 +556,11 @@ fn designed(document: &Document, scene: &Scene, dynamics: &Dynamics, stiffness: 
     }
     table.remove("design");
     table.insert("name".to_string(), toml::Value::String(format!("{}-designed", scene.name)));
-    let rod = &dynamics.model.rod;
-    let points = profile(rod.nodes, rod.first_joint, stiffness, rod.ei);
-    if let Some(toml::Value::Table(rod)) = table.get_mut("rod") {
-        rod.remove("stiffness_gradient");
-        let list = points.into_iter().map(|point| toml::Value::Array(point.map(toml::Value::Float).to_vec())).collect();
-        rod.insert("stiffness_profile".to_string(), toml::Value::Array(list));
+    for ([part, key], value) in keys(scene, profile)? {
+        if let Some(toml::Value::Table(part)) = table.get_mut(part) {
+            part.remove("stiffness_gradient");
+            part.insert(key.to_string(), value);
+        }
     }
     if let Some(toml::Value::Table(head)) = table.get_mut("head") {
         for (_, value) in head.iter_mut() {

@@ -1,32 +1,52 @@
 //! Dynamic goals: sequential quadratic programming on simulated outputs with their exact sensitivities.
 //!
-//! Unknown is x = ln(EI/EI_ref). Each step solves min gᵀd + ½dᵀ(H + λD₂ᵀD₂)d under bounds, order, the linearised mean and a
-//! trust radius |d_i| ≤ Δ. H is JᵀJ for a tracked tip, damped after Marquardt (SIAM J. Appl. Math. 11, 1963) in the place of a
-//! changing radius, else a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical
-//! Optimization, 2006, section 18.3). A step that does not lower the objective, or whose simulation fails, is rejected and
-//! shrinks Δ.
+//! Each step solves min gᵀd + ½dᵀHd under bounds, order and the linearised means. A step that does not lower the objective,
+//! or whose simulation fails, is rejected. Roughness adds its own matrix to H. The rest of H is
+//!
+//! - for a tracked tip, in compliances, JᵀJ + μfM (Gauss, Newton, Levenberg), M = 1 + (0.3 L)⁴ D₂ᵀD₂: steps are smooth where
+//!   the tip does not ask for more, or they would run along narrow bent valleys. As the damping falls with the objective f
+//!   (half the mean square), it does not slow the end (Yamashita & Fukushima, Computing Suppl. 15, 2001); μ follows the gain
+//!   ratio (Nielsen, IMM-REP-1999-05);
+//! - else, in logarithms, a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical Optimization, 2006, section
+//!   18.3), with a trust radius |d_i| ≤ Δ.
 
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use super::identify::smooth;
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Basis, Goal, Table};
+use super::table::{Goal, Table};
+use super::unknowns::{Profile, Unknowns};
 use crate::error::{Error, Result};
-use crate::scene::Scene;
-use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Work};
+use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
 
-/// Stationary in scaled variables: the gradient of the Lagrangian over the objective.
-const STATIONARY: f64 = 1e-7;
+/// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
+/// residuals and of their derivatives (the cosine between them, as in MINPACK). A search goes on to the first and has converged
+/// with the second.
+const STATIONARY: [f64; 2] = [1e-7, 1e-6];
 
-/// First damping of the tracked tip's JᵀJ, over its diagonal.
-const DAMPING: f64 = 1e-3;
+/// A tip that is met to this part of the length is met.
+const MET: f64 = 1e-9;
 
-/// Largest first trust radius in ln EI, and the smallest worth a step.
-const RADIUS: [f64; 2] = [0.5, 1e-9];
+/// A target is uncertain by this part of the length at least.
+const UNCERTAIN: f64 = 1e-6;
+
+/// First μ of a tracked tip.
+const DAMPING: f64 = 1.0;
+
+/// The length that makes its steps smooth, over the rod's.
+const SMOOTH: f64 = 0.3;
+
+/// Most iterations of a start, where none are given.
+const ITERATIONS: usize = 200;
+
+/// First trust radius, the largest, and the smallest worth a step.
+const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
+
+/// A step must win this part of what its model promises.
+const WON: f64 = 1e-4;
 
 /// What a dynamic goal measures.
 #[derive(Debug)]
@@ -36,6 +56,7 @@ pub struct Objective {
     /// Samples of the tip that are to be met: steps, and x, y (m).
     target: Vec<(usize, [f64; 2])>,
     outputs: Vec<Output>,
+    length: f64,
 }
 
 /// The objective at one profile.
@@ -43,8 +64,9 @@ pub struct Objective {
 struct Value {
     /// What is made small.
     f: f64,
-    /// Its derivatives by EI, and those of residuals (a row each) where it is half a sum of squares.
+    /// Its derivatives by the parameters, later by the unknowns.
     by: Vec<f64>,
+    /// Residuals and the rows of their derivatives, where it is half a sum of squares.
     residuals: Option<(Vec<f64>, Vec<Vec<f64>>)>,
 }
 
@@ -52,7 +74,7 @@ impl Objective {
     /// The objective of a scene's design; `target` are the markers of a tip to be tracked.
     ///
     /// # Errors
-    /// [`Error::Design`] where the target's times are not those of steps.
+    /// [`Error::Design`] where the target's times are not those of steps, and for the way of a head that is held.
     pub fn new(table: &Table, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
         let tip = problem.model().rod.nodes - 1;
         let held = problem.model().head.is_some();
@@ -84,50 +106,58 @@ impl Objective {
             }
             _ => Vec::new(),
         };
-        Ok(Self { goal: table.goal, sign, target, outputs })
+        Ok(Self { goal: table.goal, sign, target, outputs, length: problem.model().rod.length })
     }
 
-    fn of(&self, found: &Sensitivities) -> Value {
-        let last = found.times.len() - 1;
-        let moved = self.sign * if self.goal == Goal::TrackTip { 0.0 } else { found.value(last, 0) };
-        match self.goal {
-            Goal::TrackTip => {
-                let scale = 1.0 / (self.target.len() as f64).sqrt();
-                let mut residuals = Vec::new();
-                let mut rows = Vec::new();
-                for (n, tip) in &self.target {
-                    for (o, x) in tip.iter().enumerate() {
-                        residuals.push(scale * (found.value(*n, o) - x));
-                        rows.push(found.row(*n, o).iter().map(|d| scale * d).collect::<Vec<f64>>());
-                    }
-                }
-                let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
-                let width = rows.first().map_or(0, Vec::len);
-                let by = (0..width).map(|j| residuals.iter().zip(&rows).map(|(r, row)| r * row[j]).sum()).collect();
-                Value { f, by, residuals: Some((residuals, rows)) }
+    /// Half the mean square distance of the tip from its target.
+    fn tracked(&self, found: &Sensitivities) -> Value {
+        let scale = 1.0 / (self.target.len() as f64).sqrt();
+        let (mut residuals, mut rows) = (Vec::new(), Vec::new());
+        for (n, tip) in &self.target {
+            for (o, x) in tip.iter().enumerate() {
+                residuals.push(scale * (found.value(*n, o) - x));
+                rows.push(found.row(*n, o).iter().map(|d| scale * d).collect::<Vec<f64>>());
             }
-            Goal::Distance => {
-                Value { f: -moved, by: found.row(last, 0).iter().map(|d| -self.sign * d).collect(), residuals: None }
-            }
-            _ => {
-                // D|D|/W, as efficiency is a constant times D²/W.
-                let work = found.value(last, 1);
+        }
+        let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
+        let width = rows.first().map_or(0, Vec::len);
+        let by = (0..width).map(|j| residuals.iter().zip(&rows).map(|(r, row)| r * row[j]).sum()).collect();
+        Value { f, by, residuals: Some((residuals, rows)) }
+    }
+
+    /// The objective of a way along x and, for efficiency, a work, and its derivatives by them.
+    fn scalar(&self, found: &[f64]) -> (f64, Vec<f64>) {
+        let moved = self.sign * found[0];
+        match found.get(1) {
+            None => (-moved, vec![-self.sign]),
+            // D|D|/W, as efficiency is a constant times D²/W.
+            Some(work) => {
                 let f = -moved * moved.abs() / work;
-                let by = found.row(last, 0).iter().zip(found.row(last, 1));
-                let by = by.map(|(d, w)| -2.0 * moved.abs() * self.sign * d / work - f * w / work).collect();
-                Value { f, by, residuals: None }
+                (f, vec![-2.0 * self.sign * moved.abs() / work, -f / work])
             }
         }
     }
 
-    /// The objective and its derivatives by the stiffness `ei` of the joints; none where the simulation fails.
-    fn at(&self, problem: &mut Problem, ei: &[f64], derivatives: bool) -> Option<Value> {
-        problem.set_stiffness(ei).ok()?;
-        let parameters: Vec<Parameter> =
-            problem.model().rod.joints().filter(|_| derivatives).map(Parameter::Stiffness).collect();
-        let every = if self.target.is_empty() { usize::MAX } else { 1 };
-        let found = problem.forward(&parameters, &self.outputs, every, |_| {}).ok()?;
-        let value = self.of(&found);
+    /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
+    /// simulation fails.
+    fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
+        problem.set_stiffness(&profile.stiffness_n_m2).ok()?;
+        problem.set_actuation(&profile.amplitude, &profile.phase_rad).ok()?;
+        let value = if self.goal == Goal::TrackTip {
+            self.tracked(&problem.forward(parameters, &self.outputs, 1, |_| {}).ok()?)
+        } else {
+            let mut trajectory = Trajectory::default();
+            let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
+            let (f, slopes) = self.scalar(&found.values[found.values.len() - self.outputs.len()..]);
+            let mut by = Vec::new();
+            if !parameters.is_empty() {
+                let mut weights = vec![0.0; self.outputs.len() * trajectory.times.len()];
+                let last = weights.len() - slopes.len();
+                weights[last..].copy_from_slice(&slopes);
+                by = problem.adjoint(parameters, &self.outputs, &weights, &trajectory).ok()?;
+            }
+            Value { f, by, residuals: None }
+        };
         (value.f.is_finite() && value.by.iter().all(|x| x.is_finite())).then_some(value)
     }
 
@@ -136,9 +166,26 @@ impl Objective {
         if self.goal == Goal::TrackTip { (2.0 * f).sqrt() } else { -f }
     }
 
-    /// The shown objective with the stiffness `ei` (N m²) of the joints; none where the simulation fails.
-    pub fn measure(&self, problem: &mut Problem, ei: &[f64]) -> Option<f64> {
-        self.at(problem, ei, false).map(|value| self.shown(value.f))
+    /// The shown objective of a profile; none where the simulation fails.
+    pub fn measure(&self, problem: &mut Problem, profile: &Profile) -> Option<f64> {
+        self.at(problem, profile, &[]).map(|value| self.shown(value.f))
+    }
+
+    /// The shown objective of a profile and its derivatives by `parameters`; none where the simulation fails.
+    pub fn derivatives(
+        &self,
+        problem: &mut Problem,
+        profile: &Profile,
+        parameters: &[Parameter],
+    ) -> Option<(f64, Vec<f64>)> {
+        let value = self.at(problem, profile, parameters)?;
+        let shown = self.shown(value.f);
+        let slope = if self.goal == Goal::TrackTip { 1.0 / shown } else { -1.0 };
+        Some((shown, value.by.iter().map(|by| slope * by).collect()))
+    }
+
+    fn is_met(&self, f: f64) -> bool {
+        self.goal == Goal::TrackTip && self.shown(f) < MET * self.length
     }
 }
 
@@ -151,10 +198,10 @@ pub struct Iteration {
     pub iteration: usize,
     /// The objective as shown.
     pub objective: f64,
-    /// The gradient of the Lagrangian over the objective, in ln EI.
+    /// The gradient of the Lagrangian by the unknowns, over the objective; of a tracked tip over residuals and derivatives.
     pub stationarity: f64,
-    /// Trust radius.
-    pub radius: f64,
+    /// The longest component of the step.
+    pub step: f64,
     /// False for a rejected step.
     pub accepted: bool,
 }
@@ -162,13 +209,14 @@ pub struct Iteration {
 /// What a search finds.
 #[derive(Debug, Clone, Serialize)]
 pub struct Found {
-    /// EI of the joints, N m².
-    pub stiffness_n_m2: Vec<f64>,
+    /// The best profile.
+    #[serde(flatten)]
+    pub profile: Profile,
     /// The objective as shown.
     pub objective: f64,
     /// Its stationarity.
     pub stationarity: f64,
-    /// True where that is below the limit.
+    /// True where that is below the limit, or the tip is met.
     pub converged: bool,
     /// The objective of every start's end.
     pub starts: Vec<f64>,
@@ -176,25 +224,33 @@ pub struct Found {
     pub history: Vec<Iteration>,
     /// Constraints that bind, with their duals over the objective.
     pub active: Vec<(String, f64)>,
-    /// Singular values of the tip's derivatives by ln EI (m), falling; of a tracked tip only.
+    /// EI of the joints before, N m².
+    pub own_stiffness_n_m2: Vec<f64>,
+    /// Of a tracked tip: standard deviation of each joint's stiffness over itself, where every coordinate of the target is
+    /// uncertain by what is left of the distance, or a millionth of the length.
+    pub deviations: Vec<f64>,
+    /// Singular values of the tip's derivatives by the unknowns (m), falling; of a tracked tip only.
     pub singular_values: Vec<f64>,
     /// True where it was stopped.
     pub interrupted: bool,
 }
 
-/// Constraints that bind, with their duals.
-type Active = Vec<(String, f64)>;
-
 /// A point of the search.
 struct Point {
-    x: Vec<f64>,
+    x: DVector<f64>,
     value: Value,
+}
+
+/// Where a start has come to.
+struct End {
+    point: Point,
+    stationarity: f64,
+    active: Vec<(String, f64)>,
+    interrupted: bool,
 }
 
 /// The search of one scene.
 pub struct Search<'a> {
-    /// The scene.
-    pub scene: &'a Scene,
     /// What is asked for.
     pub table: &'a Table,
     /// The objective.
@@ -204,286 +260,201 @@ pub struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn stiffness(&self, basis: &Basis, x: &[f64]) -> Vec<f64> {
-        let reference = self.problem.model().rod.ei;
-        basis.joints(x).iter().map(|x| reference * x.exp()).collect()
-    }
-
-    fn point(&mut self, basis: &Basis, x: Vec<f64>) -> Option<Point> {
-        let ei = self.stiffness(basis, &x);
-        let mut value = self.objective.at(&mut self.problem, &ei, true)?;
-        // By the unknowns: d EI = EI d ln EI.
-        let chain = |by: &[f64]| {
-            let mut out = vec![0.0; basis.unknowns];
-            for ((by, ei), row) in by.iter().zip(&ei).zip(&basis.rows) {
-                row.iter().for_each(|(i, w)| out[*i] += by * ei * w);
-            }
-            out
-        };
-        value.by = chain(&value.by);
+    fn point(&mut self, unknowns: &Unknowns, x: Vec<f64>) -> Option<Point> {
+        let profile = unknowns.profile(&x);
+        let mut value = self.objective.at(&mut self.problem, &profile, &unknowns.parameters())?;
+        value.by = unknowns.chain(&profile, &value.by);
         if let Some((_, rows)) = &mut value.residuals {
-            rows.iter_mut().for_each(|row| *row = chain(row));
+            rows.iter_mut().for_each(|row| *row = unknowns.chain(&profile, row));
         }
-        Some(Point { x, value })
+        Some(Point { x: x.into(), value })
     }
 
-    /// The mean over the reference, and its derivatives.
-    fn mean(&self, basis: &Basis, x: &[f64]) -> (f64, Vec<f64>) {
-        let count = basis.rows.len() as f64;
-        let factors: Vec<f64> = basis.joints(x).iter().map(|x| x.exp()).collect();
-        let mut by = vec![0.0; basis.unknowns];
-        for (factor, row) in factors.iter().zip(&basis.rows) {
-            row.iter().for_each(|(i, w)| by[*i] += factor * w / count);
-        }
-        (factors.iter().sum::<f64>() / count, by)
-    }
-
-    /// x moved down so that it keeps the mean, and inside its bounds.
-    fn kept(&self, basis: &Basis, mut x: Vec<f64>) -> Vec<f64> {
-        let [low, high] = self.table.bounds.map(f64::ln);
-        for _ in 0..50 {
-            x.iter_mut().for_each(|x| *x = x.clamp(low, high));
-            let Some(most) = self.table.mean else { break };
-            let (mean, by) = self.mean(basis, &x);
-            let free: f64 = by.iter().zip(&x).filter(|(_, x)| **x > low).map(|(by, _)| by).sum();
-            if mean <= most * (1.0 + 1e-12) || free == 0.0 {
-                break;
-            }
-            let shift = (mean - most) / free;
-            x.iter_mut().for_each(|x| *x -= shift);
-        }
-        x
-    }
-
-    /// Starts: even, the study's gradient, its mirror image, then waves of random phase.
-    fn first(&self, basis: &Basis, start: usize) -> Vec<f64> {
-        let rod = &self.problem.model().rod;
-        let xi: Vec<f64> = match &self.table.knots {
-            Some(knots) => knots.clone(),
-            None => rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect(),
-        };
-        let even = self.table.mean.unwrap_or(1.0);
-        let factor = |xi: f64| match start {
-            0 => 1.0,
-            1 => (2.0 - xi) / 1.5,
-            2 => (1.0 + xi) / 1.5,
-            n => {
-                let phase = 2.399_963 * n as f64; // the golden angle
-                1.0 + 0.6 * (std::f64::consts::PI * (1.0 + (n % 3) as f64) * xi + phase).cos()
-            }
-        };
-        self.kept(basis, xi.into_iter().map(|xi| (even * factor(xi)).ln()).collect())
-    }
-
-    /// The stiffness that makes the objective best, from several starts; `tell` sees every iteration and may stop the search,
+    /// The profile that makes the objective best, from several starts; `tell` sees every iteration and may stop the search,
     /// which then has the best so far.
     ///
     /// # Errors
-    /// [`Error::Design`] where no start can be simulated, or the programme cannot be solved.
+    /// [`Error::Design`] where no start can be simulated, or a programme cannot be solved.
     pub fn run(&mut self, mut tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
-        let basis = self.table.basis(&self.problem.model().rod);
+        let own_stiffness_n_m2 = self.problem.stiffness();
+        let unknowns = Unknowns::of(self.table, &self.problem.model().rod, own_stiffness_n_m2.clone());
+        let n = unknowns.count();
         let starts = self.table.starts.unwrap_or(if self.table.goal == Goal::TrackTip { 1 } else { 3 }).max(1);
-        let most = self.table.iterations.unwrap_or(60);
+        let mut roughness = None;
         let mut history = Vec::new();
-        let mut ends: Vec<(Point, f64, Active)> = Vec::new();
-        let mut interrupted = false;
+        let mut ends: Vec<End> = Vec::new();
         for start in 0..starts {
-            let first = self.first(&basis, start);
-            let Some(mut here) = self.point(&basis, first) else { continue };
-            let n = basis.unknowns;
-            let mut hessian: Option<DMatrix<f64>> = None;
-            let mut radius = RADIUS[0];
-            let mut damping = DAMPING;
-            let mut last = (f64::INFINITY, Vec::new());
-            for iteration in 0..most {
-                // The objective in units of itself.
-                let unit = match self.table.goal {
-                    Goal::TrackTip => here.value.f.max(f64::MIN_POSITIVE),
-                    _ => here.value.f.abs().max(1e-12),
-                };
-                let gradient = DVector::from_iterator(n, here.value.by.iter().map(|g| g / unit));
-                let model = match (&here.value.residuals, &hessian) {
-                    (Some((_, rows)), _) => {
-                        let jacobian = DMatrix::from_fn(rows.len(), n, |i, j| rows[i][j]);
-                        let square = jacobian.transpose() * jacobian / unit;
-                        // Marquardt's damping: what the tip hardly feels would else lead far down a bent valley.
-                        let diagonal = square.diagonal() * damping;
-                        square + DMatrix::from_diagonal(&diagonal)
-                    }
-                    (None, Some(hessian)) => hessian.clone() / unit,
-                    (None, None) => DMatrix::identity(n, n) * (gradient.norm() / RADIUS[0]).max(1e-12),
-                };
-                let mut programme = Quadratic::new(n);
-                programme.hessian = model.transpose().iter().copied().collect();
-                programme.gradient = gradient.iter().copied().collect();
-                smooth(&mut programme, &basis, self.table.smoothness);
-                let trusted = self.constrain(&mut programme, &basis, &here.x, radius);
-                let solution = programme.solve()?;
-                // The gradient of the Lagrangian without the trust region's duals.
-                let mut lagrangian: Vec<f64> = gradient.iter().copied().collect();
-                for (k, constraint) in programme.constraints.iter().enumerate().skip(trusted) {
-                    constraint.row.iter().for_each(|(i, c)| lagrangian[*i] += solution.duals[k] * c);
-                }
-                let stationarity = lagrangian.iter().fold(0.0, |max: f64, x| max.max(x.abs()));
-                let mut active = programme.active(&solution);
-                active.retain(|(name, _)| !name.starts_with("trust"));
-                last = (stationarity, active);
-                let mut report = Iteration {
-                    start,
-                    iteration,
-                    objective: self.objective.shown(here.value.f),
-                    stationarity,
-                    radius,
-                    accepted: true,
-                };
-                let exact = self.table.goal == Goal::TrackTip && self.objective.shown(here.value.f) < 1e-9;
-                if stationarity <= STATIONARY || exact || radius < RADIUS[1] {
-                    interrupted = tell(&report).is_break();
-                    history.push(report);
-                    break;
-                }
-                let step = DVector::from_column_slice(&solution.x);
-                let promised = -(gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
-                let trial = self.kept(&basis, here.x.iter().zip(step.iter()).map(|(x, d)| x + d).collect());
-                let next = self.point(&basis, trial);
-                let won = next.as_ref().map_or(f64::NEG_INFINITY, |next| (here.value.f - next.value.f) / unit);
-                let longest = step.amax();
-                if won > 1e-4 * promised
-                    && let Some(next) = next
-                {
-                    if here.value.residuals.is_none() {
-                        let dual =
-                            self.table.mean.map_or(0.0, |_| solution.duals.last().copied().unwrap_or(0.0)) * unit;
-                        hessian = Some(self.updated(hessian, &here, &next, dual, &basis));
-                    }
-                    if here.value.residuals.is_some() {
-                        damping *= if won > 0.75 * promised {
-                            0.1
-                        } else if won < 0.25 * promised {
-                            4.0
-                        } else {
-                            1.0
-                        };
-                    } else if won > 0.75 * promised && longest > 0.9 * radius {
-                        radius = (2.0 * radius).min(2.0);
-                    } else if won < 0.25 * promised {
-                        radius = 0.5 * longest;
-                    }
-                    here = next;
-                } else {
-                    report.accepted = false;
-                    if here.value.residuals.is_some() && damping < 1e6 {
-                        damping *= 3.0;
-                    } else {
-                        radius = 0.25 * longest.min(radius);
-                    }
-                }
-                interrupted = tell(&report).is_break();
-                history.push(report);
-                if interrupted {
-                    break;
-                }
-            }
-            ends.push((here, last.0, last.1));
-            if interrupted {
+            let Some(first) = self.point(&unknowns, unknowns.first(start)) else { continue };
+            let weight = self.table.smoothness * first.value.f.abs();
+            let rough = roughness.get_or_insert_with(|| DMatrix::from_row_slice(n, n, &unknowns.roughness(weight)));
+            ends.push(self.descend(&unknowns, rough, first, |mut iteration| {
+                iteration.start = start;
+                let told = tell(&iteration);
+                history.push(iteration);
+                told
+            })?);
+            if ends.last().is_some_and(|end| end.interrupted) {
                 break;
             }
         }
-        let starts: Vec<f64> = ends.iter().map(|(point, ..)| self.objective.shown(point.value.f)).collect();
-        let Some((best, stationarity, active)) = ends.into_iter().min_by(|a, b| a.0.value.f.total_cmp(&b.0.value.f))
-        else {
-            return Err(Error::Design {
-                reason: "no start could be simulated; try other bounds, or a smaller step".into(),
-            });
+        let starts: Vec<f64> = ends.iter().map(|end| self.objective.shown(end.point.value.f)).collect();
+        let interrupted = ends.iter().any(|end| end.interrupted);
+        let merit = |end: &End| {
+            let x = &end.point.x;
+            end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
-        let singular_values = best.value.residuals.as_ref().map_or(Vec::new(), |(_, rows)| {
-            let jacobian = DMatrix::from_fn(rows.len(), basis.unknowns, |i, j| rows[i][j]);
-            let mut values: Vec<f64> = jacobian.singular_values().iter().copied().collect();
-            values.sort_by(|a, b| b.total_cmp(a));
-            values
-        });
+        let Some(best) = ends.into_iter().min_by(|a, b| merit(a).total_cmp(&merit(b))) else {
+            let reason = "no start could be simulated; try other bounds, or a smaller step".into();
+            return Err(Error::Design { reason });
+        };
+        let value = best.point.value;
+        let objective = self.objective.shown(value.f);
+        let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
+        if let Some((_, rows)) = &value.residuals {
+            let svd = jacobian(rows, n).svd(false, true);
+            singular_values.extend(svd.singular_values.iter().copied());
+            singular_values.sort_by(|a, b| b.total_cmp(a));
+            let noise = objective.max(UNCERTAIN * self.objective.length) / (self.objective.target.len() as f64).sqrt();
+            if let Some(v_t) = &svd.v_t {
+                deviations = unknowns.deviations(best.point.x.as_slice(), v_t, svd.singular_values.as_slice(), noise);
+            }
+        }
         Ok(Found {
-            stiffness_n_m2: self.stiffness(&basis, &best.x),
-            objective: self.objective.shown(best.value.f),
-            stationarity,
-            converged: stationarity <= 1e-6
-                || self.table.goal == Goal::TrackTip && self.objective.shown(best.value.f) < 1e-9,
+            profile: unknowns.profile(best.point.x.as_slice()),
+            own_stiffness_n_m2,
+            deviations,
+            objective,
+            stationarity: best.stationarity,
+            converged: best.stationarity <= STATIONARY[1] || self.objective.is_met(value.f),
             starts,
             history,
-            active,
+            active: best.active,
             singular_values,
             interrupted,
         })
     }
 
-    /// Adds the constraints of a step from `x`; the trust region's come first, their number is returned. The mean is last.
-    fn constrain(&self, programme: &mut Quadratic, basis: &Basis, x: &[f64], radius: f64) -> usize {
-        let [low, high] = self.table.bounds;
-        let constraints = &mut programme.constraints;
-        for i in 0..x.len() {
-            for sign in [1.0, -1.0] {
-                constraints.push(Constraint::at_most("trust region", vec![(i, sign)], radius));
+    /// Goes down from `first`. All of a step's programme is in units of the objective.
+    fn descend(
+        &mut self,
+        unknowns: &Unknowns,
+        rough: &DMatrix<f64>,
+        first: Point,
+        mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
+    ) -> Result<End> {
+        let n = unknowns.count();
+        let merit = |point: &Point| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
+        let slope = |point: &Point| DVector::from_column_slice(&point.value.by) + rough * &point.x;
+        let squares = first.value.residuals.is_some();
+        let stiff = unknowns.roughness((SMOOTH * unknowns.joints() as f64).powi(4));
+        let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
+        let mut here = first;
+        let mut hessian: Option<DMatrix<f64>> = None;
+        let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
+        let mut end = (f64::INFINITY, Vec::new(), false);
+        for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
+            let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
+            let gradient = slope(&here) / unit;
+            let model = rough / unit
+                + match (&here.value.residuals, &hessian) {
+                    (Some((_, rows)), _) => {
+                        let jacobian = jacobian(rows, n);
+                        jacobian.tr_mul(&jacobian) / unit
+                    }
+                    (None, Some(hessian)) => hessian / unit,
+                    (None, None) => DMatrix::identity(n, n) * (gradient.norm() / RADIUS[0]).max(1e-12),
+                };
+            let mut programme = Quadratic::new(n);
+            let damped = if squares { &model + &metric * damping } else { model.clone() };
+            programme.hessian = damped.iter().copied().collect(); // symmetric
+            programme.gradient = gradient.iter().copied().collect();
+            for i in (0..n).filter(|_| !squares) {
+                for sign in [1.0, -1.0] {
+                    programme.constraints.push(Constraint::at_most("trust region", vec![(i, sign)], radius));
+                }
+            }
+            let trusted = programme.constraints.len();
+            unknowns.constrain(&mut programme, here.x.as_slice());
+            let solution = programme.solve()?;
+            // The gradient of the Lagrangian without the trust region's duals.
+            let mut lagrangian = gradient.clone();
+            for (constraint, dual) in programme.constraints.iter().zip(&solution.duals).skip(trusted) {
+                constraint.row.iter().for_each(|(i, c)| lagrangian[*i] += dual * c);
+            }
+            let stationarity = match &here.value.residuals {
+                Some((residuals, rows)) => {
+                    let (jacobian, size) = (jacobian(rows, n), DVector::from_column_slice(residuals).norm());
+                    let cosine =
+                        |(slope, column): (&f64, f64)| slope.abs() * unit / (column * size).max(f64::MIN_POSITIVE);
+                    let columns = jacobian.column_iter().map(|column| column.norm());
+                    lagrangian.iter().zip(columns).map(cosine).fold(0.0, f64::max)
+                }
+                None => lagrangian.amax(),
+            };
+            let mut active = programme.active(&solution);
+            active.retain(|(name, _)| name != "trust region");
+            let step = DVector::from_column_slice(&solution.x);
+            let longest = step.amax();
+            let objective = self.objective.shown(here.value.f);
+            let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
+            end = (stationarity, active, false);
+            if stationarity <= STATIONARY[0] || self.objective.is_met(here.value.f) || longest.min(radius) < RADIUS[2] {
+                end.2 = tell(report).is_break();
+                break;
+            }
+            let promised = -(gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
+            let next = self.point(unknowns, unknowns.kept((&here.x + &step).as_slice().to_vec()));
+            let ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| (merit(&here) - merit(next)) / unit / promised);
+            report.accepted = ratio > WON;
+            if squares {
+                if report.accepted {
+                    damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(0.1);
+                    growth = 2.0;
+                } else {
+                    damping *= growth;
+                    growth *= 2.0;
+                }
+            } else if ratio > 0.75 && longest > 0.9 * radius {
+                radius = (2.0 * radius).min(RADIUS[1]);
+            } else if ratio < 0.25 {
+                radius = if report.accepted { 0.5 } else { 0.25 } * longest.min(radius);
+            }
+            if let Some(next) = next.filter(|_| report.accepted) {
+                if !squares {
+                    let duals = &solution.duals[solution.duals.len() - unknowns.means(here.x.as_slice()).len()..];
+                    let curved = |point: &Point| {
+                        let means = unknowns.means(point.x.as_slice());
+                        let sum = DVector::from_column_slice(&point.value.by);
+                        means
+                            .iter()
+                            .zip(duals)
+                            .fold(sum, |sum, ((_, by), dual)| sum + DVector::from_column_slice(by) * (dual * unit))
+                    };
+                    let (moved, turned) = (&next.x - &here.x, curved(&next) - curved(&here));
+                    let size = 10.0 * curved(&here).norm();
+                    hessian = Some(updated(hessian, &moved, &turned, size.max(1e-12 * unit)));
+                }
+                here = next;
+            }
+            end.2 = tell(report).is_break();
+            if end.2 {
+                break;
             }
         }
-        let trusted = constraints.len();
-        let place = |i: usize| match &self.table.knots {
-            Some(knots) => format!("knot xi = {}", knots[i]),
-            None => format!("joint {}", i + self.problem.model().rod.first_joint),
-        };
-        for (i, x) in x.iter().enumerate() {
-            constraints.push(Constraint::at_most(
-                format!("{} at least {low}", place(i)),
-                vec![(i, -1.0)],
-                x - low.ln(),
-            ));
-            constraints.push(Constraint::at_most(
-                format!("{} at most {high}", place(i)),
-                vec![(i, 1.0)],
-                high.ln() - x,
-            ));
-        }
-        for i in (1..x.len()).filter(|_| self.table.monotone) {
-            let name = format!("{} not above {}", place(i), place(i - 1));
-            constraints.push(Constraint::at_most(name, vec![(i, 1.0), (i - 1, -1.0)], x[i - 1] - x[i]));
-        }
-        if let Some(most) = self.table.mean {
-            let (mean, by) = self.mean(basis, x);
-            let row = by.into_iter().enumerate().collect();
-            constraints.push(Constraint::at_most(format!("mean at most {most}"), row, (most - mean).max(0.0)));
-        }
-        trusted
+        let (stationarity, active, interrupted) = end;
+        Ok(End { point: here, stationarity, active, interrupted })
     }
 
-    /// The damped BFGS matrix of the Lagrangian after the step from `here` to `next`; `dual` is that of the mean.
-    fn updated(&self, old: Option<DMatrix<f64>>, here: &Point, next: &Point, dual: f64, basis: &Basis) -> DMatrix<f64> {
-        let n = here.x.len();
-        let vector = |values: &[f64]| DVector::from_column_slice(values);
-        let slope = |point: &Point| vector(&point.value.by) + vector(&self.mean(basis, &point.x).1) * dual;
-        let (s, y) = (vector(&next.x) - vector(&here.x), slope(next) - slope(here));
-        let old = old.unwrap_or_else(|| {
-            let size = (y.dot(&y) / y.dot(&s).abs().max(f64::MIN_POSITIVE)).min(10.0 * slope(here).norm());
-            DMatrix::identity(n, n) * size.max(1e-12 * here.value.f.abs())
-        });
-        let hs = &old * &s;
-        let (shs, sy) = (s.dot(&hs), s.dot(&y));
-        if shs <= 0.0 {
-            return old;
-        }
-        let theta = if sy >= 0.2 * shs { 1.0 } else { 0.8 * shs / (shs - sy) };
-        let r = y * theta + &hs * (1.0 - theta);
-        let scale = s.dot(&r);
-        old - &hs * hs.transpose() / shs + &r * r.transpose() / scale
-    }
-
-    /// The objective as shown with factors of the reference at the joints; none where it fails.
+    /// The objective as shown with factors of the reference stiffness at the joints and the scene's own actuation; none where
+    /// it fails.
     pub fn measure(&mut self, factors: &[f64]) -> Option<f64> {
         let reference = self.problem.model().rod.ei;
-        let ei: Vec<f64> = factors.iter().map(|factor| factor * reference).collect();
-        self.objective.measure(&mut self.problem, &ei)
+        let profile = Profile::of(factors.iter().map(|factor| factor * reference).collect());
+        self.objective.measure(&mut self.problem, &profile)
     }
 
-    /// The best profile that is linear in ξ, of the same mean and within the bounds: its slope a in b(1 + a(½ − ξ)) and the
-    /// objective as shown.
+    /// The best profile that is linear in ξ, of the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the
+    /// mean of ξ, and the objective as shown.
     pub fn best_linear(&mut self) -> Option<(f64, f64)> {
         let rod = &self.problem.model().rod;
         let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
@@ -516,4 +487,26 @@ impl Search<'_> {
         }
         best
     }
+}
+
+fn jacobian(rows: &[Vec<f64>], columns: usize) -> DMatrix<f64> {
+    DMatrix::from_fn(rows.len(), columns, |i, j| rows[i][j])
+}
+
+/// The damped BFGS matrix after a step `s` over which the gradient of the Lagrangian changed by `y`; the first is at most `size`
+/// times the identity.
+fn updated(old: Option<DMatrix<f64>>, s: &DVector<f64>, y: &DVector<f64>, size: f64) -> DMatrix<f64> {
+    let old = old.unwrap_or_else(|| {
+        let secant = y.dot(y) / y.dot(s).abs().max(f64::MIN_POSITIVE);
+        DMatrix::identity(s.len(), s.len()) * secant.min(size)
+    });
+    let hs = &old * s;
+    let (shs, sy) = (s.dot(&hs), s.dot(y));
+    if shs <= 0.0 {
+        return old;
+    }
+    let theta = if sy >= 0.2 * shs { 1.0 } else { 0.8 * shs / (shs - sy) };
+    let r = y * theta + &hs * (1.0 - theta);
+    let scale = s.dot(&r);
+    old - &hs * hs.transpose() / shs + &r * r.transpose() / scale
 }

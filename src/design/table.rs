@@ -21,13 +21,35 @@ pub enum Goal {
     Efficiency,
 }
 
+impl Goal {
+    /// True where it is searched for by simulation.
+    pub fn is_dynamic(self) -> bool {
+        matches!(self, Self::TrackTip | Self::Distance | Self::Efficiency)
+    }
+}
+
+/// What a search changes along the rod.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Variable {
+    /// Bending stiffness.
+    Stiffness,
+    /// Amplitude of the actuation.
+    Amplitude,
+    /// A phase subtracted inside the actuation's function of phase.
+    Phase,
+}
+
 /// `[design]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Table {
     /// What is wanted.
     pub goal: Goal,
-    /// Where stiffness is unknown, ξ; linear in between. Every joint where it is absent.
+    /// What a dynamic goal may change; stiffness where it is absent.
+    #[serde(default = "stiffness")]
+    pub variables: Vec<Variable>,
+    /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
     /// Least and largest stiffness, over EI of the scene before its profile.
     #[serde(default = "wide")]
@@ -35,11 +57,18 @@ pub struct Table {
     /// True where stiffness may not rise from head to tip.
     #[serde(default)]
     pub monotone: bool,
-    /// Weight of the squared second differences of the stiffness.
+    /// Weight of ½Σ(second differences)² of the unknowns: of the stiffness, in information, in identification; of ln EI, ln
+    /// amplitude and phase, over the objective of the first start, in a dynamic goal.
     #[serde(default)]
     pub smoothness: f64,
     /// The mean stiffness, over EI of the scene: at most this in a dynamic goal, this else.
     pub mean: Option<f64>,
+    /// Least and largest amplitude, over the scene's.
+    pub amplitude_bounds: Option<[f64; 2]>,
+    /// The largest mean amplitude, over the scene's.
+    pub amplitude_mean: Option<f64>,
+    /// Least and largest phase, rad.
+    pub phase_bounds_rad: Option<[f64; 2]>,
     /// File with node positions.
     pub data: Option<String>,
     /// Standard deviation of those positions, m; by default what polynomials leave.
@@ -53,12 +82,16 @@ pub struct Table {
     pub direction: Option<String>,
     /// Starts of a dynamic goal.
     pub starts: Option<usize>,
-    /// Most iterations a start.
+    /// Most iterations a start; 200 where it is absent.
     pub iterations: Option<usize>,
 }
 
 fn wide() -> [f64; 2] {
     [0.01, 100.0]
+}
+
+fn stiffness() -> Vec<Variable> {
+    vec![Variable::Stiffness]
 }
 
 impl Table {
@@ -98,6 +131,7 @@ impl Table {
                 return Err(fault(key, format!("found {value}; allowed: a positive number")));
             }
         }
+        table.check_variables(scene).map_err(|(key, problem)| fault(key, problem))?;
         let needs_data = matches!(table.goal, Goal::Identify | Goal::StaticShape | Goal::TrackTip);
         if needs_data && table.data.is_none() {
             return Err(fault("design.data", "missing; this goal needs a CSV file with node positions".to_string()));
@@ -115,6 +149,59 @@ impl Table {
             }
             _ => Ok(table),
         }
+    }
+
+    /// Checks what a search may change.
+    fn check_variables(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
+        let has = |variable| self.variables.contains(&variable);
+        let (amplitude, phase) = (has(Variable::Amplitude), has(Variable::Phase));
+        let twice = (1..self.variables.len()).any(|i| self.variables[..i].contains(&self.variables[i]));
+        if self.variables.is_empty() || twice {
+            let allowed = "some of \"stiffness\", \"amplitude\", \"phase\", each once";
+            return Err(("design.variables", format!("allowed: {allowed}")));
+        }
+        if (amplitude || phase) && !self.goal.is_dynamic() {
+            let allowed = "with \"track-tip\", \"distance\" and \"efficiency\"";
+            return Err((
+                "design.variables",
+                format!("this goal finds stiffness alone; others are allowed: {allowed}"),
+            ));
+        }
+        if (amplitude || phase) && scene.actuation.is_none() {
+            return Err(("design.variables", "amplitude and phase need a table [actuation]".to_string()));
+        }
+        let least = self.amplitude_bounds.map_or(0.0, |bounds| bounds[0]);
+        for (key, mean, least) in
+            [("design.mean", self.mean, self.bounds[0]), ("design.amplitude_mean", self.amplitude_mean, least)]
+        {
+            if let Some(mean) = mean.filter(|mean| self.goal.is_dynamic() && *mean < least) {
+                return Err((key, format!("found {mean}; allowed: at least the lowest bound, {least}")));
+            }
+        }
+        for (key, given, variable, name) in [
+            ("design.amplitude_bounds", self.amplitude_bounds.is_some(), amplitude, "amplitude"),
+            ("design.amplitude_mean", self.amplitude_mean.is_some(), amplitude, "amplitude"),
+            ("design.phase_bounds_rad", self.phase_bounds_rad.is_some(), phase, "phase"),
+        ] {
+            if given && !variable {
+                return Err((key, format!("found without \"{name}\" in variables; allowed: only with it")));
+            }
+        }
+        if let Some([low, high]) =
+            self.amplitude_bounds.filter(|[low, high]| !(*low > 0.0 && high >= low && high.is_finite()))
+        {
+            let problem = format!("found [{low}, {high}]; allowed: [least, largest], both positive");
+            return Err(("design.amplitude_bounds", problem));
+        }
+        if let Some([low, high]) =
+            self.phase_bounds_rad.filter(|[low, high]| !(high >= low && high - low < f64::INFINITY))
+        {
+            return Err(("design.phase_bounds_rad", format!("found [{low}, {high}]; allowed: [least, largest]")));
+        }
+        if let Some(mean) = self.amplitude_mean.filter(|mean| !(*mean > 0.0 && mean.is_finite())) {
+            return Err(("design.amplitude_mean", format!("found {mean}; allowed: a positive number")));
+        }
+        Ok(())
     }
 
     /// The stiffness of every joint of `rod` as weights of the unknowns: all of one, or of the knots about it.

@@ -39,6 +39,8 @@ pub enum Mark {
     Dots,
     /// A thin grey line in the background, without an entry in the legend of its own.
     Ghost,
+    /// Not drawn: it only widens the axes, so that charts can be compared.
+    Unseen,
     /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
     /// shows a slope.
     Slope,
@@ -201,12 +203,16 @@ impl Chart {
         place: impl Fn((f64, f64)) -> Option<(f64, f64)>,
     ) -> std::result::Result<(), String> {
         let mut named = 0;
-        let drawn_at = self.series.iter().flat_map(|series| &series.points);
+        let drawn_at =
+            self.series.iter().filter(|series| series.mark != Mark::Unseen).flat_map(|series| &series.points);
         let finite = drawn_at.filter(|p| p.0.is_finite() && p.1.is_finite()).filter_map(|p| place(*p));
         let occupied: Vec<(i32, i32)> = finite.map(|p| chart.backend_coord(&p)).collect();
         for series in &self.series {
             let finite = series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite());
             let points = || finite.clone().filter_map(&place);
+            if series.mark == Mark::Unseen {
+                continue;
+            }
             if series.mark == Mark::Slope {
                 let line = PathElement::new(points().chain(points().next()).collect::<Vec<_>>(), DARK.stroke_width(1));
                 chart.draw_series([line]).map_err(|e| e.to_string())?;

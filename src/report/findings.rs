@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::chart::number;
-use super::page::render;
+use super::page::{Motion, render};
 use super::tables::{put_in_place, text_file, write_error};
 use crate::error::{Error, Result};
 use crate::scene::Document;
@@ -42,6 +42,8 @@ pub struct Findings {
     pub tables: Vec<Table>,
     /// Other files: name and text.
     pub files: Vec<(String, String)>,
+    /// A motion that the page plays, and what it shows.
+    pub motion: Option<(Motion, String)>,
 }
 
 #[derive(Serialize)]
@@ -79,7 +81,8 @@ impl Findings {
         files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
     }
 
-    fn page(&self, name: &str, document: &Document) -> Result<String> {
+    /// The page's HTML.
+    pub(crate) fn page(&self, name: &str, document: &Document) -> Result<String> {
         let tables: Vec<_> = self.tables.iter().map(Table::on_page).collect();
         let content = json!({
             "name": name,
@@ -88,6 +91,8 @@ impl Findings {
             "answers": self.answers,
             "figures": self.figures,
             "tables": tables,
+            "motion": self.motion.as_ref().map(|motion| &motion.0),
+            "shown": self.motion.as_ref().map(|motion| &motion.1),
             "scene": document.text(),
             "overrides": document.overrides(),
         });
@@ -96,7 +101,8 @@ impl Findings {
 }
 
 impl Table {
-    fn csv(&self) -> std::result::Result<String, csv::Error> {
+    /// Its text as CSV.
+    pub(crate) fn csv(&self) -> std::result::Result<String, csv::Error> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(&self.columns)?;
         for row in &self.rows {

@@ -13,6 +13,7 @@ pub mod trajectory;
 
 pub use findings::{Findings, Table};
 pub use output::Output;
-pub(crate) use page::render;
+pub use page::Motion;
 pub use record::Frame;
+pub use tables::check_writable;
 pub(crate) use tables::{put_in_place, text_file, write_error};

@@ -42,11 +42,13 @@ struct Figure<'a> {
 }
 
 /// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
-#[derive(Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub struct Motion {
     times: Vec<f64>,
     points: Vec<Vec<f64>>,
     com: Vec<[f64; 2]>,
+    /// Another rod at the same times.
+    beside: Option<Vec<Vec<f64>>>,
 }
 
 /// Fills a page's template, which may include the style, the player of a motion and the player's script.
@@ -106,6 +108,12 @@ impl Motion {
             times: frames.iter().map(|frame| frame.time).collect(),
             points: frames.iter().map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect()).collect(),
             com: frames.iter().map(|frame| frame.com.map(round)).collect(),
+            beside: None,
         }
+    }
+
+    /// The same with another rod, whose frames are at the same times, in the background.
+    pub fn beside(self, frames: &[Frame]) -> Self {
+        Self { beside: Some(Self::of(frames).points), ..self }
     }
 }

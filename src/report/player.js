@@ -1,4 +1,5 @@
-// Plays a motion: { times, points: flat x, y of the nodes at each time, com }. Call start once, play for every motion.
+// Plays a motion: { times, points: flat x, y of the nodes at each time, com, beside: points of another rod, if any }. Call start
+// once, play for every motion.
 let motion = null, playing = true, now = 0, last = null;
 const part = (id) => document.getElementById(id);
 const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += flat[i] + "," + -flat[i + 1] + " "; return text; };
@@ -6,7 +7,7 @@ function play(wanted) {
   motion = wanted;
   // The window that holds every frame, y upwards.
   let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
-  for (const frame of motion.points) for (let k = 0; k < frame.length; k += 2) {
+  for (const frame of motion.points.concat(motion.beside ?? [])) for (let k = 0; k < frame.length; k += 2) {
     left = Math.min(left, frame[k]); right = Math.max(right, frame[k]);
     low = Math.min(low, frame[k + 1]); high = Math.max(high, frame[k + 1]);
   }
@@ -33,6 +34,7 @@ function play(wanted) {
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   part("rod").setAttribute("points", pairs(frame));
+  part("beside").setAttribute("points", motion.beside ? pairs(motion.beside[k]) : "");
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
   part("head").setAttribute("cx", frame[0]); part("head").setAttribute("cy", -frame[1]);
   part("com").setAttribute("cx", com[0]); part("com").setAttribute("cy", -com[1]);

@@ -32,6 +32,16 @@ pub fn beside(path: &Path) -> Result<NamedTempFile> {
     builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))
 }
 
+/// Fails where no file can be written to `folder`, or to what it would be made in: to be asked before a long computation.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn check_writable(folder: &Path) -> Result<()> {
+    let exists = |folder: &&Path| folder.as_os_str().is_empty() || folder.exists();
+    let first = folder.ancestors().find(exists).unwrap_or(folder);
+    beside(&first.join("file")).map(|_| ())
+}
+
 /// Gives a finished file its name.
 pub fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
     file.persist(&path).map_err(|e| write_error(&path, &e.error))?;

@@ -73,15 +73,18 @@ impl Stiffness {
     pub fn factor(&self, xi: f64) -> f64 {
         match self {
             Self::Gradient(a) => 1.0 + a * (1.0 - xi),
-            Self::Profile(points) => {
-                let after = points.partition_point(|p| p[0] <= xi);
-                match (points.get(after.wrapping_sub(1)), points.get(after)) {
-                    (Some(&[x0, f0]), Some(&[x1, f1])) => f0 + (f1 - f0) * (xi - x0) / (x1 - x0),
-                    (Some(p), None) | (None, Some(p)) => p[1],
-                    (None, None) => 1.0,
-                }
-            }
+            Self::Profile(points) => interpolated(points, xi).unwrap_or(1.0),
         }
+    }
+}
+
+/// The value at `xi` of points (ξ, value) with rising ξ: linear in between, constant outside; none without points.
+pub(crate) fn interpolated(points: &[[f64; 2]], xi: f64) -> Option<f64> {
+    let after = points.partition_point(|p| p[0] <= xi);
+    match (points.get(after.wrapping_sub(1)), points.get(after)) {
+        (Some(&[x0, f0]), Some(&[x1, f1])) => Some(f0 + (f1 - f0) * (xi - x0) / (x1 - x0)),
+        (Some(p), None) | (None, Some(p)) => Some(p[1]),
+        (None, None) => None,
     }
 }
 

@@ -382,7 +382,7 @@ fn reworded(key: String, message: &str, source: Option<&str>) -> (String, String
         let near = nearest(name, names.split('`').skip(1).step_by(2));
         return (key, format!("found {name:?}; allowed: {}{}", listed(names), did_you_mean(near)));
     }
-    for prefix in ["invalid type: ", "invalid value: "] {
+    for prefix in ["invalid type: ", "invalid value: ", "invalid length "] {
         if let Some((found, allowed)) = message.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(", expected ")) {
             let found = match (found, source) {
                 // The source of a table made by a dotted key is that key.
@@ -397,6 +397,8 @@ fn reworded(key: String, message: &str, source: Option<&str>) -> (String, String
                 "a boolean" => "true or false",
                 "a sequence" => "a list in brackets",
                 "i64" => "a whole number",
+                "usize" => "a whole number that is not negative",
+                "an array of length 2" => "two values in brackets",
                 table if table.starts_with("struct ") => "a table",
                 other => other,
             };

@@ -24,7 +24,7 @@ use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear::Choice;
 use crate::model::{Drive, Model, chain};
 use crate::reduced::{self, Estimates, RUNGS, Rung};
-use crate::rod::{MassLumping, Material, Rod, Section, Stiffness};
+use crate::rod::{MassLumping, Material, Rod, Section, Stiffness, interpolated};
 use crate::start::Start;
 use crate::system::Form;
 
@@ -120,6 +120,10 @@ pub struct ActuationTable {
     /// [e₀, e₁]: amplitude e₀ + e₁ξ along the rod; [1, 0] where it is not given.
     #[serde(default = "even_envelope", deserialize_with = "value::pair")]
     pub envelope: [Finite; 2],
+    /// Points (ξ, factor) of what the amplitude is multiplied by, linear in between.
+    pub amplitude_profile: Option<Vec<[NotNegative; 2]>>,
+    /// Points (ξ, rad) of a phase that is subtracted inside the sine, linear in between.
+    pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
 }
 
 /// Kinds of actuation; adding one is its file and its line here.
@@ -420,17 +424,19 @@ impl Scene {
                 );
             }
             let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
-            if profile.is_empty() {
-                return fault("rod.stiffness_profile", value::refused("no points", allowed));
+            let points = profile.iter().map(|point| point.map(NotNegative::get));
+            check_points("rod.stiffness_profile", points, allowed, |factor| factor > 0.0)?;
+        }
+        if let Some(actuation) = &self.actuation {
+            if let Some(profile) = &actuation.amplitude_profile {
+                let allowed = "points [xi, factor] with rising xi from 0 to 1";
+                let points = profile.iter().map(|point| point.map(NotNegative::get));
+                check_points("actuation.amplitude_profile", points, allowed, |_| true)?;
             }
-            let mut last = -1.0;
-            for [xi, factor] in profile.iter().map(|point| point.map(NotNegative::get)) {
-                if !(xi > last && xi <= 1.0 && factor > 0.0) {
-                    let found = if xi > last { String::new() } else { format!(" after {last}") };
-                    let found = format!("the point [{xi}, {factor}]{found}");
-                    return fault("rod.stiffness_profile", value::refused(found, allowed));
-                }
-                last = xi;
+            if let Some(profile) = &actuation.phase_profile_rad {
+                let allowed = "points [xi, phase] with rising xi from 0 to 1";
+                let points = profile.iter().map(|point| point.map(Finite::get));
+                check_points("actuation.phase_profile_rad", points, allowed, |_| true)?;
             }
         }
         match (self.start.kind, &self.start.ramp_s) {
@@ -875,9 +881,16 @@ pub(crate) fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
 }
 
 impl ActuationTable {
+    /// The points of the profiles of amplitude and phase; none where they are not given.
+    pub(crate) fn profiles(&self) -> [Vec<[f64; 2]>; 2] {
+        let amplitude = self.amplitude_profile.iter().flatten().map(|point| point.map(NotNegative::get));
+        let phase = self.phase_profile_rad.iter().flatten().map(|point| point.map(Finite::get));
+        [amplitude.collect(), phase.collect()]
+    }
+
     fn build(&self, rod: &Rod) -> (Box<dyn Actuation>, Drive) {
         let drive = Drive { amplitude: self.kappa_amp.get(), frequency: self.frequency_hz.get() };
-        let actuation = match self.kind {
+        let actuation: Box<dyn Actuation> = match self.kind {
             ActuationKind::TravellingWave => Box::new(TravellingWave::new(
                 rod.nodes,
                 rod.spacing,
@@ -886,8 +899,36 @@ impl ActuationTable {
                 self.kappa_reference_length_m.get(),
             )),
         };
-        (actuation, drive)
+        if self.amplitude_profile.is_none() && self.phase_profile_rad.is_none() {
+            return (actuation, drive);
+        }
+        let [amplitude, phase] = self.profiles();
+        let along = |points: &[[f64; 2]], default: f64| -> Vec<f64> {
+            let xi = (0..rod.nodes).map(|k| k as f64 / (rod.nodes - 1) as f64);
+            xi.map(|xi| interpolated(points, xi).unwrap_or(default)).collect()
+        };
+        (actuation.profiled(&along(&amplitude, 1.0), &along(&phase, 0.0)), drive)
     }
+}
+
+/// Refuses a profile whose ξ do not rise from 0 to 1, or with a value that is not `ok`.
+fn check_points(
+    key: &str,
+    points: impl Iterator<Item = [f64; 2]>,
+    allowed: &str,
+    ok: impl Fn(f64) -> bool,
+) -> std::result::Result<(), Fault> {
+    let fault = |found: String| Err(Fault { key: key.to_string(), problem: value::refused(found, allowed) });
+    let mut last = None;
+    for [xi, value] in points {
+        let after = last.filter(|last| xi <= *last);
+        if after.is_some() || !(0.0..=1.0).contains(&xi) || !ok(value) {
+            let after = after.map_or(String::new(), |last| format!(" after {last}"));
+            return fault(format!("the point [{xi}, {value}]{after}"));
+        }
+        last = Some(xi);
+    }
+    if last.is_none() { fault("no points".to_string()) } else { Ok(()) }
 }
 
 impl DragTable {

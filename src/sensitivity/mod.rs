@@ -22,6 +22,7 @@ mod start;
 
 use std::sync::Arc;
 
+use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Pace, Rule};
 use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, FaerLu, LinearSolver};
@@ -45,6 +46,8 @@ const ACCELERATIONS: Direction = Direction { q: 0.0, v: 0.0, a: 1.0 };
 #[derive(Debug)]
 pub struct Problem {
     dynamics: Dynamics,
+    /// The actuation as the scene has it.
+    actuation: Option<Box<dyn Actuation>>,
     integrator: Box<dyn Integrator>,
     tolerance: f64,
     linear: Choice,
@@ -73,7 +76,25 @@ impl Trajectory {
         &self.v[n * width..(n + 1) * width]
     }
 
-    fn push(&mut self, state: &State) {
+    /// Positions at `time` (s), by cubic Hermite polynomials between the steps; none beyond the simulation.
+    pub fn at(&self, time: f64) -> Option<Vec<f64>> {
+        let last = *self.times.last()?;
+        if !(self.times[0]..=last * (1.0 + 1e-9)).contains(&time) {
+            return None;
+        }
+        let n = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
+        let h = self.times[n] - self.times[n - 1];
+        let s = ((time - self.times[n - 1]) / h).min(1.0);
+        let [a, b] = [s * s * (3.0 - 2.0 * s), s * (1.0 - s)];
+        let ends = self.positions(n - 1).iter().zip(self.positions(n));
+        let rates = self.velocities(n - 1).iter().zip(self.velocities(n));
+        let point =
+            |((q0, q1), (v0, v1)): ((&f64, &f64), (&f64, &f64))| q0 + a * (q1 - q0) + h * b * ((1.0 - s) * v0 - s * v1);
+        Some(ends.zip(rates).map(point).collect())
+    }
+
+    /// Adds a state.
+    pub(crate) fn push(&mut self, state: &State) {
         self.times.push(state.t);
         self.q.extend_from_slice(&state.q);
         self.v.extend_from_slice(&state.v);
@@ -328,6 +349,7 @@ impl Problem {
         let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),
+            actuation: scene.model()?.actuation.map(|(actuation, _)| actuation),
             integrator,
             tolerance: scene.solver.newton_tolerance.get(),
             linear: scene.solver.linear,
@@ -365,6 +387,35 @@ impl Problem {
             for (k, ei) in rod.joints().zip(values) {
                 rod.joint[k] = ei / (half_cell(k) * rod.spacing);
             }
+        }
+        Ok(())
+    }
+
+    /// Sets what the amplitude of the scene's actuation is multiplied by, and the phases (rad) subtracted inside it, at the
+    /// joints in their order.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`].
+    pub fn set_actuation(&mut self, factors: &[f64], phases: &[f64]) -> Result<()> {
+        let joints = self.model().rod.joints();
+        for (name, found) in
+            [("actuation.amplitude_profile", factors.len()), ("actuation.phase_profile_rad", phases.len())]
+        {
+            if found != joints.len() {
+                return Err(Error::WrongLength { name, expected: joints.len(), found });
+            }
+        }
+        let nodes = self.model().rod.nodes;
+        let along = |values: &[f64], rest: f64| {
+            let mut all = vec![rest; nodes];
+            all[joints.clone()].copy_from_slice(values);
+            all
+        };
+        let own = self.actuation.as_ref().map(|own| own.profiled(&along(factors, 1.0), &along(phases, 0.0)));
+        if let (Some(model), Some(own)) = (Arc::get_mut(&mut self.dynamics.model), own)
+            && let Some((actuation, _)) = &mut model.actuation
+        {
+            *actuation = own;
         }
         Ok(())
     }

@@ -27,7 +27,7 @@ pub fn design<'py>(
         progress.as_ref().map_or(Ok(()), |callback| callback.call1(py, (iteration, objective)).map(|_| ()))
     };
     let designed = py.detach(|| {
-        let design = Design::of(document, |iteration, _| {
+        let design = Design::of(document, |iteration| {
             match Python::attach(|py| look(py, iteration.iteration, iteration.objective)) {
                 Ok(()) => ControlFlow::Continue(()),
                 Err(error) => {

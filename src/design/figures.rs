@@ -1,0 +1,440 @@
+//! What a design shows: figures, tables and the motion before and after.
+
+use serde_json::{Value, json};
+
+use super::identify::Verdict;
+use super::report::{Answer, Compared, Design, distances, gain_percent, objective_label};
+use super::table::{Goal, Variable};
+use crate::error::Result;
+use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::{Findings, Frame, Motion, Table};
+use crate::rod::Rod;
+use crate::sensitivity::Trajectory;
+
+/// Shapes drawn over the last cycle.
+const SHAPES: usize = 9;
+
+/// Points of a curve, and frames of the page's motion.
+const POINTS: usize = 600;
+
+/// A stiffness that is uncertain by more than this part of itself is not known.
+const KNOWN: f64 = 0.1;
+
+type Figure = (&'static str, Chart);
+
+impl Design {
+    /// All that the design's page shows.
+    pub(super) fn findings(&self) -> Result<Findings> {
+        let rod = self.scene.model()?.rod;
+        let mut figures = vec![self.profile_figure(&rod)];
+        figures.extend(self.actuation_figures(&rod));
+        figures.extend(self.goal_figures(&rod));
+        figures.extend(self.cycle_figures());
+        figures.extend(self.search_figures());
+        let figures = figures.into_iter().map(|(name, chart)| Ok((name.to_string(), chart.svg()?)));
+        Ok(Findings {
+            subject: match self.table.goal {
+                Goal::Identify => "identified stiffness",
+                Goal::StaticShape => "design for a shape at rest",
+                Goal::TrackTip => "design for a tracked tip",
+                Goal::Distance => "design for distance",
+                Goal::Efficiency => "design for efficiency",
+            },
+            answers: self.answers(),
+            figures: figures.collect::<Result<_>>()?,
+            tables: self.tables(&rod),
+            motion: self.motion(&rod),
+            ..Findings::default()
+        })
+    }
+
+    /// What the page says first.
+    fn answers(&self) -> Vec<String> {
+        let mut answers = vec![format!("Status: {}.", self.status())];
+        answers.extend(self.lines.iter().cloned());
+        let number = |key: &str| self.evidence.numbers.get(key).and_then(Value::as_f64);
+        if let (Some(sperm), Some(inertia)) = (number("sperm_number"), number("inertia_ratio")) {
+            let mut text = format!("Sperm number Sp = {sperm:.3}, inertia against drag β = {inertia:.3}");
+            if let Some(ratio) = number("frequency_ratio") {
+                text += &format!(", ω/ω₁ = {ratio:.3}");
+            }
+            answers.push(text + ": scenes of the same form and with the same of these have the same answer.");
+        }
+        let warnings = self.evidence.numbers.get("warnings").and_then(Value::as_array);
+        answers.extend(warnings.into_iter().flatten().filter_map(Value::as_str).map(|text| format!("Note: {text}")));
+        answers
+    }
+
+    fn chart(&self, title: &str, x: &str, y: &str, scale: Scale, series: Vec<Series>) -> Chart {
+        Chart::new(format!("{}: {title}", self.scene.name), x, y, scale, series)
+    }
+
+    fn before(&self) -> &'static str {
+        let even = self.table.goal.is_dynamic() && self.table.variables.contains(&Variable::Stiffness);
+        if even { "even stiffness" } else { "the scene's own" }
+    }
+
+    fn after(&self) -> &'static str {
+        if self.table.goal == Goal::Identify { "identified" } else { "design" }
+    }
+
+    fn profile_figure(&self, rod: &Rod) -> Figure {
+        let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
+        let line = |values: &[f64]| xi.iter().copied().zip(values.iter().map(|ei| ei / rod.ei)).collect::<Vec<_>>();
+        let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
+        let highest = self.stiffness.iter().fold(0.0, |max: f64, ei| max.max(ei / rod.ei));
+        let deviations: Vec<f64> = match &self.answer {
+            Answer::Identified(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),
+            Answer::Found(found) => {
+                found.deviations.iter().zip(&self.stiffness).map(|(d, ei)| d * ei / rod.ei).collect()
+            }
+            Answer::Resting(_) => Vec::new(),
+        };
+        let mut series = Vec::new();
+        for ((x, ei), by) in line(&self.stiffness).into_iter().zip(&deviations) {
+            let (low, high) = ((ei - by).max(0.0), (ei + by).min(2.0 * highest));
+            series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
+        }
+        series.push(Series::new(self.after(), line(&self.stiffness), Mark::Dotted));
+        let others = self.evidence.profiles.iter().filter(|other| other.name != "design");
+        let others: Vec<&Compared> = others.collect();
+        series.extend(
+            others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
+        );
+        if others.is_empty() {
+            series.push(Series::new("the scene's own", line(&own), Mark::Line));
+        }
+        for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
+            if bound <= 3.0 * highest {
+                series.push(Series::new(label, vec![(xi[0], bound), (xi[xi.len() - 1], bound)], Mark::Line));
+            }
+        }
+        let bars = if deviations.is_empty() { "" } else { ", bars: one standard deviation" };
+        let title = format!("stiffness along the rod{bars}");
+        ("profile.svg", self.chart(&title, "s/L", "EI over EI of the scene", Scale::Linear, series))
+    }
+
+    fn actuation_figures(&self, rod: &Rod) -> Vec<Figure> {
+        let Answer::Found(found) = &self.answer else { return Vec::new() };
+        let line = |values: &[f64]| {
+            let xi = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64);
+            xi.zip(values.iter().copied()).collect::<Vec<_>>()
+        };
+        let mut figures = Vec::new();
+        for (variable, file, title, y, values) in [
+            (
+                Variable::Amplitude,
+                "amplitude.svg",
+                "amplitude of the actuation",
+                "amplitude over the scene's",
+                &found.profile.amplitude,
+            ),
+            (
+                Variable::Phase,
+                "phase.svg",
+                "phase of the actuation",
+                "phase subtracted (rad)",
+                &found.profile.phase_rad,
+            ),
+        ] {
+            if self.table.variables.contains(&variable) {
+                let series = vec![Series::new(title, line(values), Mark::Dotted)];
+                figures.push((file, self.chart(title, "s/L", y, Scale::Linear, series)));
+            }
+        }
+        figures
+    }
+
+    /// What the goal is about, over time: the tip and its target, the way, or the markers.
+    fn goal_figures(&self, rod: &Rod) -> Vec<Figure> {
+        let mut figures = Vec::new();
+        let target = self.evidence.target.as_ref();
+        if let (Goal::StaticShape, Some(target)) = (self.table.goal, target) {
+            let points = target.positions[0].as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect();
+            let series = vec![Series::new("target", points, Mark::Dotted)];
+            figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
+        }
+        let [before, after] = &self.evidence.motions[..] else { return figures };
+        let named = [(self.before(), before), (self.after(), after)];
+        if let (Goal::TrackTip | Goal::Identify, Some(target)) = (self.table.goal, target) {
+            for (axis, file, title, y) in
+                [(0, "tip_x.svg", "the tip, x", "x of the tip (m)"), (1, "tip_y.svg", "the tip, y", "y of the tip (m)")]
+            {
+                let own = |q: &[f64]| q[q.len() - 2 + axis];
+                let points: Vec<(f64, f64)> =
+                    target.times.iter().zip(&target.positions).map(|(t, q)| (*t, own(q))).collect();
+                let label = if self.table.goal == Goal::Identify { "markers" } else { "target" };
+                let mut series = vec![Series::new(label, thinned(points, 120), Mark::Dots)];
+                series.extend(named.map(|(label, motion)| Series::new(label, curve(motion, own), Mark::Line)));
+                figures.push((file, self.chart(title, "time (s)", y, Scale::Linear, series)));
+            }
+            let error = |motion: &Trajectory| -> Vec<(f64, f64)> {
+                match self.table.goal {
+                    Goal::Identify => {
+                        let all = distances(motion, target, 1).unwrap_or_default();
+                        target.times.iter().copied().zip(all).collect()
+                    }
+                    _ => {
+                        let of = |(t, q): (&f64, &Vec<f64>)| {
+                            let at = motion.at(*t)?;
+                            let (i, j) = (at.len(), q.len());
+                            Some((*t, (at[i - 2] - q[j - 2]).hypot(at[i - 1] - q[j - 1])))
+                        };
+                        target.times.iter().zip(&target.positions).filter_map(of).collect()
+                    }
+                }
+            };
+            let (title, y) = if self.table.goal == Goal::Identify {
+                ("distance of the rod from the markers", "root mean square over the nodes (m)")
+            } else {
+                ("distance of the tip from its target", "distance (m)")
+            };
+            let series =
+                named.map(|(label, motion)| Series::new(label, thinned(error(motion), POINTS), Mark::Line)).into();
+            figures.push((
+                "error.svg",
+                self.chart(
+                    title,
+                    "time (s)",
+                    y,
+                    Scale::LogY(if self.table.goal == Goal::Identify { 4 } else { 8 }),
+                    series,
+                ),
+            ));
+        } else {
+            let series = named.map(|(label, motion)| {
+                let start = rod.mean(motion.positions(0)).x;
+                Series::new(label, curve(motion, |q| rod.mean(q).x - start), Mark::Line)
+            });
+            let chart = self.chart(
+                "way of the centre of mass",
+                "time (s)",
+                "x − x at the start (m)",
+                Scale::Linear,
+                series.into(),
+            );
+            figures.push(("way.svg", chart));
+        }
+        figures
+    }
+
+    /// The shapes of the last cycle before and after, on the same axes.
+    fn cycle_figures(&self) -> Vec<Figure> {
+        let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
+        let all = [self.shapes(before), self.shapes(after)];
+        let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
+        let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
+        let files =
+            [("before.svg", format!("{what}, {}", self.before())), ("after.svg", format!("{what}, {}", self.after()))];
+        let figure = |((file, title), mut series): ((&'static str, String), Vec<Series>)| {
+            series.push(Series::new("", extent.clone(), Mark::Unseen));
+            (file, self.chart(&title, "x (m)", "y (m)", Scale::Equal, series))
+        };
+        files.into_iter().zip(all).map(figure).collect()
+    }
+
+    fn shapes(&self, trajectory: &Trajectory) -> Vec<Series> {
+        let last = trajectory.times.len() - 1;
+        let period = self.scene.actuation.as_ref().map(|a| 1.0 / a.frequency_hz.get()).filter(|p| p.is_finite());
+        let start = period.map_or(0.0, |period| trajectory.times[last] - period);
+        let first = trajectory.times.partition_point(|t| *t < start).min(last);
+        let points =
+            |n: usize| trajectory.positions(n).as_chunks::<2>().0.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>();
+        let mut series: Vec<Series> =
+            (0..SHAPES).map(|i| Series::new("", points(first + (last - first) * i / SHAPES), Mark::Ghost)).collect();
+        series.push(Series::new("rod", points(last), Mark::Dotted));
+        series
+    }
+
+    fn search_figures(&self) -> Vec<Figure> {
+        let mut figures = Vec::new();
+        let singular = match &self.answer {
+            Answer::Identified(found) => &found.singular_values[..],
+            Answer::Found(found) => &found.singular_values[..],
+            Answer::Resting(_) => &[],
+        };
+        if singular.first().is_some_and(|largest| *largest > 0.0) {
+            let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
+            let series = vec![Series::new("singular values", points, Mark::Dotted)];
+            let y = if self.table.goal == Goal::Identify {
+                "singular value (1 over a standard deviation)"
+            } else {
+                "singular value (m for a change by 1)"
+            };
+            figures
+                .push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
+        }
+        let Answer::Found(found) = &self.answer else { return figures };
+        let tracked = self.table.goal == Goal::TrackTip;
+        for (file, title, y, scale, of) in [
+            (
+                "objective.svg",
+                "objective",
+                objective_label(self.table.goal),
+                if tracked { Scale::LogY(10) } else { Scale::Linear },
+                (|iteration| iteration.objective) as fn(&super::Iteration) -> f64,
+            ),
+            (
+                "convergence.svg",
+                if tracked {
+                    "cosine of what is left and what can be moved"
+                } else {
+                    "gradient of the Lagrangian over the objective"
+                },
+                "stationarity in the unknowns",
+                Scale::LogY(12),
+                |iteration| iteration.stationarity,
+            ),
+        ] {
+            let series = (0..self.table.starts.unwrap_or(3).max(1)).filter_map(|start| {
+                let mine = found.history.iter().filter(|iteration| iteration.start == start);
+                let points: Vec<(f64, f64)> =
+                    mine.map(|iteration| (iteration.iteration as f64, of(iteration))).collect();
+                (!points.is_empty()).then(|| Series::new(format!("start {}", start + 1), points, Mark::Dotted))
+            });
+            figures.push((file, self.chart(title, "iteration", y, scale, series.collect())));
+        }
+        figures
+    }
+
+    fn tables(&self, rod: &Rod) -> Vec<Table> {
+        let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
+        let mut tables = vec![self.joints(rod)];
+        let value = if self.table.goal.is_dynamic() { objective_label(self.table.goal) } else { "rms distance (m)" };
+        if !self.evidence.profiles.is_empty() {
+            let design = self.evidence.profiles.last().and_then(|design| design.objective);
+            let row = |other: &Compared| {
+                let gain =
+                    design.zip(other.objective).map(|(design, other)| gain_percent(self.table.goal, design, other));
+                vec![json!(other.name), json!(other.objective), json!(gain)]
+            };
+            tables.push(Table {
+                file: "comparison.csv",
+                title: "Against other profiles of the same mean",
+                columns: names(&["profile", value, "the design is better by (%)"]),
+                rows: self.evidence.profiles.iter().map(row).collect(),
+            });
+        }
+        if !self.evidence.checks.is_empty() {
+            let row = |check: &super::report::Check| {
+                vec![json!(check.simulation), json!(check.before), json!(check.designed), json!(check.gain_percent)]
+            };
+            tables.push(Table {
+                file: "checks.csv",
+                title: "Simulated again",
+                columns: vec![
+                    "simulation".into(),
+                    format!("{value}, before"),
+                    format!("{value}, after"),
+                    "better by (%)".into(),
+                ],
+                rows: self.evidence.checks.iter().map(row).collect(),
+            });
+        }
+        let active = match &self.answer {
+            Answer::Identified(found) => &found.active,
+            Answer::Resting(found) => &found.active,
+            Answer::Found(found) => &found.active,
+        };
+        if !active.is_empty() {
+            tables.push(Table {
+                file: "binding.csv",
+                title: "Constraints that bind",
+                columns: names(&["constraint", "dual"]),
+                rows: active.iter().map(|(name, dual)| vec![json!(name), json!(dual)]).collect(),
+            });
+        }
+        if let Answer::Found(found) = &self.answer {
+            let row = |(start, value): (usize, &f64)| {
+                let iterations = found.history.iter().filter(|iteration| iteration.start == start).count();
+                vec![json!(start + 1), json!(iterations), json!(value)]
+            };
+            tables.push(Table {
+                file: "starts.csv",
+                title: "Starts",
+                columns: names(&["start", "iterations", value]),
+                rows: found.starts.iter().enumerate().map(row).collect(),
+            });
+        }
+        tables
+    }
+
+    fn joints(&self, rod: &Rod) -> Table {
+        let mut columns = vec!["node", "s/L", "EI (N m²)", "EI over the scene's"];
+        match &self.answer {
+            Answer::Identified(_) => columns.extend(["standard deviation (N m²)", "signal to noise", "verdict"]),
+            Answer::Found(_) => {
+                let has = |variable| self.table.variables.contains(&variable);
+                columns.extend(has(Variable::Amplitude).then_some("amplitude over the scene's"));
+                columns.extend(has(Variable::Phase).then_some("phase subtracted (rad)"));
+                columns.extend((self.table.goal == Goal::TrackTip).then_some("standard deviation (N m²)"));
+                columns.push("verdict");
+            }
+            Answer::Resting(_) => columns.push("verdict"),
+        }
+        let row = |(i, k): (usize, usize)| {
+            let (ei, factor) = (self.stiffness[i], self.stiffness[i] / rod.ei);
+            let mut row = vec![json!(k), json!(k as f64 / (rod.nodes - 1) as f64), json!(ei), json!(factor)];
+            let bound = self.table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
+            let verdict = match &self.answer {
+                Answer::Identified(found) => {
+                    let joint = &found.joints[i];
+                    row.extend([json!(joint.deviation_n_m2), json!(joint.signal_to_noise)]);
+                    joint.verdict.words()
+                }
+                Answer::Resting(found) if found.undecided.contains(&k) => Verdict::Unobservable.words(),
+                Answer::Resting(found) if found.missed.iter().any(|(node, _)| *node == k) => "misses the shape",
+                Answer::Found(found) => {
+                    let has = |variable| self.table.variables.contains(&variable);
+                    row.extend(has(Variable::Amplitude).then(|| json!(found.profile.amplitude[i])));
+                    row.extend(has(Variable::Phase).then(|| json!(found.profile.phase_rad[i])));
+                    let deviation = found.deviations.get(i);
+                    row.extend((self.table.goal == Goal::TrackTip).then(|| json!(deviation.map(|d| d * ei))));
+                    match deviation {
+                        _ if bound => Verdict::AtABound.words(),
+                        Some(deviation) if *deviation <= KNOWN => Verdict::Identified.words(),
+                        Some(_) => Verdict::PriorDriven.words(),
+                        None => "",
+                    }
+                }
+                Answer::Resting(_) if bound => Verdict::AtABound.words(),
+                Answer::Resting(_) => "",
+            };
+            row.push(json!(verdict));
+            row
+        };
+        Table {
+            file: "joints.csv",
+            title: "Joints",
+            columns: columns.into_iter().map(str::to_string).collect(),
+            rows: rod.joints().enumerate().map(row).collect(),
+        }
+    }
+
+    fn motion(&self, rod: &Rod) -> Option<(Motion, String)> {
+        let [before, after] = &self.evidence.motions[..] else { return None };
+        let frames = |motion: &Trajectory| -> Vec<Frame> {
+            let every = motion.times.len().div_ceil(POINTS);
+            let frame = |n: usize| {
+                let q = motion.positions(n);
+                Frame { time: motion.times[n], points: q.as_chunks::<2>().0.to_vec(), com: rod.mean(q).into() }
+            };
+            (0..motion.times.len()).step_by(every).map(frame).collect()
+        };
+        let before_is = self.before();
+        let shown = format!("In grey: the same with {before_is}.");
+        Some((Motion::of(&frames(after)).beside(&frames(before)), shown))
+    }
+}
+
+/// Some of the points.
+fn thinned(points: Vec<(f64, f64)>, most: usize) -> Vec<(f64, f64)> {
+    let every = points.len().div_ceil(most).max(1);
+    points.into_iter().step_by(every).collect()
+}
+
+/// A number of the positions over time.
+fn curve(motion: &Trajectory, of: impl Fn(&[f64]) -> f64) -> Vec<(f64, f64)> {
+    let points = (0..motion.times.len()).map(|n| (motion.times[n], of(motion.positions(n))));
+    thinned(points.collect(), POINTS)
+}
