@@ -42,6 +42,8 @@ pub enum Mark {
     /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
     /// shows a slope.
     Slope,
+    /// The same with its label above the last point: a level.
+    Level,
 }
 
 /// One series of a chart.
@@ -207,12 +209,13 @@ impl Chart {
         for series in &self.series {
             let finite = series.points.iter().copied().filter(|p| p.0.is_finite() && p.1.is_finite());
             let points = || finite.clone().filter_map(&place);
-            if series.mark == Mark::Slope {
+            if matches!(series.mark, Mark::Slope | Mark::Level) {
                 let line = PathElement::new(points().chain(points().next()).collect::<Vec<_>>(), DARK.stroke_width(1));
                 chart.draw_series([line]).map_err(|e| e.to_string())?;
+                let up = if series.mark == Mark::Level { -14 } else { -6 };
                 let text = points().last().map(|p| {
                     EmptyElement::at(p)
-                        + Text::new(series.label.clone(), (5, -6), ("sans-serif", 13).into_font().color(&DARK))
+                        + Text::new(series.label.clone(), (5, up), ("sans-serif", 13).into_font().color(&DARK))
                 });
                 chart.draw_series(text).map_err(|e| e.to_string())?;
                 continue;
