@@ -44,6 +44,8 @@ pub enum Mark {
     /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
     /// shows a slope.
     Slope,
+    /// The same with its label above the last point: a level.
+    Level,
 }
 
 /// One series of a chart.
@@ -213,12 +215,13 @@ impl Chart {
             if series.mark == Mark::Unseen {
                 continue;
             }
-            if series.mark == Mark::Slope {
+            if matches!(series.mark, Mark::Slope | Mark::Level) {
                 let line = PathElement::new(points().chain(points().next()).collect::<Vec<_>>(), DARK.stroke_width(1));
                 chart.draw_series([line]).map_err(|e| e.to_string())?;
+                let up = if series.mark == Mark::Level { -14 } else { -6 };
                 let text = points().last().map(|p| {
                     EmptyElement::at(p)
-                        + Text::new(series.label.clone(), (5, -6), ("sans-serif", 13).into_font().color(&DARK))
+                        + Text::new(series.label.clone(), (5, up), ("sans-serif", 13).into_font().color(&DARK))
                 });
                 chart.draw_series(text).map_err(|e| e.to_string())?;
                 continue;

@@ -813,7 +813,7 @@ fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
     let quarter = low.powf(0.75) * high.powf(0.25);
-    levels.map(|(name, y)| Series::new(name, vec![(low, y), (high, y), (quarter, y)], Mark::Slope)).collect()
+    levels.map(|(name, y)| Series::new(name, vec![(low, y), (high, y), (quarter, y)], Mark::Level)).collect()
 }
 
 /// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.
