@@ -100,7 +100,7 @@ impl<L> HalfEdges<L> {
     ) -> impl Iterator<Item = (usize, &'a Edge, Ends)> {
         let velocities = v.windows(4).step_by(2);
         edges.iter().zip(&self.weights).zip(velocities).enumerate().map(move |(e, ((edge, weights), v))| {
-            let [start, end] = [Vector2::new(v[0], v[1]), Vector2::new(v[2], v[3])].map(|v| v - fluid.flow);
+            let (start, end) = (Vector2::new(v[0], v[1]) - fluid.flow, Vector2::new(v[2], v[3]) - fluid.flow);
             (e, edge, [(start, weights[0]), (end, weights[1])])
         })
     }
@@ -132,20 +132,20 @@ impl<L: InFluid> Drag for HalfEdges<L> {
     ) {
         let law = self.law.in_fluid(fluid);
         for (e, edge, ends) in self.walk(edges, v, fluid) {
-            for (k, (w, weight)) in (e..).zip(ends) {
-                add(residual, k, law.traction(edge.t, w) * weight);
-            }
+            let [(start, start_weight), (end, end_weight)] = ends;
+            add(residual, e, law.traction(edge.t, start) * start_weight);
+            add(residual, e + 1, law.traction(edge.t, end) * end_weight);
             if let Some(Linearisation { matrix, direction }) = &mut jacobian {
                 // The tangent turns by n·δ(edge vector)/ℓ.
                 let turn = edge.n() * (direction.q * edge.per_length);
-                let [start, end] = ends.map(|(w, weight)| {
-                    let own = law.by_velocity(edge.t, w) * (direction.v * weight);
-                    (own, law.by_direction(edge.t, w) * (turn * weight).transpose())
-                });
-                matrix.add_block(e, e, &(start.0 - start.1));
-                matrix.add_block(e, e + 1, &start.1);
-                matrix.add_block(e + 1, e, &-end.1);
-                matrix.add_block(e + 1, e + 1, &(end.0 + end.1));
+                let by_velocity = |w, weight: f64| law.by_velocity(edge.t, w) * (direction.v * weight);
+                let by_turning = |w, weight: f64| law.by_direction(edge.t, w) * (turn * weight).transpose();
+                let turning = by_turning(start, start_weight);
+                matrix.add_block(e, e, &(by_velocity(start, start_weight) - turning));
+                matrix.add_block(e, e + 1, &turning);
+                let turning = by_turning(end, end_weight);
+                matrix.add_block(e + 1, e, &-turning);
+                matrix.add_block(e + 1, e + 1, &(by_velocity(end, end_weight) + turning));
             }
         }
     }

@@ -69,14 +69,19 @@ pub fn assemble(
         if let Some(rows) = &mut rows {
             let inertia = Matrix2::from_diagonal_element(mass * direction.a);
             rows[k] = [
-                -q_before.transpose(),
-                q_before.transpose() - t_before + q_here.transpose(),
-                inertia + t_before + t_after - q_here - q_here.transpose(),
-                q_here - t_after + q_after,
-                -q_after,
-            ]
-            .map(|block| [block.m11, block.m12, block.m21, block.m22]);
+                flat(-q_before.transpose()),
+                flat(q_before.transpose() - t_before + q_here.transpose()),
+                flat(inertia + t_before + t_after - q_here - q_here.transpose()),
+                flat(q_here - t_after + q_after),
+                flat(-q_after),
+            ];
             (t_before, q_before, q_here) = (t_after, q_here, q_after);
         }
     }
+}
+
+/// A block in the order of the matrix. Not by `map` over the row's blocks, which is a call for each.
+#[inline(always)]
+fn flat(block: Matrix2<f64>) -> [f64; 4] {
+    [block.m11, block.m12, block.m21, block.m22]
 }
