@@ -47,6 +47,8 @@ impl Default for Scaling {
 struct Case {
     nodes: u64,
     form: Form,
+    /// Step size, s: the scene's, or a shorter one where positions are only weighed.
+    step: f64,
     steps: u64,
 }
 
@@ -82,10 +84,18 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<
     for nodes in &nodes {
         let rod = scene.with_nodes(*nodes).model()?.rod;
         used.push(chain::form(&rod, step));
+        let (nodes, steps) = (*nodes, asked.steps);
         if contracts(&rod, step) {
-            cases.push(Case { nodes: *nodes, form: Form::Positions, steps: asked.steps });
+            cases.push(Case { nodes, form: Form::Positions, step, steps });
+        } else if nodes >= WEIGHED_FROM {
+            // A step takes the same memory whatever its size.
+            let mut short = step;
+            while !contracts(&rod, short) {
+                short *= 0.5;
+            }
+            cases.push(Case { nodes, form: Form::Positions, step: short, steps: 1 });
         }
-        cases.push(Case { nodes: *nodes, form: Form::Chain, steps: asked.steps });
+        cases.push(Case { nodes, form: Form::Chain, step, steps });
     }
     // One after the other: they share the memory's speed, and memory is counted for the whole program.
     let runs = match desk.work("scaling", scene, &cases, 1, |case| run(scene, case, desk))? {
@@ -98,12 +108,12 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<
 
 fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     let before = memory::reset();
-    let mut scene = scene.with_pace(Pace::Fixed(scene.typical_step())).with_nodes(case.nodes);
+    let step = case.step;
+    let mut scene = scene.with_pace(Pace::Fixed(step)).with_nodes(case.nodes);
     scene.solver.form = match case.form {
         Form::Positions => FormKey::Positions,
         Form::Chain => FormKey::Chain,
     };
-    let step = scene.typical_step();
     let failed = |reason: String| Run {
         failure: Some(reason),
         step_s: f64::NAN,
@@ -167,11 +177,13 @@ fn difference(a: &[f64], b: &[f64]) -> f64 {
 fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -> Result<Findings> {
     let mut findings = Findings { subject: "scaling with the mesh", ..Findings::default() };
     let good = || made.iter().filter(|(_, run)| run.failure.is_none());
+    // What is only weighed is neither timed nor compared.
+    let timed = |case: &Case| case.step == scene.typical_step();
     let finest = good().filter(|(case, _)| case.form == Form::Chain).max_by_key(|(case, _)| case.nodes);
     let length = scene.rod.length_m.get();
     // Errors of tip (over the length) and curvature (over the largest) against the finest mesh.
     let errors = |case: &Case, run: &Run| {
-        let (_, best) = finest.filter(|(best, _)| best.nodes > case.nodes)?;
+        let (_, best) = finest.filter(|(best, _)| best.nodes > case.nodes && timed(case))?;
         let tip = (run.tip[0] - best.tip[0]).hypot(run.tip[1] - best.tip[1]) / length;
         let largest = best.curvature.iter().fold(0.0_f64, |max, k| max.max(k.abs()));
         Some([tip, difference(&run.curvature, &best.curvature) / largest])
@@ -183,19 +195,21 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
         let [tip, curvature] = errors(case, run).map_or([None; 2], |e| e.map(Some));
         let auto = nodes.iter().zip(used).any(|(nodes, form)| *nodes == case.nodes && *form == case.form);
         let iterations = run.iterations as f64 / case.steps as f64;
+        let time = timed(case).then_some(run.step_s);
         vec![
             json!(case.nodes),
             json!(name(case.form)),
             json!(auto),
-            json!(run.step_s),
-            json!(1e9 * per_node(case, run.step_s)),
-            json!(1e9 * per_node(case, run.step_s) / iterations),
+            json!(time),
+            json!(time.map(|s| 1e9 * per_node(case, s))),
+            json!(time.map(|s| 1e9 * per_node(case, s) / iterations)),
             json!(iterations),
             json!(run.halvings),
             json!(run.fallbacks),
             json!(run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))),
             json!(tip),
             json!(curvature),
+            json!(case.step),
             run.failure.as_ref().map_or(Value::Null, |reason| json!(reason)),
         ]
     });
@@ -215,6 +229,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
             "memory_bytes_per_node",
             "tip_error_over_length",
             "curvature_error_relative",
+            "time_step_s",
             "failure",
         ]
         .map(str::to_string)
@@ -229,8 +244,8 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
             of().filter_map(|(case, run)| Some((case.nodes as f64, y(case, run)?))).collect()
         };
         let each = |run: &Run, case: &Case| run.iterations.max(1) as f64 / case.steps as f64;
-        let steps = curve(&|case, run| Some(1e9 * per_node(case, run.step_s)));
-        let single = curve(&|case, run| Some(1e9 * per_node(case, run.step_s) / each(run, case)));
+        let steps = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s)));
+        let single = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s) / each(run, case)));
         let fitted = |curve: &[(f64, f64)]| {
             let large: Vec<_> = curve.iter().copied().filter(|p| p.0 >= FITTED_FROM as f64).collect();
             power_law(&large).map(|[exponent, _]| 1.0 + exponent)
@@ -262,7 +277,8 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     let ratios: Vec<_> = good()
         .filter(|(case, _)| case.form == Form::Chain && case.nodes >= FITTED_FROM)
         .filter_map(|(case, run)| {
-            let (_, other) = good().find(|(other, _)| other.form == Form::Positions && other.nodes == case.nodes)?;
+            let mut positions = good().filter(|(other, _)| other.form == Form::Positions && timed(other));
+            let (_, other) = positions.find(|(other, _)| other.nodes == case.nodes)?;
             Some((case.nodes, run.step_s / other.step_s))
         })
         .collect();

@@ -17,6 +17,6 @@ skip() {
     skip "the packages of both requirements.txt must be within reach of pip"
 
 cargo build --quiet --release --locked
-MATURIN_PEP517_ARGS=--locked "$python" -m pip install --quiet --no-deps --force-reinstall --no-build-isolation ./bindings/python
+MATURIN_PEP517_ARGS=--locked "$python" -m pip install --quiet --no-deps --force-reinstall ./bindings/python
 CAUDAL_COMMAND="$PWD/target/release/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
     bindings/python/tests bindings/fmi/examples
