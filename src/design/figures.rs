@@ -43,7 +43,7 @@ impl Design {
             answers: self.answers(),
             figures: figures.collect::<Result<_>>()?,
             tables: self.tables(&rod),
-            motion: self.motion(&rod),
+            motion: self.motion(&rod).map(Box::new),
             ..Findings::default()
         })
     }

@@ -43,7 +43,7 @@ pub struct Findings {
     /// Other files: name and text.
     pub files: Vec<(String, String)>,
     /// A motion that the page plays, and what it shows.
-    pub motion: Option<(Motion, String)>,
+    pub motion: Option<Box<(Motion, String)>>,
 }
 
 #[derive(Serialize)]
