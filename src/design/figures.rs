@@ -310,7 +310,7 @@ impl Design {
             };
             tables.push(Table {
                 file: "comparison.csv",
-                title: "Against other profiles of the same mean",
+                title: "Against other profiles",
                 columns: names(&["profile", value, "the design is better by (%)"]),
                 rows: self.evidence.profiles.iter().map(row).collect(),
             });
