@@ -270,3 +270,63 @@ fn chosen_nodes_and_times_come_out_the_same_as_csv_and_as_parquet() {
         .collect();
     assert_eq!(read, expected);
 }
+
+#[cfg(all(unix, feature = "design"))]
+#[test]
+fn an_interrupted_design_ends_with_130_and_keeps_the_best_so_far() {
+    use std::io::{BufRead, BufReader};
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["design", "models/design-silicone-eel.toml", "--set", "design.starts=1000", "--out"])
+        .arg(folder.path())
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Ctrl-C after five iterations.
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.by_ref().take(5).all(|line| line.unwrap().starts_with("start 1 iteration")));
+    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signalled.success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{rest:?}");
+    assert!(text(&output.stderr).contains("best design so far"), "{}", text(&output.stderr));
+    let text = std::fs::read_to_string(folder.path().join("design.json")).unwrap();
+    let numbers: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(numbers["status"], "interrupted");
+    let best = numbers["answer"]["history"].as_array().unwrap().iter().map(|i| i["objective"].as_f64().unwrap());
+    assert!(numbers["answer"]["objective"].as_f64().unwrap() >= best.fold(0.0, f64::max));
+    let designed = folder.path().join("design-silicone-eel-designed.toml");
+    assert_eq!(caudal(&["check", designed.to_str().unwrap()]).status.code(), Some(0));
+}
+
+#[cfg(all(unix, feature = "design"))]
+#[test]
+fn a_design_that_cannot_be_written_or_is_wrong_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (scene, change) in [
+        ("models/design-identify.toml", "design.data=none.csv"),
+        ("models/design-silicone-eel.toml", "design.mean=0.1"),
+        ("models/baseline.toml", "name=nothing-asked"),
+    ] {
+        let output = caudal(&["design", scene, "--set", change, "--out", out.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(2), "{change}: {}", text(&output.stderr));
+        assert!(!out.exists(), "{change}");
+    }
+    // A place that nothing can be written to is refused before the search.
+    let output = caudal(&["design", "models/design-silicone-eel.toml", "--out", "/proc/caudal"]);
+    assert_eq!((output.status.code(), text(&output.stdout)), (Some(2), ""), "{}", text(&output.stderr));
+    // A limit on the size of files stands in for the end of the disk.
+    let command = format!(
+        "trap '' XFSZ; ulimit -f 20; exec '{}' design models/design-aluminium.toml --out '{}'",
+        env!("CARGO_BIN_EXE_caudal"),
+        out.display()
+    );
+    let output = Command::new("sh").current_dir(env!("CARGO_MANIFEST_DIR")).args(["-c", &command]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
+    assert!(files(&out).is_empty());
+}

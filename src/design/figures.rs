@@ -43,7 +43,7 @@ impl Design {
             answers: self.answers(),
             figures: figures.collect::<Result<_>>()?,
             tables: self.tables(&rod),
-            motion: self.motion(&rod),
+            motion: self.motion(&rod).map(Box::new),
             ..Findings::default()
         })
     }
@@ -310,7 +310,7 @@ impl Design {
             };
             tables.push(Table {
                 file: "comparison.csv",
-                title: "Against other profiles of the same mean",
+                title: "Against other profiles",
                 columns: names(&["profile", value, "the design is better by (%)"]),
                 rows: self.evidence.profiles.iter().map(row).collect(),
             });

@@ -18,7 +18,7 @@ use crate::check::Assessment;
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
 use crate::newton::Newton;
-use crate::report::{put_in_place, text_file, write_error};
+use crate::report::tables::write_all;
 use crate::rod::interpolated;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
@@ -220,9 +220,7 @@ impl Design {
             texts.push((table.file.to_string(), table.csv().map_err(|e| failed(e.to_string()))?));
         }
         texts.extend(findings.figures);
-        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
-        let files = texts.iter().map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
-        files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+        write_all(folder, texts.iter())
     }
 
     /// The content of design.json.

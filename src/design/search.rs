@@ -45,6 +45,9 @@ const ITERATIONS: usize = 200;
 /// First trust radius, the largest, and the smallest worth a step.
 const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
 
+/// A step that promises less than this part of the objective cannot be told from rounding.
+const ROUNDING: f64 = 1e-13;
+
 /// A step must win this part of what its model promises.
 const WON: f64 = 1e-4;
 
@@ -352,6 +355,7 @@ impl Search<'_> {
         let mut hessian: Option<DMatrix<f64>> = None;
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
+        let mut here_again = false;
         for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
@@ -381,7 +385,7 @@ impl Search<'_> {
             for (constraint, dual) in programme.constraints.iter().zip(&solution.duals).skip(trusted) {
                 constraint.row.iter().for_each(|(i, c)| lagrangian[*i] += dual * c);
             }
-            let stationarity = match &here.value.residuals {
+            let mut stationarity = match &here.value.residuals {
                 Some((residuals, rows)) => {
                     let (jacobian, size) = (jacobian(rows, n), DVector::from_column_slice(residuals).norm());
                     let cosine =
@@ -393,19 +397,28 @@ impl Search<'_> {
             };
             let mut active = programme.active(&solution);
             active.retain(|(name, _)| name != "trust region");
+            // A radius that shrinks about a point hides bounds beyond it: what was known of the point stays.
+            if here_again && end.0 < stationarity {
+                (stationarity, active) = (end.0, end.1);
+            }
             let step = DVector::from_column_slice(&solution.x);
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
             let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
+            let promised = -(gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
-            if stationarity <= STATIONARY[0] || self.objective.is_met(here.value.f) || longest.min(radius) < RADIUS[2] {
+            if promised < ROUNDING
+                || stationarity <= STATIONARY[0]
+                || self.objective.is_met(here.value.f)
+                || longest.min(radius) < RADIUS[2]
+            {
                 end.2 = tell(report).is_break();
                 break;
             }
-            let promised = -(gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
             let next = self.point(unknowns, unknowns.kept((&here.x + &step).as_slice().to_vec()));
             let ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| (merit(&here) - merit(next)) / unit / promised);
             report.accepted = ratio > WON;
+            here_again = !report.accepted;
             if squares {
                 if report.accepted {
                     damping *= (1.0 - (2.0 * ratio - 1.0).powi(3)).max(0.1);

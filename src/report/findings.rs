@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::chart::number;
 use super::page::{Motion, render};
-use super::tables::{put_in_place, text_file, write_error};
+use super::tables::write_all;
 use crate::error::{Error, Result};
 use crate::scene::Document;
 
@@ -43,7 +43,7 @@ pub struct Findings {
     /// Other files: name and text.
     pub files: Vec<(String, String)>,
     /// A motion that the page plays, and what it shows.
-    pub motion: Option<(Motion, String)>,
+    pub motion: Option<Box<(Motion, String)>>,
 }
 
 #[derive(Serialize)]
@@ -62,7 +62,6 @@ impl Findings {
     /// # Errors
     /// [`Error::Write`], [`Error::Page`]; files already in the folder are then as they were.
     pub fn write(&self, folder: &Path, name: &str, document: &Document) -> Result<Vec<PathBuf>> {
-        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
         let summary = json!({
             "name": name,
             "caudal_version": env!("CARGO_PKG_VERSION"),
@@ -76,9 +75,7 @@ impl Findings {
         for table in &self.tables {
             texts.push((table.file.to_string(), table.csv().map_err(|e| Error::Page { reason: e.to_string() })?));
         }
-        let files = texts.iter().chain(&self.figures).chain(&self.files);
-        let files = files.map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
-        files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+        write_all(folder, texts.iter().chain(&self.figures).chain(&self.files))
     }
 
     /// The page's HTML.

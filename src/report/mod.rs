@@ -16,4 +16,3 @@ pub use output::Output;
 pub use page::Motion;
 pub use record::Frame;
 pub use tables::check_writable;
-pub(crate) use tables::{put_in_place, text_file, write_error};

@@ -42,6 +42,16 @@ pub fn check_writable(folder: &Path) -> Result<()> {
     beside(&first.join("file")).map(|_| ())
 }
 
+/// Writes files, names and texts, to `folder`, and puts them in place when all of them are there; returns their paths.
+///
+/// # Errors
+/// [`Error::Write`]; files already in the folder are then as they were.
+pub fn write_all<'a>(folder: &Path, files: impl Iterator<Item = &'a (String, String)>) -> Result<Vec<PathBuf>> {
+    std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
+    let files = files.map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
+    files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+}
+
 /// Gives a finished file its name.
 pub fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
     file.persist(&path).map_err(|e| write_error(&path, &e.error))?;
