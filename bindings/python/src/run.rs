@@ -9,6 +9,7 @@ use caudal::report::trajectory::{Column, Trajectory};
 use caudal::run::{Ending, Summary};
 use caudal::variable::Size;
 use numpy::{PyArray1, PyArrayMethods};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -82,6 +83,8 @@ pub fn run<'py>(
         }
     }
     let content = PyDict::new(py);
+    // By way of JSON: pairs are lists there, as summary.json has them.
+    let summary = serde_json::to_value(&summary).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     content.set_item("summary", pythonize::pythonize(py, &summary)?)?;
     content.set_item("notes", notes)?;
     content.set_item("variables", variables)?;

@@ -44,6 +44,8 @@ def test_a_sweep_s_rows_are_the_command_s_table(sweep, command, tmp_path):
     assert len(rows) == len(table) == 4
     for ours, theirs in zip(rows, table):
         for name, text in theirs.items():
+            if name in ("scene_hash", "caudal_version"):  # where the table comes from
+                continue
             value = ours[name]
             same = float(text) == value if isinstance(value, float) else text.lower() == str(value).lower()
             assert same or (text == "" and value is None), (name, text, value)

@@ -10,11 +10,11 @@ __version__: str
 
 @final
 class Scene:
-    def __init__(
-        self,
+    def __new__(
+        cls,
         source: Union[Scene, str, os.PathLike[str], Mapping[str, Any]],
         set: Optional[Mapping[str, Any]] = None,
-    ) -> None: ...
+    ) -> Scene: ...
     @property
     def name(self) -> str: ...
     @property
@@ -56,7 +56,7 @@ class Snapshot:
 
 @final
 class Stepper:
-    def __init__(self, scene: Union[Scene, str, os.PathLike[str], Mapping[str, Any]]) -> None: ...
+    def __new__(cls, scene: Union[Scene, str, os.PathLike[str], Mapping[str, Any]]) -> Stepper: ...
     @property
     def scene(self) -> Scene: ...
     @property
