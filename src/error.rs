@@ -221,7 +221,7 @@ impl Error {
 
     /// True where the input is to blame, so that nothing was run or written.
     pub fn is_bad_input(&self) -> bool {
-        matches!(self, Self::Scene { .. } | Self::Read { .. } | Self::Journal { .. })
+        matches!(self, Self::Scene { .. } | Self::Read { .. } | Self::Study { .. } | Self::Journal { .. })
     }
 }
 
