@@ -99,10 +99,7 @@ pub struct Common {
 pub fn study(study: &Study) -> Result<ExitCode, Error> {
     let (common, study) = match study.clone() {
         Study::Modes { common, count } => (common, study::Study::Modes(Spectrum { count })),
-        Study::Scaling { common, nodes, steps } => {
-            let nodes = if nodes.is_empty() { Scaling::default().nodes } else { nodes };
-            (common, study::Study::Scaling(Scaling { nodes, steps }))
-        }
+        Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(Scaling { nodes, steps })),
         Study::Accuracy { common, nodes, steps, tolerances } => {
             (common, study::Study::Accuracy(Accuracy { nodes, steps, tolerances }))
         }

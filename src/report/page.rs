@@ -51,7 +51,7 @@ pub struct Motion {
     beside: Option<Vec<Vec<f64>>>,
 }
 
-/// Fills a page's template, which may include the style, the player of a motion and the player's script.
+/// Fills a page's template, which may include the style, a player with its `motion`, or the player and its script apart.
 ///
 /// # Errors
 /// [`Error::Page`] where the template fails.
@@ -62,6 +62,7 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     for (name, text) in [
         ("style.css", include_str!("style.css")),
         ("player.html", include_str!("player.html")),
+        ("motion.html", include_str!("motion.html")),
         ("player.js", include_str!("player.js")),
     ] {
         environment.add_template(name, text).map_err(failed)?;

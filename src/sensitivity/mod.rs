@@ -24,6 +24,7 @@ use std::sync::Arc;
 
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
+use crate::head::{Row, hermite};
 use crate::integrator::{Integrator, Pace, Rule};
 use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, FaerLu, LinearSolver};
 use crate::model::{Dynamics, Inputs, Model};
@@ -83,14 +84,11 @@ impl Trajectory {
             return None;
         }
         let n = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
-        let h = self.times[n] - self.times[n - 1];
-        let s = ((time - self.times[n - 1]) / h).min(1.0);
-        let [a, b] = [s * s * (3.0 - 2.0 * s), s * (1.0 - s)];
-        let ends = self.positions(n - 1).iter().zip(self.positions(n));
-        let rates = self.velocities(n - 1).iter().zip(self.velocities(n));
-        let point =
-            |((q0, q1), (v0, v1)): ((&f64, &f64), (&f64, &f64))| q0 + a * (q1 - q0) + h * b * ((1.0 - s) * v0 - s * v1);
-        Some(ends.zip(rates).map(point).collect())
+        let rows = |n: usize| {
+            let values = self.positions(n).iter().zip(self.velocities(n));
+            values.map(move |(q, v)| Row { time: self.times[n], value: *q, rate: *v })
+        };
+        Some(rows(n - 1).zip(rows(n)).map(|(from, to)| hermite(&from, &to, time.min(last)).value).collect())
     }
 
     /// Adds a state.
@@ -483,7 +481,6 @@ impl Problem {
         let mut gradient = Gradient::new(nodes);
         let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
         let mut columns: Vec<Column> = Vec::new();
-        let viscous = parameters.contains(&Parameter::Viscosity);
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut ends = Ends::new(nodes);
         let (width, size) = (parameters.len(), outputs.len() * parameters.len());
@@ -502,12 +499,12 @@ impl Problem {
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
-                columns = first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point, viscous)?;
+                columns = first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point)?;
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
                 let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
                 equations.assemble(dynamics, state, direction)?;
-                point.look(dynamics, state, viscous);
+                point.look(dynamics, state);
                 let at = At { dynamics, state, point: &point };
                 for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
                     feet(&rule, h, column, &mut star);
@@ -596,7 +593,6 @@ impl Problem {
             return Err(Error::WrongLength { name: "weights", expected, found: weights.len() });
         }
         let rules = self.rules()?;
-        let viscous = parameters.contains(&Parameter::Viscosity);
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut equations = Equations::new(nodes, self.model().head.is_some())?;
         let mut point = Point::new(nodes);
@@ -628,7 +624,7 @@ impl Problem {
                 _ => Direction { q: rule.q_new, v: rule.v_new, a: 1.0 },
             };
             equations.assemble(dynamics, &state, direction)?;
-            point.look(dynamics, &state, viscous);
+            point.look(dynamics, &state);
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             let at = At { dynamics, state: &state, point: &point };
@@ -782,10 +778,9 @@ fn first_columns(
     shape: &Shape,
     equations: &mut Equations,
     point: &mut Point,
-    viscous: bool,
 ) -> Result<Vec<Column>> {
     equations.assemble(dynamics, state, Direction { q: 1.0, v: 0.0, a: 0.0 })?;
-    point.look(dynamics, state, viscous);
+    point.look(dynamics, state);
     let at = At { dynamics, state, point };
     let column = |effect: &Effect| {
         let [q, v] = first_by(dynamics, effect, shape);

@@ -230,7 +230,6 @@ pub(super) struct Point {
     pub(super) damping: Vec<[f64; 4]>,
     /// ∂f/∂μ, N s/(Pa s m), two entries a node.
     pub(super) by_viscosity: Vec<f64>,
-    scratch: Vec<f64>,
 }
 
 impl Point {
@@ -239,12 +238,11 @@ impl Point {
             slopes: vec![[Vector2::zeros(); 3]; nodes],
             damping: vec![[0.0; 4]; nodes],
             by_viscosity: vec![0.0; 2 * nodes],
-            scratch: vec![0.0; 2 * nodes],
         }
     }
 
-    /// Looks at `state`, whose shape `dynamics` was last asked for; `viscous`: the viscosity is a parameter.
-    pub(super) fn look(&mut self, dynamics: &Dynamics, state: &State, viscous: bool) {
+    /// Looks at `state`, whose shape `dynamics` was last asked for.
+    pub(super) fn look(&mut self, dynamics: &Dynamics, state: &State) {
         let (edges, kappa) = (dynamics.edges(), dynamics.kappa());
         for k in dynamics.model.rod.joints() {
             let s = bend::curvature_per_turning(kappa[k]);
@@ -255,25 +253,14 @@ impl Point {
         }
         let Some((drag, fluid)) = dynamics.drag() else { return };
         self.damping.fill([0.0; 4]);
+        self.by_viscosity.fill(0.0);
         drag.for_half_edges(edges, &state.v, fluid, &mut |k, _, half| {
             let by = half.by_velocity;
             for (sum, entry) in self.damping[k].iter_mut().zip([by.m11, by.m12, by.m21, by.m22]) {
                 *sum += entry;
             }
+            add(&mut self.by_viscosity, k, half.by_viscosity);
         });
-        if viscous {
-            // The difference over the whole viscosity is exact where drag is affine in it.
-            let size = if fluid.viscosity > 0.0 { fluid.viscosity } else { 1.0 };
-            let mut more = fluid;
-            more.viscosity += size;
-            self.by_viscosity.fill(0.0);
-            self.scratch.fill(0.0);
-            drag.assemble(edges, &state.v, more, &mut self.by_viscosity, None);
-            drag.assemble(edges, &state.v, fluid, &mut self.scratch, None);
-            for (more, less) in self.by_viscosity.iter_mut().zip(&self.scratch) {
-                *more = (*more - less) / size;
-            }
-        }
     }
 
     /// Adds `factor`·∇κ_k to `q`.

@@ -29,16 +29,15 @@ const PARTS: usize = 16;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scaling {
-    /// Numbers of nodes.
+    /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that every mesh has the nodes of those before.
     pub nodes: Vec<u64>,
     /// Steps of every run.
     pub steps: u64,
 }
 
 impl Default for Scaling {
-    /// 2ᵏ + 1 nodes up to a million, so that every mesh has the nodes of those before, and 20 steps.
     fn default() -> Self {
-        Self { nodes: (4..=20).map(|k| (1 << k) + 1).collect(), steps: 20 }
+        Self { nodes: Vec::new(), steps: 20 }
     }
 }
 
@@ -76,6 +75,9 @@ struct Run {
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
 pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied> {
     let mut nodes = asked.nodes.clone();
+    if nodes.is_empty() {
+        nodes.extend((4..=20).map(|k| (1 << k) + 1));
+    }
     nodes.sort_unstable();
     nodes.dedup();
     let step = scene.typical_step();

@@ -9,8 +9,8 @@ use std::path::Path;
 
 use caudal::fmu::Target;
 
-use crate::fmi2::{deserialize, forget, save, serialize, state};
 use crate::instance::{Experiment, Instance, IntermediateUpdate, Logger, Mode, Outcome, Status, refuse};
+use crate::states::{deserialize, forget, restore, save, serialize, state};
 use crate::{call, call_raw, free, instantiate, put, text, values, values_mut};
 
 type Handle = *mut c_void;
@@ -191,37 +191,19 @@ pub unsafe extern "C" fn fmi3ExitInitializationMode(instance: Handle) -> Status 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3EnterConfigurationMode(instance: Handle) -> Status {
     // SAFETY: the host's promise.
-    unsafe {
-        call(instance, |instance| {
-            instance.only_in(&[Mode::Instantiated])?;
-            instance.mode = Mode::Configuration;
-            Ok(())
-        })
-    }
+    unsafe { call(instance, |instance| instance.change_mode(&[Mode::Instantiated], Mode::Configuration)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3ExitConfigurationMode(instance: Handle) -> Status {
     // SAFETY: the host's promise.
-    unsafe {
-        call(instance, |instance| {
-            instance.only_in(&[Mode::Configuration])?;
-            instance.mode = Mode::Instantiated;
-            Ok(())
-        })
-    }
+    unsafe { call(instance, |instance| instance.change_mode(&[Mode::Configuration], Mode::Instantiated)) }
 }
 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3Terminate(instance: Handle) -> Status {
     // SAFETY: the host's promise.
-    unsafe {
-        call(instance, |instance| {
-            instance.only_in(&[Mode::Step])?;
-            instance.mode = Mode::Terminated;
-            Ok(())
-        })
-    }
+    unsafe { call(instance, |instance| instance.change_mode(&[Mode::Step], Mode::Terminated)) }
 }
 
 #[unsafe(no_mangle)]
@@ -558,7 +540,7 @@ pub unsafe extern "C" fn fmi3GetFMUState(instance: Handle, place: *mut *mut c_vo
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3SetFMUState(instance: Handle, place: *mut c_void) -> Status {
     // SAFETY: the host's promises.
-    unsafe { call(instance, |instance| crate::fmi2::restore(instance, place)) }
+    unsafe { call(instance, |instance| restore(instance, place)) }
 }
 
 #[unsafe(no_mangle)]

@@ -272,6 +272,13 @@ impl Instance {
         if modes.contains(&self.mode) { Ok(()) } else { wrong_mode(self.mode) }
     }
 
+    /// Moves on to mode `to`, from one of `from` only.
+    pub fn change_mode(&mut self, from: &[Mode], to: Mode) -> Outcome {
+        self.only_in(from)?;
+        self.mode = to;
+        Ok(())
+    }
+
     /// The mode in which inputs and parameters are set and all is read.
     fn is_running(&self) -> bool {
         matches!(self.mode, Mode::Step | Mode::Intermediate)
@@ -655,12 +662,21 @@ impl Instance {
 
     // Derivatives --------------------------------------------------------------------------------------------------
 
-    /// The variable of an output.
-    fn output(&self, target: Target) -> Outcome<&'static Variable> {
+    /// The place of an output.
+    fn output(&self, target: Target) -> Outcome<usize> {
         match target {
-            Target::Variable(place, _) if VARIABLES[place].causality == Causality::Output => Ok(&VARIABLES[place]),
+            Target::Variable(place, _) if VARIABLES[place].causality == Causality::Output => Ok(place),
             _ => refuse("only outputs have derivatives"),
         }
+    }
+
+    /// The variables of outputs with their nodes; none where a variable has no entry at its node, and so is always zero.
+    fn outputs(&self, unknowns: &[(Target, usize)]) -> Outcome<Vec<Option<(&'static Variable, usize)>>> {
+        let output = |(target, k): &(Target, usize)| {
+            let place = self.output(*target)?;
+            Ok(self.entries(place).contains(k).then_some((&VARIABLES[place], *k)))
+        };
+        unknowns.iter().map(output).collect()
     }
 
     /// The place of an input.
@@ -673,20 +689,12 @@ impl Instance {
 
     /// Writes the first derivatives by time of outputs at their nodes.
     pub fn rates(&mut self, unknowns: &[(Target, usize)], out: &mut [f64]) -> Outcome {
-        let variables: Vec<_> = unknowns.iter().map(|(target, _)| self.output(*target)).collect::<Outcome<_>>()?;
-        let nodes: Vec<_> = unknowns.iter().map(|(target, _)| self.nodes_of(*target)).collect();
+        let outputs = self.outputs(unknowns)?;
         let rates = self.ready()?.rates()?;
-        for ((out, (_, k)), (variable, nodes)) in out.iter_mut().zip(unknowns).zip(variables.iter().zip(nodes)) {
-            *out = if nodes.contains(k) { rates.of(variable, *k) } else { 0.0 };
+        for (out, output) in out.iter_mut().zip(outputs) {
+            *out = output.map_or(0.0, |(variable, k)| rates.of(variable, k));
         }
         Ok(())
-    }
-
-    fn nodes_of(&self, target: Target) -> std::ops::Range<usize> {
-        match target {
-            Target::Variable(place, _) => self.entries(place),
-            Target::Parameter(_) => 0..1,
-        }
     }
 
     /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes) change by `seed`.
@@ -697,8 +705,7 @@ impl Instance {
         seed: &[f64],
         out: &mut [f64],
     ) -> Outcome {
-        let outputs: Vec<_> = unknowns.iter().map(|(target, _)| self.output(*target)).collect::<Outcome<_>>()?;
-        let nodes: Vec<_> = unknowns.iter().map(|(target, _)| self.nodes_of(*target)).collect();
+        let outputs = self.outputs(unknowns)?;
         self.seeds.resize(VARIABLES.len(), Vec::new());
         self.seeds.iter_mut().for_each(Vec::clear);
         for ((target, k), seed) in knowns.iter().zip(seed) {
@@ -716,8 +723,8 @@ impl Instance {
                 }
             }
         })?;
-        for ((out, (_, k)), (variable, nodes)) in out.iter_mut().zip(unknowns).zip(outputs.iter().zip(nodes)) {
-            *out = if nodes.contains(k) { change.of(variable, *k) } else { 0.0 };
+        for (out, output) in out.iter_mut().zip(outputs) {
+            *out = output.map_or(0.0, |(variable, k)| change.of(variable, k));
         }
         self.seeds = seeds;
         Ok(())
@@ -741,7 +748,7 @@ impl Instance {
 
     /// The dependencies of a variable of FMI 3.0: node of the dependent, place and node of the input.
     pub fn dependencies(&mut self, target: Target) -> Outcome<Vec<(usize, usize, usize)>> {
-        let variable = self.output(target)?;
+        let variable = &VARIABLES[self.output(target)?];
         let stepper = self.ready()?;
         let (model, form) = (stepper.model(), stepper.form());
         let inputs = || VARIABLES.iter().enumerate().filter(|(_, input)| input.is_input() && input.exists_in(model));

@@ -6,6 +6,7 @@
 mod fmi2;
 mod fmi3;
 mod instance;
+mod states;
 
 use std::ffi::{CStr, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};

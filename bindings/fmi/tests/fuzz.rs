@@ -10,7 +10,7 @@ use std::ptr::{null, null_mut};
 
 use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::variable::VARIABLES;
-use common::{Dice, Unpacked, document, log3};
+use common::{Dice, Instantiate2, NO_CALLBACKS, Unpacked, document, log3};
 
 /// Entries of every buffer; no count is larger.
 const ROOM: usize = 64;
@@ -207,6 +207,15 @@ fn count(statuses: &mut [usize; 5], status: c_int) {
     statuses[usize::try_from(status).unwrap()] += 1;
 }
 
+/// Both good and refused calls have been tried, and nothing broke.
+fn judge(statuses: [usize; 5], steps: usize) {
+    println!("statuses {statuses:?}, {steps} steps");
+    assert!(
+        steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0,
+        "{statuses:?} {steps}"
+    );
+}
+
 #[test]
 fn any_calls_of_fmi_3_end_in_a_status() {
     let fmu = Unpacked::of(&document("driven-head", &["rod.nodes=9"]), Standard::Fmi3);
@@ -323,21 +332,7 @@ fn any_calls_of_fmi_3_end_in_a_status() {
         };
         count(&mut statuses, status);
     }
-    println!("statuses {statuses:?}, {steps} steps");
-    // Both good and refused calls have been tried, and nothing broke.
-    assert!(
-        steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0,
-        "{statuses:?} {steps}"
-    );
-}
-
-#[repr(C)]
-struct Callbacks {
-    logger: *const c_void,
-    allocate: *const c_void,
-    free: *const c_void,
-    finished: *const c_void,
-    environment: *mut c_void,
+    judge(statuses, steps);
 }
 
 #[test]
@@ -351,15 +346,7 @@ fn any_calls_of_fmi_2_end_in_a_status() {
         serialize: fmu.function("fmi2SerializeFMUstate"),
         deserialize: fmu.function("fmi2DeSerializeFMUstate"),
     };
-    let instantiate: unsafe extern "C" fn(
-        *const c_char,
-        c_int,
-        *const c_char,
-        *const c_char,
-        *const Callbacks,
-        c_int,
-        c_int,
-    ) -> *mut c_void = fmu.function("fmi2Instantiate");
+    let instantiate: Instantiate2 = fmu.function("fmi2Instantiate");
     let free: unsafe extern "C" fn(*mut c_void) = fmu.function("fmi2FreeInstance");
     let setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int =
         fmu.function("fmi2SetupExperiment");
@@ -397,8 +384,6 @@ fn any_calls_of_fmi_2_end_in_a_status() {
             .map(|name| fmu.function(name))
             .into();
     let location = std::ffi::CString::new(format!("file://{}", fmu.resources.display())).unwrap();
-    let callbacks =
-        Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
     let mut a = Arguments::new(Standard::Fmi2);
     let mut alive = Alive { instances: Vec::new(), states: Vec::new() };
     let (mut statuses, mut steps) = ([0; 5], 0);
@@ -411,7 +396,7 @@ fn any_calls_of_fmi_2_end_in_a_status() {
                 0 if alive.instances.len() < 4 => {
                     let guid = if a.chance(4) { null() } else { fmu.token.as_ptr() };
                     let place = if a.chance(4) { c"http://nowhere".as_ptr() } else { location.as_ptr() };
-                    let functions = if a.chance(6) { null() } else { &raw const callbacks };
+                    let functions = if a.chance(6) { null() } else { &raw const NO_CALLBACKS };
                     let new = instantiate(c"fuzz".as_ptr(), 1, guid, place, functions, 0, c_int::from(a.chance(2)));
                     alive.instances.extend((!new.is_null()).then_some(new));
                     continue;
@@ -451,9 +436,5 @@ fn any_calls_of_fmi_2_end_in_a_status() {
         };
         count(&mut statuses, status);
     }
-    println!("statuses {statuses:?}, {steps} steps");
-    assert!(
-        steps > calls() / 200 && statuses[0] > calls() / 20 && statuses[3] > calls() / 20 && statuses[4] == 0,
-        "{statuses:?} {steps}"
-    );
+    judge(statuses, steps);
 }

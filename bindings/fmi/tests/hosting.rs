@@ -11,19 +11,11 @@ use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::variable::Variable;
-use common::{Dice, Fmi3, MESSAGES, Unpacked, document, reference, write};
+use common::{Dice, Fmi3, Instantiate2, MESSAGES, NO_CALLBACKS, Unpacked, document, reference, write};
 
 /// FMI 2.0 by its functions.
 struct Fmi2 {
-    instantiate: unsafe extern "C" fn(
-        *const c_char,
-        c_int,
-        *const c_char,
-        *const c_char,
-        *const Callbacks,
-        c_int,
-        c_int,
-    ) -> *mut c_void,
+    instantiate: Instantiate2,
     free: unsafe extern "C" fn(*mut c_void),
     setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int,
     enter: unsafe extern "C" fn(*mut c_void) -> c_int,
@@ -36,15 +28,6 @@ struct Fmi2 {
     real_status: unsafe extern "C" fn(*mut c_void, c_int, *mut f64) -> c_int,
     terminate: unsafe extern "C" fn(*mut c_void) -> c_int,
     reset: unsafe extern "C" fn(*mut c_void) -> c_int,
-}
-
-#[repr(C)]
-struct Callbacks {
-    logger: *const c_void,
-    allocate: *const c_void,
-    free: *const c_void,
-    finished: *const c_void,
-    environment: *mut c_void,
 }
 
 impl Fmi2 {
@@ -68,10 +51,8 @@ impl Fmi2 {
 
     fn instance(&self, fmu: &Unpacked) -> *mut c_void {
         let location = std::ffi::CString::new(format!("file://{}", fmu.resources.display())).unwrap();
-        let callbacks =
-            Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
         let instance = unsafe {
-            (self.instantiate)(c"two".as_ptr(), 1, fmu.token.as_ptr(), location.as_ptr(), &raw const callbacks, 0, 0)
+            (self.instantiate)(c"two".as_ptr(), 1, fmu.token.as_ptr(), location.as_ptr(), &raw const NO_CALLBACKS, 0, 0)
         };
         assert!(!instance.is_null());
         instance
@@ -354,10 +335,8 @@ fn mistakes_are_answered_and_failed_steps_leave_the_last_good_state() {
         (fmi.free)(a);
         // Other GUIDs and places.
         let location = std::ffi::CString::new(format!("file://{}", two.resources.display())).unwrap();
-        let callbacks =
-            Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
         let new = |kind, guid: *const c_char, place: *const c_char| {
-            (fmi.instantiate)(c"x".as_ptr(), kind, guid, place, &raw const callbacks, 0, 0)
+            (fmi.instantiate)(c"x".as_ptr(), kind, guid, place, &raw const NO_CALLBACKS, 0, 0)
         };
         assert!(new(0, two.token.as_ptr(), location.as_ptr()).is_null());
         assert!(new(1, c"{other}".as_ptr(), location.as_ptr()).is_null());

@@ -11,6 +11,7 @@
 
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
 use std::path::{Path, PathBuf};
+use std::ptr::{null, null_mut};
 use std::sync::Mutex;
 
 use caudal::fmu::{Fmu, Standard};
@@ -86,7 +87,34 @@ pub unsafe extern "C" fn log3(_: *mut c_void, status: c_int, category: *const c_
     MESSAGES.lock().unwrap().push(format!("{status} {category}: {message}"));
 }
 
-pub type Fmi3Status = c_int;
+/// Callbacks of a host of FMI 2.0.
+#[repr(C)]
+pub struct Callbacks {
+    logger: *const c_void,
+    allocate: *const c_void,
+    free: *const c_void,
+    finished: *const c_void,
+    environment: *mut c_void,
+}
+
+// SAFETY: there is nothing behind its pointers.
+unsafe impl Sync for Callbacks {}
+
+/// A host that has none.
+pub static NO_CALLBACKS: Callbacks =
+    Callbacks { logger: null(), allocate: null(), free: null(), finished: null(), environment: null_mut() };
+
+/// `fmi2Instantiate`.
+pub type Instantiate2 = unsafe extern "C" fn(
+    *const c_char,
+    c_int,
+    *const c_char,
+    *const c_char,
+    *const Callbacks,
+    c_int,
+    c_int,
+) -> *mut c_void;
+
 pub type Update = unsafe extern "C" fn(*mut c_void, f64, u8, u8, u8, u8, *mut u8, *mut f64);
 
 /// FMI 3.0 by its functions.

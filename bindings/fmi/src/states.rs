@@ -1,0 +1,112 @@
+//! States of an instance behind a host's pointers, the same in both versions of the standard.
+
+use std::ffi::c_void;
+
+use crate::instance::{Instance, Mode, Outcome, SavedState, refuse};
+use crate::{values, values_mut};
+
+/// Modes in which states are saved and restored.
+pub const STATEFUL: [Mode; 7] = [
+    Mode::Instantiated,
+    Mode::Configuration,
+    Mode::Initialization,
+    Mode::Step,
+    Mode::StepFailed,
+    Mode::Terminated,
+    Mode::Error,
+];
+
+/// Saves the state of `instance` in `place`, in a new state where that is null.
+///
+/// # Safety
+/// `place` is null or points to null or to a state of ours.
+pub unsafe fn save(instance: &mut Instance, place: *mut *mut c_void) -> Outcome {
+    instance.only_in(&STATEFUL)?;
+    if place.is_null() {
+        return refuse("a null pointer in the place of a state");
+    }
+    let state = instance.save()?;
+    // SAFETY: the caller's promise.
+    unsafe { keep(state, place) };
+    Ok(())
+}
+
+/// Puts a state where `place` points, over the one that may be there.
+///
+/// # Safety
+/// `place` points to null or to a state of ours.
+unsafe fn keep(state: SavedState, place: *mut *mut c_void) {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if (*place).is_null() {
+            *place = Box::into_raw(Box::new(state)).cast();
+        } else {
+            *(*place).cast::<SavedState>() = state;
+        }
+    }
+}
+
+/// The state at `place`.
+///
+/// # Safety
+/// `place` is null or a state of ours.
+pub unsafe fn state<'a>(place: *const c_void) -> Outcome<&'a SavedState> {
+    // SAFETY: the caller's promise.
+    unsafe { place.cast::<SavedState>().as_ref() }.map_or_else(|| refuse("a null pointer in the place of a state"), Ok)
+}
+
+/// Goes back to the state at `place`.
+///
+/// # Safety
+/// `place` is null or a state of ours.
+pub unsafe fn restore(instance: &mut Instance, place: *const c_void) -> Outcome {
+    instance.only_in(&STATEFUL)?;
+    // SAFETY: the caller's promise.
+    instance.restore(unsafe { state(place) }?)
+}
+
+/// Frees the state where `place` points, and leaves null there.
+///
+/// # Safety
+/// `place` is null or points to null or to a state of ours.
+pub unsafe fn forget(place: *mut *mut c_void) -> Outcome {
+    // SAFETY: the caller's promise.
+    unsafe {
+        if !place.is_null() && !(*place).is_null() {
+            drop(Box::from_raw((*place).cast::<SavedState>()));
+            *place = std::ptr::null_mut();
+        }
+    }
+    Ok(())
+}
+
+/// Writes a state as bytes.
+///
+/// # Safety
+/// `place` is null or a state of ours; `bytes` is null or holds `size` bytes.
+pub unsafe fn serialize(instance: &Instance, place: *const c_void, bytes: *mut u8, size: usize) -> Outcome {
+    // SAFETY: the caller's promise.
+    let content = instance.serialize(unsafe { state(place) }?)?;
+    if size < content.len() {
+        return refuse(format!("{size} bytes are too few for a state of {}", content.len()));
+    }
+    // SAFETY: the caller's promise.
+    unsafe { values_mut(bytes, size) }?[..content.len()].copy_from_slice(&content);
+    Ok(())
+}
+
+/// Reads a state from bytes.
+///
+/// # Safety
+/// `bytes` is null or holds `size` bytes; `place` as for [`save`].
+pub unsafe fn deserialize(instance: &Instance, bytes: *const u8, size: usize, place: *mut *mut c_void) -> Outcome {
+    if place.is_null() {
+        return refuse("a null pointer in the place of a state");
+    }
+    // SAFETY: the caller's promise.
+    unsafe {
+        let state = instance.deserialize(values(bytes, size)?)?;
+        keep(state, place);
+    }
+    Ok(())
+}
