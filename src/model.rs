@@ -18,7 +18,8 @@ use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::bend::{self, Joint};
-use crate::rod::{Edge, Rod, elastic, node, stretch};
+use crate::rod::elastic::{self, Deformed};
+use crate::rod::{Edge, Rod, node, stretch};
 use crate::start::{Start, add_spin};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
@@ -403,14 +404,16 @@ impl Dynamics {
     }
 
     fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
-        for (edge, pair) in self.edges.iter_mut().zip(q.windows(4).step_by(2)) {
-            *edge = Edge::new(Vector2::new(pair[2] - pair[0], pair[3] - pair[1]));
+        let meaningful = COLLAPSED * self.model.rod.spacing..f64::INFINITY;
+        let mut fine = true;
+        for (edge, ends) in self.edges.iter_mut().zip(q.as_chunks().0.windows(2)) {
+            *edge = Edge::new(Vector2::from(ends[1]) - Vector2::from(ends[0]));
+            fine &= meaningful.contains(&edge.length);
         }
-        let least = COLLAPSED * self.model.rod.spacing;
-        match self.edges.iter().position(|e| !(least..f64::INFINITY).contains(&e.length)) {
+        match self.edges.iter().position(|e| !fine && !meaningful.contains(&e.length)) {
             None => Ok(()),
             Some(node) => Err(match self.edges[node].length {
-                length_m if length_m < least => Error::EdgeCollapse { time_s: t, node, length_m },
+                length_m if length_m < meaningful.start => Error::EdgeCollapse { time_s: t, node, length_m },
                 _ => Error::NotFinite { time_s: t, node, what: "position" },
             }),
         }
@@ -423,22 +426,20 @@ impl Dynamics {
     }
 
     fn shape_joints(&mut self, t: f64) -> Result<()> {
-        let wall = self.wall();
         let rod = &self.model.rod;
+        // The edge before joint k, and what the edge after it belongs to; the first needs a head that is held.
+        let mut before = self.wall();
         let mut folded = None;
-        let mut joint = |k: usize, e: &Edge, f: &Edge| {
-            if 1.0 + e.t.dot(&f.t) <= bend::FOLD {
-                folded = Some(k);
+        let parts = self.edges.iter().zip(&rod.joint).zip(&self.natural).zip(&mut self.joints).zip(&mut self.kappa);
+        for (k, ((((after, stiffness), natural), joint), kappa)) in parts.enumerate() {
+            if let Some(before) = &before {
+                if 1.0 + before.t.dot(&after.t) <= bend::FOLD {
+                    folded = Some(k);
+                }
+                *kappa = bend::curvature(before.t, after.t);
+                *joint = Joint::new(*stiffness, *kappa, *natural);
             }
-            let kappa = bend::curvature(e.t, f.t);
-            self.kappa[k] = kappa;
-            self.joints[k] = Joint::new(rod.joint[k], kappa, self.natural[k]);
-        };
-        if let Some(wall) = &wall {
-            joint(0, wall, &self.edges[0]);
-        }
-        for (k, pair) in (1..).zip(self.edges.windows(2)) {
-            joint(k, &pair[0], &pair[1]);
+            before = Some(*after);
         }
         folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: t, node }))
     }
@@ -535,7 +536,7 @@ impl Dynamics {
             out.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
         }
         if let Some((drag, fluid)) = self.drag() {
-            drag.assemble(edges, v, fluid, out, None);
+            drag.add_force(edges, v, fluid, out);
         }
     }
 
@@ -547,17 +548,17 @@ impl Dynamics {
         &mut self,
         state: &State,
         residual: &mut [f64],
-        mut jacobian: Option<Linearisation<'_>>,
+        jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.shape(state)?;
         let Model { rod, load, .. } = &*self.model;
-        let matrix = jacobian.as_mut().map(|j| (j.matrix.rows_mut(), j.direction));
-        elastic::assemble(rod, &self.edges, &self.joints, &state.a, residual, matrix);
+        let deformed = Deformed { rod, edges: &self.edges, joints: &self.joints, a: &state.a };
+        match self.drag() {
+            Some((drag, fluid)) => drag.assemble(deformed, &state.v, fluid, residual, jacobian),
+            None => deformed.assemble(std::iter::repeat(None), residual, jacobian),
+        }
         for force in [load, &self.inputs.force].into_iter().flatten() {
             residual.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
-        }
-        if let Some((drag, fluid)) = self.drag() {
-            drag.assemble(&self.edges, &state.v, fluid, residual, jacobian.as_mut());
         }
         Ok(())
     }

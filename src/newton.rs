@@ -98,12 +98,32 @@ impl Newton {
     /// # Errors
     /// [`Error::NotConverged`], or whatever the system finds wrong with an iterate.
     pub fn solve(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
+        self.iterate_until(system, state, direction, Patience::Whole)
+    }
+
+    /// Tries as [`solve`](Self::solve) does, but gives up where the increment has grown twice in a row: for a guess beside
+    /// which there is another. (The last one goes on, as an iterate that goes astray mostly tells what is wrong.)
+    ///
+    /// # Errors
+    /// Those of [`solve`](Self::solve).
+    pub fn attempt(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
+        self.iterate_until(system, state, direction, Patience::WhileShrinking)
+    }
+
+    fn iterate_until(
+        &mut self,
+        system: &mut dyn System,
+        state: &mut State,
+        direction: Direction,
+        patience: Patience,
+    ) -> Result<Increments> {
         let length = system.length();
         let mut increments = Increments::default();
-        let (mut residual, mut node) = (0.0, 0);
+        let (mut residual, mut node, mut iterations) = (0.0, 0, 0);
         for _ in 0..MAX_ITERATIONS {
             let previous = increments.last();
             let step = self.iterate(system, state, direction)?;
+            iterations += 1;
             increments.push(step.increment);
             (residual, node) = (step.residual, step.node);
             let rate = step.increment / previous; // 0 in the first iteration
@@ -120,11 +140,15 @@ impl Newton {
                 self.work.floor_stops += 1;
                 return Ok(increments);
             }
+            let astray = step.increment > FLOOR_INCREMENT * length && increments.grew_twice();
+            if astray && patience == Patience::WhileShrinking {
+                break;
+            }
         }
         Err(Error::NotConverged {
             time_s: state.t,
             step_s: f64::NAN, // known to the caller only
-            iterations: MAX_ITERATIONS,
+            iterations,
             increment_m: increments.last(),
             residual_n: residual,
             node,
@@ -172,6 +196,15 @@ impl Newton {
     }
 }
 
+/// How long a solve that does not converge goes on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Patience {
+    /// For [`MAX_ITERATIONS`].
+    Whole,
+    /// Until the increment has grown twice in a row.
+    WhileShrinking,
+}
+
 /// Outcome of one iteration.
 #[derive(Debug, Clone, Copy)]
 pub struct Iteration {
@@ -198,6 +231,11 @@ impl Increments {
 
     fn last(&self) -> f64 {
         self.as_slice().last().copied().unwrap_or(f64::INFINITY)
+    }
+
+    /// True if each of the last two is larger than the one before it.
+    fn grew_twice(&self) -> bool {
+        matches!(self.as_slice(), [.., first, second, third] if first < second && second < third)
     }
 
     /// One value an iteration.

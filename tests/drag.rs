@@ -70,7 +70,7 @@ fn on_the_study_s_mesh_the_head_s_weight_is_all_on_the_head_node() {
     let v = [0.2, -0.1].repeat(9);
     let force = |weight: f64| {
         let mut force = vec![0.0; 18];
-        HalfEdges::new(law, 8, 0.125, weight, 0.0625).assemble(&edges, &v, fluid, &mut force, None);
+        HalfEdges::new(law, 8, 0.125, weight, 0.0625).add_force(&edges, &v, fluid, &mut force);
         force
     };
     let (even, weighted) = (force(1.0), force(10.0));
@@ -108,7 +108,7 @@ fn viscous_power_is_never_negative_whatever_the_shape_motion_and_flow() {
         assert!(viscous >= least, "{viscous} {least}");
         // What the flow puts in and viscosity does not take is the power of the drag on the rod.
         let mut opposing = vec![0.0; 18];
-        drag.assemble(&edges, &v, fluid, &mut opposing, None);
+        drag.add_force(&edges, &v, fluid, &mut opposing);
         let on_rod: f64 = -opposing.iter().zip(&v).map(|(f, v)| f * v).sum::<f64>();
         let defect = from_flow - viscous - on_rod;
         // Measured: at most 2.1e-17 W of 0.04 W.

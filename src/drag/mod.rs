@@ -5,7 +5,8 @@ pub mod stokes_like;
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::rod::{Edge, add};
+use crate::rod::elastic::Deformed;
+use crate::rod::{Edge, HalfEdge, add};
 use crate::system::Linearisation;
 pub use stokes_like::StokesLike;
 
@@ -23,18 +24,25 @@ pub trait Law {
 
 /// Drag on a rod: each half-edge loads its own node with ½ΔL·w̄ times the law's traction.
 pub trait Drag: std::fmt::Debug + Send + Sync {
-    /// Adds the opposing force (N) to `residual` and its linearisation, if asked for, to that matrix.
+    /// Writes what opposes the motion of `rod` with node velocities `v` (m/s), inertia, elasticity and this drag, to
+    /// `residual` (N) and its linearisation, if asked for, to that matrix.
     fn assemble(
         &self,
-        edges: &[Edge],
+        rod: Deformed<'_>,
         v: &[f64],
         fluid: Fluid,
         residual: &mut [f64],
-        jacobian: Option<&mut Linearisation<'_>>,
+        jacobian: Option<Linearisation<'_>>,
     );
+
+    /// Adds the opposing force (N) to `out`, two entries a node.
+    fn add_force(&self, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]);
 
     /// Visits every half-edge: its node, its edge, and what acts on that node.
     fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge));
+
+    /// Adds ∂(opposing force)/∂μ, N/(Pa s), to `out`, two entries a node.
+    fn add_force_by_viscosity(&self, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]);
 
     /// Viscous power (v−u)ᵀC(v−u) ≥ 0 and the flow's power uᵀC(u−v), W.
     fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2];
@@ -44,19 +52,6 @@ pub trait Drag: std::fmt::Debug + Send + Sync {
 
     /// The weighted length ∫w ds, m.
     fn weighted_length(&self) -> f64;
-}
-
-/// The drag of half an edge on its node.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HalfEdge {
-    /// The opposing force, N.
-    pub force: Vector2<f64>,
-    /// ∂(force)/∂v, N s/m.
-    pub by_velocity: Matrix2<f64>,
-    /// ∂(force)/∂φ with φ the direction of the edge, N.
-    pub by_direction: Vector2<f64>,
-    /// ∂(force)/∂μ, N/(Pa s).
-    pub by_viscosity: Vector2<f64>,
 }
 
 /// What the host may change of the fluid.
@@ -121,48 +116,58 @@ pub trait InFluid: std::fmt::Debug + Send + Sync {
     fn by_viscosity(&self, fluid: Fluid) -> Self::Law;
 }
 
+impl<L: InFluid> HalfEdges<L> {
+    /// Adds the force of `law` to `out`.
+    fn add(&self, law: &L::Law, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]) {
+        for (e, edge, ends) in self.walk(edges, v, fluid) {
+            let [(start, start_weight), (end, end_weight)] = ends;
+            add(out, e, law.traction(edge.t, start) * start_weight);
+            add(out, e + 1, law.traction(edge.t, end) * end_weight);
+        }
+    }
+}
+
+/// What `law` does to half of `edge`.
+#[inline(always)]
+fn half_edge(law: &impl Law, edge: &Edge, (w, weight): (Vector2<f64>, f64)) -> HalfEdge {
+    HalfEdge {
+        force: law.traction(edge.t, w) * weight,
+        by_velocity: law.by_velocity(edge.t, w) * weight,
+        by_direction: law.by_direction(edge.t, w) * weight,
+    }
+}
+
 impl<L: InFluid> Drag for HalfEdges<L> {
     fn assemble(
         &self,
-        edges: &[Edge],
+        rod: Deformed<'_>,
         v: &[f64],
         fluid: Fluid,
         residual: &mut [f64],
-        mut jacobian: Option<&mut Linearisation<'_>>,
+        jacobian: Option<Linearisation<'_>>,
     ) {
         let law = self.law.in_fluid(fluid);
+        let around = self
+            .walk(rod.edges, v, fluid)
+            .map(|(_, edge, [start, end])| Some([half_edge(&law, edge, start), half_edge(&law, edge, end)]));
+        rod.assemble(around, residual, jacobian);
+    }
+
+    fn add_force(&self, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]) {
+        self.add(&self.law.in_fluid(fluid), edges, v, fluid, out);
+    }
+
+    fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
+        let law = self.law.in_fluid(fluid);
         for (e, edge, ends) in self.walk(edges, v, fluid) {
-            let [(start, start_weight), (end, end_weight)] = ends;
-            add(residual, e, law.traction(edge.t, start) * start_weight);
-            add(residual, e + 1, law.traction(edge.t, end) * end_weight);
-            if let Some(Linearisation { matrix, direction }) = &mut jacobian {
-                // The tangent turns by n·δ(edge vector)/ℓ.
-                let turn = edge.n() * (direction.q * edge.per_length);
-                let by_velocity = |w, weight: f64| law.by_velocity(edge.t, w) * (direction.v * weight);
-                let by_turning = |w, weight: f64| law.by_direction(edge.t, w) * (turn * weight).transpose();
-                let turning = by_turning(start, start_weight);
-                matrix.add_block(e, e, &(by_velocity(start, start_weight) - turning));
-                matrix.add_block(e, e + 1, &turning);
-                let turning = by_turning(end, end_weight);
-                matrix.add_block(e + 1, e, &-turning);
-                matrix.add_block(e + 1, e + 1, &(by_velocity(end, end_weight) + turning));
+            for (k, end) in (e..).zip(ends) {
+                visit(k, e, half_edge(&law, edge, end));
             }
         }
     }
 
-    fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
-        let (law, by_viscosity) = (self.law.in_fluid(fluid), self.law.by_viscosity(fluid));
-        for (e, edge, ends) in self.walk(edges, v, fluid) {
-            for (k, (w, weight)) in (e..).zip(ends) {
-                let half = HalfEdge {
-                    force: law.traction(edge.t, w) * weight,
-                    by_velocity: law.by_velocity(edge.t, w) * weight,
-                    by_direction: law.by_direction(edge.t, w) * weight,
-                    by_viscosity: by_viscosity.traction(edge.t, w) * weight,
-                };
-                visit(k, e, half);
-            }
-        }
+    fn add_force_by_viscosity(&self, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]) {
+        self.add(&self.law.by_viscosity(fluid), edges, v, fluid, out);
     }
 
     fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2] {

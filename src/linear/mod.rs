@@ -1,5 +1,6 @@
 //! The linear seam: one matrix with a fixed band pattern, and the solvers that take it.
 
+mod block;
 mod block_band;
 mod choice;
 mod faer_lu;
@@ -9,6 +10,7 @@ use nalgebra::Matrix2;
 use wide::f64x2;
 
 use crate::error::Result;
+pub use block::{Block, lanes};
 pub use block_band::BlockBand;
 pub use choice::{Choice, Chosen};
 pub use faer_lu::FaerLu;

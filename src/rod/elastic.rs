@@ -1,87 +1,128 @@
-//! Inertia and elasticity of the whole rod: M a + ∇E and its linearisation, one pass over the nodes.
+//! Inertia and elasticity of the whole rod, and what else acts on its edges: M a + ∇E + drag and its linearisation, one
+//! pass over the edges in which every block is written once.
 //!
 //! The energy depends on edge vectors only, and every edge i carries a tension N (stretching) and the shear that balances
 //! the couples M of the joints at its ends, so ∂E/∂(edge i) = N t + ((M_i − M_{i+1})/ℓ) n: the equilibrium of a beam. The
-//! Hessian in edge vectors is block tridiagonal, T on its diagonal and Q beside it; nodes are differences of edges.
+//! Hessian in edge vectors is block tridiagonal, T on its diagonal and Q beside it; nodes are differences of edges. Drag
+//! on an end of an edge depends on the velocity of that node and on the edge's direction, so it joins them.
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
+use wide::f64x2;
 
 use super::bend::Joint;
-use super::{Edge, Rod, stretch};
-use crate::linear::BlockRow;
-use crate::system::Direction;
+use super::{Edge, HalfEdge, Rod, stretch};
+use crate::linear::{Block, BlockRow, lanes};
+use crate::system::{Direction, Linearisation};
 
 /// ∂E/∂(edge vector), N: the force that the edge carries, between joints `start` and `end`.
 #[inline]
 pub fn force(edge: &Edge, tension: f64, start: &Joint, end: &Joint) -> Vector2<f64> {
-    edge.t * tension + edge.n() * ((start.couple - end.couple) * edge.per_length)
+    edge.t * tension + edge.n() * shear(edge, start, end)
 }
 
-/// T = ∂²E/∂(edge vector)², N/m, with the axial stiffness EA/ΔL (N/m).
+/// The force (N) across an edge that balances the couples of its joints.
 #[inline]
-pub fn stiffness(edge: &Edge, axial: f64, tension: f64, start: &Joint, end: &Joint) -> Matrix2<f64> {
-    let (t, n, per_length) = (edge.t, edge.n(), edge.per_length);
-    let across = (tension + (start.stiffness + end.stiffness) * per_length) * per_length;
-    let mixed = (end.couple - start.couple) * per_length * per_length;
-    // axial·t tᵀ + across·n nᵀ + mixed (n tᵀ + t nᵀ)
-    t * (t * axial + n * mixed).transpose() + n * (n * across + t * mixed).transpose()
+fn shear(edge: &Edge, start: &Joint, end: &Joint) -> f64 {
+    (start.couple - end.couple) * edge.per_length
 }
 
-/// Q = ∂²E/∂(edge before)∂(edge after) of a joint, N/m.
+/// `factor` times T = ∂²E/∂(edge vector)², N/m, with the axial stiffness EA/ΔL (N/m).
 #[inline]
-pub fn coupling(before: &Edge, after: &Edge, joint: &Joint) -> Matrix2<f64> {
-    let size = -joint.stiffness * before.per_length * after.per_length;
-    before.n() * (after.n() * size).transpose()
+pub fn stiffness(edge: &Edge, axial: f64, tension: f64, [start, end]: [&Joint; 2], factor: f64) -> Block {
+    let (t, n) = (lanes(edge.t), lanes(edge.n()));
+    let per_length = factor * edge.per_length;
+    let along = axial * factor;
+    let across = (tension + (start.stiffness + end.stiffness) * edge.per_length) * per_length;
+    let mixed = -shear(edge, start, end) * per_length;
+    // along·t tᵀ + across·n nᵀ + mixed (n tᵀ + t nᵀ)
+    Block::outer(edge.t, t * along + n * mixed) + Block::outer(edge.n(), n * across + t * mixed)
 }
 
-/// Writes M a + ∇E (N) to `residual` and its linearisation along `direction` to `matrix`, if there is one.
-///
-/// `joints` has one entry a node; those without a joint are zero.
-pub fn assemble(
-    rod: &Rod,
-    edges: &[Edge],
-    joints: &[Joint],
-    a: &[f64],
-    residual: &mut [f64],
-    matrix: Option<(&mut [BlockRow], Direction)>,
-) {
-    let axial = rod.ea / rod.spacing;
-    let (residual, a) = (residual.as_chunks_mut().0, a.as_chunks().0);
-    let (mut rows, direction) =
-        matrix.map_or((None, Direction { q: 0.0, v: 0.0, a: 0.0 }), |(rows, d)| (Some(rows), d));
-    // Of the edge before: its force; its T and the Q of the joints before and at the node, times the factor of positions.
-    let mut before = Vector2::zeros();
-    let (mut t_before, mut q_before, mut q_here) = (Matrix2::zeros(), Matrix2::zeros(), Matrix2::zeros());
-    for (k, mass) in rod.mass.iter().enumerate() {
-        let (mut after, mut t_after, mut q_after) = (Vector2::zeros(), Matrix2::zeros(), Matrix2::zeros());
-        if let (Some(edge), Some([start, end])) = (edges.get(k), joints.get(k..k + 2)) {
+/// `factor` times Q = ∂²E/∂(edge before)∂(edge after) of a joint, N/m.
+#[inline]
+pub fn coupling(before: &Edge, after: &Edge, joint: &Joint, factor: f64) -> Block {
+    let size = -joint.stiffness * (factor * before.per_length) * after.per_length;
+    Block::outer(before.n(), lanes(after.n()) * size)
+}
+
+/// A rod as it is at one time.
+#[derive(Debug, Clone, Copy)]
+pub struct Deformed<'a> {
+    /// The rod.
+    pub rod: &'a Rod,
+    /// Its edges.
+    pub edges: &'a [Edge],
+    /// One entry a node; those without a joint are zero.
+    pub joints: &'a [Joint],
+    /// Accelerations, m/s², two entries a node.
+    pub a: &'a [f64],
+}
+
+impl Deformed<'_> {
+    /// Writes M a + ∇E (N), and what `around` opposes the motion of the halves of every edge with, to `residual` and its
+    /// linearisation to `jacobian`, if there is one.
+    #[inline]
+    pub fn assemble(
+        &self,
+        around: impl Iterator<Item = Option<[HalfEdge; 2]>>,
+        residual: &mut [f64],
+        jacobian: Option<Linearisation<'_>>,
+    ) {
+        let Self { rod, edges, joints, a } = *self;
+        let axial = rod.ea / rod.spacing;
+        let (residual, a) = (residual.as_chunks_mut().0, a.as_chunks().0);
+        let (rows, direction): (&mut [BlockRow], _) = match jacobian {
+            Some(Linearisation { matrix, direction }) => (matrix.rows_mut(), direction),
+            None => (&mut [], Direction { q: 0.0, v: 0.0, a: 0.0 }),
+        };
+        if let Some(row) = rows.first_mut() {
+            *row = BlockRow::default();
+        }
+        // Of the edge before: what it adds to the residual and to the diagonal block of this node, and the Q of the joint
+        // here.
+        let mut before = f64x2::ZERO;
+        let (mut diagonal, mut q_here) = (Block::ZERO, Block::ZERO);
+        let ends = joints.iter().zip(joints.iter().skip(1));
+        let here = edges.iter().zip(ends).zip(around).zip(a).zip(&rod.mass).enumerate();
+        for (k, ((((edge, (start, end)), around), a), mass)) in here {
             let tension = stretch::tension(edge, rod.ea, rod.spacing);
-            after = force(edge, tension, start, end);
-            if rows.is_some() {
-                t_after = stiffness(edge, axial, tension, start, end) * direction.q;
-                if let Some(next) = edges.get(k + 1) {
-                    q_after = coupling(edge, next, end) * direction.q;
+            let force = lanes(force(edge, tension, start, end));
+            let mut sum = f64x2::new(*a) * *mass + before;
+            before = force;
+            if let Some([first, second]) = &around {
+                sum += lanes(first.force);
+                before += lanes(second.force);
+            }
+            residual[k] = (sum - force).to_array();
+            // Not `let … else { continue }`: that takes a tenth more time.
+            if let Some([row, next_row]) = rows.get_mut(k..k + 2) {
+                let t = stiffness(edge, axial, tension, [start, end], direction.q);
+                let q_after = edges.get(k + 1).map_or(Block::ZERO, |next| coupling(edge, next, end, direction.q));
+                let (mut right, mut left) = (t, t);
+                let mut own = [Block::ZERO; 2];
+                if let Some([first, second]) = &around {
+                    // The tangent turns by n·δ(edge vector)/ℓ.
+                    let turn = lanes(edge.n()) * (direction.q * edge.per_length);
+                    right = right - Block::outer(first.by_direction, turn);
+                    left = left + Block::outer(second.by_direction, turn);
+                    own = [Block::from(first.by_velocity) * direction.v, Block::from(second.by_velocity) * direction.v];
                 }
+                row[2] = (diagonal + Block::diagonal(mass * direction.a) + (own[0] + right)).into();
+                row[3] = (q_here - right + q_after).into();
+                row[4] = (-q_after).into();
+                next_row[0] = (-q_here.transpose()).into();
+                next_row[1] = (q_here.transpose() + q_after.transpose() - left).into();
+                diagonal = left + own[1] - (q_after + q_after.transpose());
+                q_here = q_after;
             }
         }
-        residual[k] = (Vector2::from(a[k]) * *mass + before - after).into();
-        before = after;
-        if let Some(rows) = &mut rows {
-            let inertia = Matrix2::from_diagonal_element(mass * direction.a);
-            rows[k] = [
-                flat(-q_before.transpose()),
-                flat(q_before.transpose() - t_before + q_here.transpose()),
-                flat(inertia + t_before + t_after - q_here - q_here.transpose()),
-                flat(q_here - t_after + q_after),
-                flat(-q_after),
-            ];
-            (t_before, q_before, q_here) = (t_after, q_here, q_after);
+        if let ([.., last], [.., a], [.., mass]) = (residual, a, &rod.mass[..]) {
+            *last = (f64x2::new(*a) * *mass + before).to_array();
+            if let Some(row) = rows.last_mut() {
+                row[2] = (diagonal + Block::diagonal(mass * direction.a)).into();
+                row[3] = [0.0; 4];
+                row[4] = [0.0; 4];
+            }
         }
     }
-}
-
-/// A block in the order of the matrix. Not by `map` over the row's blocks, which is a call for each.
-#[inline(always)]
-fn flat(block: Matrix2<f64>) -> [f64; 4] {
-    [block.m11, block.m12, block.m21, block.m22]
 }

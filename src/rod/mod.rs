@@ -8,7 +8,7 @@ pub mod mass;
 pub mod section;
 pub mod stretch;
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 pub use mass::MassLumping;
 pub use section::Section;
@@ -44,6 +44,17 @@ impl Edge {
     pub fn n(&self) -> Vector2<f64> {
         Vector2::new(-self.t.y, self.t.x)
     }
+}
+
+/// What opposes the motion of half an edge, lumped to its node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HalfEdge {
+    /// The force, N.
+    pub force: Vector2<f64>,
+    /// ∂(force)/∂v, v the velocity of the node, N s/m.
+    pub by_velocity: Matrix2<f64>,
+    /// ∂(force)/∂φ, φ the direction of the edge, N.
+    pub by_direction: Vector2<f64>,
 }
 
 /// Node `k` of a flat array of two entries a node.

@@ -8,8 +8,8 @@ pub fn energy(edge: &Edge, ea: f64, spacing: f64) -> f64 {
     0.5 * tension(edge, ea, spacing) * (edge.length - spacing)
 }
 
-/// Tension dE/dℓ = EA (ℓ−ΔL)/ΔL, N.
+/// Tension dE/dℓ = (EA/ΔL)(ℓ−ΔL), N; EA/ΔL is one division for all edges.
 #[inline]
 pub fn tension(edge: &Edge, ea: f64, spacing: f64) -> f64 {
-    ea * ((edge.length - spacing) / spacing)
+    (ea / spacing) * (edge.length - spacing)
 }

@@ -1,12 +1,12 @@
 //! What is differentiated: every recorded output, by positions, velocities and what parameters move directly.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use crate::error::{Error, Result, nearest};
 use crate::head::Pose;
 use crate::model::{Dynamics, Model};
 use crate::rod::bend::{self, Joint};
-use crate::rod::{add, elastic, node, stretch};
+use crate::rod::{HalfEdge, add, elastic, node, stretch};
 use crate::system::State;
 
 /// A quantity at one time. Nodes count from the head, axes are x and y.
@@ -259,8 +259,8 @@ impl Point {
             for (sum, entry) in self.damping[k].iter_mut().zip([by.m11, by.m12, by.m21, by.m22]) {
                 *sum += entry;
             }
-            add(&mut self.by_viscosity, k, half.by_viscosity);
         });
+        drag.add_force_by_viscosity(edges, &state.v, fluid, &mut self.by_viscosity);
     }
 
     /// Adds `factor`·∇κ_k to `q`.
@@ -330,12 +330,14 @@ impl At<'_> {
         let tension = stretch::tension(&edges[0], rod.ea, rod.spacing);
         let mut force = -elastic::force(&edges[0], tension, &joints[0], &joints[1]) - dynamics.load(0);
         // By the vectors of edges 0 and 1.
-        let next = elastic::stiffness(&edges[0], rod.ea / rod.spacing, tension, &joints[0], &joints[1]);
-        let slope = next.transpose() * along * -factor;
+        let joints_of_edge = [&joints[0], &joints[1]];
+        let next = elastic::stiffness(&edges[0], rod.ea / rod.spacing, tension, joints_of_edge, -factor);
+        let slope = Matrix2::from(next.transpose()) * along;
         add(&mut g.q, 0, -slope);
         add(&mut g.q, 1, slope);
         if rod.joints().contains(&1) {
-            let slope = elastic::coupling(&edges[0], &edges[1], &joints[1]).transpose() * along * -factor;
+            let coupling = elastic::coupling(&edges[0], &edges[1], &joints[1], -factor);
+            let slope = Matrix2::from(coupling.transpose()) * along;
             add(&mut g.q, 1, -slope);
             add(&mut g.q, 2, slope);
         }
@@ -427,7 +429,7 @@ impl Quantity {
             Self::ViscousPower | Self::FlowPower => {
                 let Some((drag, fluid)) = dynamics.drag() else { return 0.0 };
                 let mut power = 0.0;
-                let mut both = |k: usize, e: usize, half: crate::drag::HalfEdge| {
+                let mut both = |k: usize, e: usize, half: HalfEdge| {
                     let w = node(&state.v, k) - fluid.flow;
                     // Viscosity takes F·w, the flow puts −F·u in.
                     let (against, own) =

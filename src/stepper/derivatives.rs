@@ -124,7 +124,7 @@ impl Tangent {
             drag.for_half_edges(edges, &state.v, fluid, &mut |k, e, half| {
                 let (w, dw) = (node(&state.v, k) - fluid.flow, node(&d.v, k) - *flow);
                 let [_, turned] = change(e);
-                let change = half.by_velocity * dw + half.by_direction * turned + half.by_viscosity * *viscosity;
+                let change = half.by_velocity * dw + half.by_direction * turned;
                 power.viscous += change.dot(&w) + half.force.dot(&dw);
                 power.flow -= change.dot(&fluid.flow) + half.force.dot(flow);
                 if k == 0 {
@@ -132,6 +132,16 @@ impl Tangent {
                     drag_on_head[1] += change;
                 }
             });
+            if *viscosity != 0.0 {
+                let mut change = vec![0.0; state.v.len()];
+                drag.add_force_by_viscosity(edges, &state.v, fluid, &mut change);
+                change.iter_mut().for_each(|force| *force *= *viscosity);
+                for k in 0..rod.nodes {
+                    power.viscous += node(&change, k).dot(&(node(&state.v, k) - fluid.flow));
+                    power.flow -= node(&change, k).dot(&fluid.flow);
+                }
+                drag_on_head[1] += node(&change, 0);
+            }
         }
         if let Some([x, y, pitch]) = &dynamics.held {
             let joint = |k: usize| Joint::new(rod.joint[k], kappa[k], dynamics.natural[k]);
