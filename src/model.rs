@@ -427,19 +427,19 @@ impl Dynamics {
 
     fn shape_joints(&mut self, t: f64) -> Result<()> {
         let rod = &self.model.rod;
-        // The edge before joint k, and what the edge after it belongs to; the first needs a head that is held.
-        let mut before = self.wall();
+        // The tangent before joint k; there is one before the first where the head is held.
+        let mut before = self.wall().map(|wall| wall.t);
         let mut folded = None;
         let parts = self.edges.iter().zip(&rod.joint).zip(&self.natural).zip(&mut self.joints).zip(&mut self.kappa);
         for (k, ((((after, stiffness), natural), joint), kappa)) in parts.enumerate() {
             if let Some(before) = &before {
-                if 1.0 + before.t.dot(&after.t) <= bend::FOLD {
+                if 1.0 + before.dot(&after.t) <= bend::FOLD {
                     folded = Some(k);
                 }
-                *kappa = bend::curvature(before.t, after.t);
+                *kappa = bend::curvature(*before, after.t);
                 *joint = Joint::new(*stiffness, *kappa, *natural);
             }
-            before = Some(*after);
+            before = Some(after.t);
         }
         folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: t, node }))
     }

@@ -1,6 +1,6 @@
 //! A 2×2 block in SIMD lanes, for assembly.
 
-use std::ops::{Add, Mul, Neg, Sub};
+use std::ops::{Add, Mul, Sub};
 
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
@@ -77,15 +77,6 @@ impl Sub for Block {
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
         Self([self.0[0] - other.0[0], self.0[1] - other.0[1]])
-    }
-}
-
-impl Neg for Block {
-    type Output = Self;
-
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self([-self.0[0], -self.0[1]])
     }
 }
 

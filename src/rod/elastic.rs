@@ -78,10 +78,10 @@ impl Deformed<'_> {
         if let Some(row) = rows.first_mut() {
             *row = BlockRow::default();
         }
-        // Of the edge before: what it adds to the residual and to the diagonal block of this node, and the Q of the joint
-        // here.
+        // Of the edge before: what it adds to the residual and to the diagonal block of this node, and −Q of the joint here
+        // with its transpose.
         let mut before = f64x2::ZERO;
-        let (mut diagonal, mut q_here) = (Block::ZERO, Block::ZERO);
+        let (mut diagonal, mut q_here, mut qt_here) = (Block::ZERO, Block::ZERO, Block::ZERO);
         let ends = joints.iter().zip(joints.iter().skip(1));
         let here = edges.iter().zip(ends).zip(around).zip(a).zip(&rod.mass).enumerate();
         for (k, ((((edge, (start, end)), around), a), mass)) in here {
@@ -96,24 +96,26 @@ impl Deformed<'_> {
             residual[k] = (sum - force).to_array();
             // Not `let … else { continue }`: that takes a tenth more time.
             if let Some([row, next_row]) = rows.get_mut(k..k + 2) {
-                let t = stiffness(edge, axial, tension, [start, end], direction.q);
-                let q_after = edges.get(k + 1).map_or(Block::ZERO, |next| coupling(edge, next, end, direction.q));
+                // −T and −Q, as more blocks need them than T and Q.
+                let t = stiffness(edge, axial, tension, [start, end], -direction.q);
+                let q_after = edges.get(k + 1).map_or(Block::ZERO, |next| coupling(edge, next, end, -direction.q));
+                let qt_after = q_after.transpose();
                 let (mut right, mut left) = (t, t);
                 let mut own = [Block::ZERO; 2];
                 if let Some([first, second]) = &around {
                     // The tangent turns by n·δ(edge vector)/ℓ.
                     let turn = lanes(edge.n()) * (direction.q * edge.per_length);
-                    right = right - Block::outer(first.by_direction, turn);
-                    left = left + Block::outer(second.by_direction, turn);
+                    right = right + Block::outer(first.by_direction, turn);
+                    left = left - Block::outer(second.by_direction, turn);
                     own = [Block::from(first.by_velocity) * direction.v, Block::from(second.by_velocity) * direction.v];
                 }
-                row[2] = (diagonal + Block::diagonal(mass * direction.a) + (own[0] + right)).into();
-                row[3] = (q_here - right + q_after).into();
-                row[4] = (-q_after).into();
-                next_row[0] = (-q_here.transpose()).into();
-                next_row[1] = (q_here.transpose() + q_after.transpose() - left).into();
-                diagonal = left + own[1] - (q_after + q_after.transpose());
-                q_here = q_after;
+                row[2] = (diagonal + Block::diagonal(mass * direction.a) + (own[0] - right)).into();
+                row[3] = (right - (q_here + q_after)).into();
+                row[4] = q_after.into();
+                next_row[0] = qt_here.into();
+                next_row[1] = (left - (qt_here + qt_after)).into();
+                diagonal = own[1] - left + (q_after + qt_after);
+                (q_here, qt_here) = (q_after, qt_after);
             }
         }
         if let ([.., last], [.., a], [.., mass]) = (residual, a, &rod.mass[..]) {

@@ -314,19 +314,22 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
         }
     }
 
-    let chart = |title: &str, y: &str, series: Vec<Series>| Chart {
+    let chart = |title: &str, y: &str, scale: Scale, series: Vec<Series>| Chart {
         title: format!("{}: {title}", scene.name),
         x: "number of nodes".into(),
         y: y.into(),
-        scale: Scale::LogLog,
+        scale,
         series: series.into_iter().filter(|series| !series.points.is_empty()).collect(),
     };
     times.extend(memory::caches(good().map(|(case, run)| (case.nodes, run.memory)), &times));
     accuracy.extend(falling_triangle(&accuracy, 2));
+    memory.extend(memory.iter().find_map(|series| series.points.first()).map(|p| (p.0, 0.0)).map(|zero| {
+        Series::new("zero", vec![zero], Mark::Unseen) // the axis starts there
+    }));
     for (file, chart) in [
-        ("time.svg", chart("time a node", "time a node (ns)", times)),
-        ("error.svg", chart("error against the finest mesh", "relative error", accuracy)),
-        ("memory.svg", chart("peak memory", "bytes a node", memory)),
+        ("time.svg", chart("time a node", "time a node (ns)", Scale::LogLog, times)),
+        ("error.svg", chart("error against the finest mesh", "relative error", Scale::LogLog, accuracy)),
+        ("memory.svg", chart("peak memory", "bytes a node", Scale::Linear, memory)),
     ] {
         if !chart.series.is_empty() {
             findings.figures.push((file.into(), chart.svg()?));
@@ -383,8 +386,9 @@ mod memory {
                 let (level, kind, size) = (read("level")?, read("type")?, read("size")?);
                 let size: f64 = size.trim().strip_suffix('K')?.parse().ok()?;
                 let fits = 1024.0 * size * nodes as f64 / bytes as f64;
-                (kind.trim() != "Instruction" && fits < largest)
-                    .then(|| Series::new(format!("L{}", level.trim()), vec![(fits, high), (fits, low)], Mark::Slope))
+                (kind.trim() != "Instruction" && fits < largest).then(|| {
+                    Series::new(format!("L{}", level.trim()), vec![(fits, low), (fits, 1.4 * high)], Mark::Slope)
+                })
             })
             .collect()
     }
