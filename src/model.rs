@@ -488,7 +488,7 @@ impl Dynamics {
         };
         let mut force = node(&state.a, 0) * rod.mass[0] - self.load(0) - carried;
         if let Some((drag, fluid)) = self.drag() {
-            drag.for_half_edges(&self.edges[..1], &state.v, fluid, &mut |k, _, half| {
+            drag.for_half_edges(0..1, &self.edges, &state.v, fluid, &mut |k, _, half| {
                 if k == 0 {
                     force += half.force;
                 }

@@ -11,6 +11,6 @@ sh bindings/python/tests/all.sh
 RUSTDOCFLAGS="--deny warnings" cargo doc --workspace --no-deps --locked
 
 # Advisories need a network and are checked by hand before a release.
-command -v cargo-deny >/dev/null || cargo install --locked cargo-deny
+command -v cargo-deny >/dev/null || cargo install --debug --locked cargo-deny
 cargo deny --workspace --all-features check licenses bans sources
 echo "all checks passed"

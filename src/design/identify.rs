@@ -167,7 +167,7 @@ pub(super) fn series(
             (0..nodes).map(|k| node(&sample.a, k) * rod.mass[k] - dynamics.load(k)).collect();
         let mut damping = vec![nalgebra::Matrix2::zeros(); nodes];
         if let Some((drag, fluid)) = dynamics.drag() {
-            drag.for_half_edges(dynamics.edges(), &state.v, fluid, &mut |k, _, half| {
+            drag.for_half_edges(0..dynamics.edges().len(), dynamics.edges(), &state.v, fluid, &mut |k, _, half| {
                 force[k] += half.force;
                 damping[k] += half.by_velocity;
             });

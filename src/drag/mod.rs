@@ -2,6 +2,8 @@
 
 pub mod stokes_like;
 
+use std::ops::Range;
+
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
@@ -38,8 +40,15 @@ pub trait Drag: std::fmt::Debug + Send + Sync {
     /// Adds the opposing force (N) to `out`, two entries a node.
     fn add_force(&self, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]);
 
-    /// Visits every half-edge: its node, its edge, and what acts on that node.
-    fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge));
+    /// Visits both halves of the edges in `which`: node, edge, and what acts on that node.
+    fn for_half_edges(
+        &self,
+        which: Range<usize>,
+        edges: &[Edge],
+        v: &[f64],
+        fluid: Fluid,
+        visit: &mut dyn FnMut(usize, usize, HalfEdge),
+    );
 
     /// Adds ∂(opposing force)/∂μ, N/(Pa s), to `out`, two entries a node.
     fn add_force_by_viscosity(&self, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]);
@@ -93,9 +102,22 @@ impl<L> HalfEdges<L> {
         v: &'a [f64],
         fluid: Fluid,
     ) -> impl Iterator<Item = (usize, &'a Edge, Ends)> {
-        let velocities = v.windows(4).step_by(2);
-        edges.iter().zip(&self.weights).zip(velocities).enumerate().map(move |(e, ((edge, weights), v))| {
-            let (start, end) = (Vector2::new(v[0], v[1]) - fluid.flow, Vector2::new(v[2], v[3]) - fluid.flow);
+        self.walk_along(0..edges.len(), edges, v, fluid)
+    }
+
+    /// The same of the edges in `which`.
+    #[inline]
+    fn walk_along<'a>(
+        &'a self,
+        which: Range<usize>,
+        edges: &'a [Edge],
+        v: &'a [f64],
+        fluid: Fluid,
+    ) -> impl Iterator<Item = (usize, &'a Edge, Ends)> {
+        let velocities = v.as_chunks().0[which.start..].windows(2);
+        let edges = edges[which.clone()].iter().zip(&self.weights[which.clone()]).zip(velocities);
+        which.zip(edges).map(move |(e, ((edge, weights), v))| {
+            let (start, end) = (Vector2::from(v[0]) - fluid.flow, Vector2::from(v[1]) - fluid.flow);
             (e, edge, [(start, weights[0]), (end, weights[1])])
         })
     }
@@ -157,9 +179,16 @@ impl<L: InFluid> Drag for HalfEdges<L> {
         self.add(&self.law.in_fluid(fluid), edges, v, fluid, out);
     }
 
-    fn for_half_edges(&self, edges: &[Edge], v: &[f64], fluid: Fluid, visit: &mut dyn FnMut(usize, usize, HalfEdge)) {
+    fn for_half_edges(
+        &self,
+        which: Range<usize>,
+        edges: &[Edge],
+        v: &[f64],
+        fluid: Fluid,
+        visit: &mut dyn FnMut(usize, usize, HalfEdge),
+    ) {
         let law = self.law.in_fluid(fluid);
-        for (e, edge, ends) in self.walk(edges, v, fluid) {
+        for (e, edge, ends) in self.walk_along(which, edges, v, fluid) {
             for (k, end) in (e..).zip(ends) {
                 visit(k, e, half_edge(&law, edge, end));
             }

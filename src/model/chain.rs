@@ -70,6 +70,9 @@ fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
     kappa - (deviation * s - moment / stiffness) / (s + 0.5 * deviation * kappa)
 }
 
+/// Nodes whose rows are written before drag joins them: 64 · 432 bytes of matrix.
+const BLOCK: usize = 64;
+
 impl Dynamics {
     /// The first state of a run in `form`; its links are exact where positions are rounded.
     pub fn first_state_in(&mut self, form: Form) -> State {
@@ -128,75 +131,80 @@ impl Dynamics {
         let Direction { q: c_q, a: c_a, .. } = direction;
         let moves = c_q != 0.0;
         let mut pull_before = Vector2::zeros(); // of the edge before
-        for (k, link) in links.iter().enumerate() {
-            let row = 6 * k;
-            let (before, after) = (f64::from(k > 0), f64::from(k + 1 < nodes));
-            // Node: columns F_{k−1}, θ_{k−1}, x_k, M_k, F_k, θ_k.
-            let pull = Vector2::from(link.force);
-            let inertia = rod.mass[k];
-            let force = node(&state.a, k) * inertia - self.load(k) - pull + pull_before;
-            residual[row] = force.x;
-            residual[row + 1] = force.y;
-            rows[row] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
-            rows[row + 1] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
-            pull_before = pull;
-            // Joint: columns θ_{k−1}, x_k, M_k, F_k, θ_k.
-            if joints.contains(&k) {
-                let kappa = if moves { curvature(self.turning(links, k)) } else { link.curvature };
-                let s = bend::curvature_per_turning(kappa);
-                if s * bend::FOLD >= 2.0 {
-                    return Err(Error::FoldOver { time_s: state.t, node: k }); // s = 2/(1 + cos φ)
-                }
-                let flexibility = 1.0 / rod.joint[k];
-                let deviation = kappa - self.natural[k];
-                let slope = per_radian * s * (s + 0.5 * deviation * kappa);
-                residual[row + 2] = per_radian * (deviation * s - flexibility * link.moment);
-                rows[row + 2] = [-slope * before, 0.0, 0.0, -per_radian * flexibility, 0.0, 0.0, slope, 0.0, 0.0];
-            } else {
-                residual[row + 2] = link.moment / rod.length;
-                rows[row + 2] = [0.0, 0.0, 0.0, 1.0 / rod.length, 0.0, 0.0, 0.0, 0.0, 0.0];
-            }
-            let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) else { continue };
-            let (t, n) = (edge.t, edge.n());
-            let (along, across) = (pull.dot(&t), pull.dot(&n));
-            // Along the edge: columns x_k, M_k, F_k, θ_k, x_{k+1}.
-            let turn = (n * edge.length + t * (compliance * across)) * per_metre;
-            if moves {
-                let gap = (t * edge.length - (node(&state.q, k + 1) - node(&state.q, k))) * per_metre;
-                residual[row + 3] = gap.x;
-                residual[row + 4] = gap.y;
-                let c = c_q * per_metre;
-                let stretch = t * t.transpose() * (compliance * per_metre);
-                let [xx, xy, yy] = [stretch[(0, 0)], stretch[(0, 1)], stretch[(1, 1)]];
-                rows[row + 3] = [c, 0.0, 0.0, xx, xy, turn.x, -c, 0.0, 0.0];
-                rows[row + 4] = [c, 0.0, xy, yy, turn.y, 0.0, -c, 0.0, 0.0];
-            } else {
-                residual[row + 3] = 0.0;
-                residual[row + 4] = 0.0;
-                rows[row + 3] = [0.0, 0.0, 0.0, t.x, t.y, 0.0, 0.0, 0.0, 0.0];
-                rows[row + 4] = [0.0, 0.0, 0.0, 0.0, per_radian, 0.0, 0.0, 0.0, 0.0];
-            }
-            // Around it: columns M_k, F_k, θ_k, x_{k+1}, M_{k+1}.
-            let scale = 1.0 / rod.length;
-            let by_pull = (n * edge.length + t * (compliance * across)) * scale;
-            let by_angle = (compliance * across * across - edge.length * along) * scale;
-            residual[row + 5] = (next.moment - link.moment + edge.length * across) * scale;
-            rows[row + 5] = [-scale, by_pull.x, by_pull.y, by_angle, 0.0, 0.0, scale, 0.0, 0.0];
-        }
-        if let Some((drag, fluid)) = self.drag() {
-            drag.for_half_edges(&self.edges, &state.v, fluid, &mut |k, e, half| {
+        for first in (0..nodes).step_by(BLOCK) {
+            let last = (first + BLOCK).min(nodes);
+            for (k, link) in links.iter().enumerate().take(last).skip(first) {
                 let row = 6 * k;
-                residual[row] += half.force.x;
-                residual[row + 1] += half.force.y;
-                let c = half.by_velocity * direction.v;
-                rows[row][3] += c[(0, 0)];
-                rows[row][4] += c[(0, 1)];
-                rows[row + 1][2] += c[(1, 0)];
-                rows[row + 1][3] += c[(1, 1)];
-                let angle = if e == k { 8 } else { 2 }; // θ_k or θ_{k−1}
-                rows[row][angle] += half.by_direction.x;
-                rows[row + 1][angle - 1] += half.by_direction.y;
-            });
+                let (before, after) = (f64::from(k > 0), f64::from(k + 1 < nodes));
+                // Node: columns F_{k−1}, θ_{k−1}, x_k, M_k, F_k, θ_k.
+                let pull = Vector2::from(link.force);
+                let inertia = rod.mass[k];
+                let force = node(&state.a, k) * inertia - self.load(k) - pull + pull_before;
+                residual[row] = force.x;
+                residual[row + 1] = force.y;
+                rows[row] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
+                rows[row + 1] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
+                pull_before = pull;
+                // Joint: columns θ_{k−1}, x_k, M_k, F_k, θ_k.
+                if joints.contains(&k) {
+                    let kappa = if moves { curvature(self.turning(links, k)) } else { link.curvature };
+                    let s = bend::curvature_per_turning(kappa);
+                    if s * bend::FOLD >= 2.0 {
+                        return Err(Error::FoldOver { time_s: state.t, node: k }); // s = 2/(1 + cos φ)
+                    }
+                    let flexibility = 1.0 / rod.joint[k];
+                    let deviation = kappa - self.natural[k];
+                    let slope = per_radian * s * (s + 0.5 * deviation * kappa);
+                    residual[row + 2] = per_radian * (deviation * s - flexibility * link.moment);
+                    rows[row + 2] = [-slope * before, 0.0, 0.0, -per_radian * flexibility, 0.0, 0.0, slope, 0.0, 0.0];
+                } else {
+                    residual[row + 2] = link.moment / rod.length;
+                    rows[row + 2] = [0.0, 0.0, 0.0, 1.0 / rod.length, 0.0, 0.0, 0.0, 0.0, 0.0];
+                }
+                let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) else { continue };
+                let (t, n) = (edge.t, edge.n());
+                let (along, across) = (pull.dot(&t), pull.dot(&n));
+                // Along the edge: columns x_k, M_k, F_k, θ_k, x_{k+1}.
+                let turn = (n * edge.length + t * (compliance * across)) * per_metre;
+                if moves {
+                    let gap = (t * edge.length - (node(&state.q, k + 1) - node(&state.q, k))) * per_metre;
+                    residual[row + 3] = gap.x;
+                    residual[row + 4] = gap.y;
+                    let c = c_q * per_metre;
+                    let stretch = t * t.transpose() * (compliance * per_metre);
+                    let [xx, xy, yy] = [stretch[(0, 0)], stretch[(0, 1)], stretch[(1, 1)]];
+                    rows[row + 3] = [c, 0.0, 0.0, xx, xy, turn.x, -c, 0.0, 0.0];
+                    rows[row + 4] = [c, 0.0, xy, yy, turn.y, 0.0, -c, 0.0, 0.0];
+                } else {
+                    residual[row + 3] = 0.0;
+                    residual[row + 4] = 0.0;
+                    rows[row + 3] = [0.0, 0.0, 0.0, t.x, t.y, 0.0, 0.0, 0.0, 0.0];
+                    rows[row + 4] = [0.0, 0.0, 0.0, 0.0, per_radian, 0.0, 0.0, 0.0, 0.0];
+                }
+                // Around it: columns M_k, F_k, θ_k, x_{k+1}, M_{k+1}.
+                let scale = 1.0 / rod.length;
+                let by_pull = (n * edge.length + t * (compliance * across)) * scale;
+                let by_angle = (compliance * across * across - edge.length * along) * scale;
+                residual[row + 5] = (next.moment - link.moment + edge.length * across) * scale;
+                rows[row + 5] = [-scale, by_pull.x, by_pull.y, by_angle, 0.0, 0.0, scale, 0.0, 0.0];
+            }
+            // Drag joins the rows while they are in the cache: an edge's, once those of both its nodes are there.
+            if let Some((drag, fluid)) = self.drag() {
+                let edges = first.saturating_sub(1)..last - 1;
+                drag.for_half_edges(edges, &self.edges, &state.v, fluid, &mut |k, e, half| {
+                    let row = 6 * k;
+                    residual[row] += half.force.x;
+                    residual[row + 1] += half.force.y;
+                    let c = half.by_velocity * direction.v;
+                    rows[row][3] += c[(0, 0)];
+                    rows[row][4] += c[(0, 1)];
+                    rows[row + 1][2] += c[(1, 0)];
+                    rows[row + 1][3] += c[(1, 1)];
+                    let angle = if e == k { 8 } else { 2 }; // θ_k or θ_{k−1}
+                    rows[row][angle] += half.by_direction.x;
+                    rows[row + 1][angle - 1] += half.by_direction.y;
+                });
+            }
         }
         if self.held.is_some() {
             for i in 0..2 {

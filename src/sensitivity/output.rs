@@ -254,7 +254,7 @@ impl Point {
         let Some((drag, fluid)) = dynamics.drag() else { return };
         self.damping.fill([0.0; 4]);
         self.by_viscosity.fill(0.0);
-        drag.for_half_edges(edges, &state.v, fluid, &mut |k, _, half| {
+        drag.for_half_edges(0..edges.len(), edges, &state.v, fluid, &mut |k, _, half| {
             let by = half.by_velocity;
             for (sum, entry) in self.damping[k].iter_mut().zip([by.m11, by.m12, by.m21, by.m22]) {
                 *sum += entry;
@@ -347,7 +347,7 @@ impl At<'_> {
             g.natural[k] -= size * rod.joint[k];
         }
         if let Some((drag, fluid)) = dynamics.drag() {
-            drag.for_half_edges(edges, &self.state.v, fluid, &mut |k, e, half| {
+            drag.for_half_edges(0..edges.len(), edges, &self.state.v, fluid, &mut |k, e, half| {
                 if k == 0 {
                     force += half.force;
                     self.add_turn(e, factor * half.by_direction.dot(&along), g);
@@ -438,7 +438,7 @@ impl Quantity {
                     at.add_turn(e, factor * half.by_direction.dot(&against), g);
                     power += half.force.dot(&against);
                 };
-                drag.for_half_edges(dynamics.edges(), &state.v, fluid, &mut both);
+                drag.for_half_edges(0..dynamics.edges().len(), dynamics.edges(), &state.v, fluid, &mut both);
                 for k in 0..rod.nodes {
                     let against = if self == Self::ViscousPower { node(&state.v, k) - fluid.flow } else { -fluid.flow };
                     g.viscosity += factor * node(&at.point.by_viscosity, k).dot(&against);

@@ -121,7 +121,7 @@ impl Tangent {
         }
         let mut drag_on_head = [Vector2::zeros(); 2];
         if let Some((drag, fluid)) = dynamics.drag() {
-            drag.for_half_edges(edges, &state.v, fluid, &mut |k, e, half| {
+            drag.for_half_edges(0..edges.len(), edges, &state.v, fluid, &mut |k, e, half| {
                 let (w, dw) = (node(&state.v, k) - fluid.flow, node(&d.v, k) - *flow);
                 let [_, turned] = change(e);
                 let change = half.by_velocity * dw + half.by_direction * turned;
