@@ -94,20 +94,10 @@ impl<L> HalfEdges<L> {
         Self { law, weights }
     }
 
-    /// Every edge with its number and, for both of its ends, the end's velocity (m/s) against the fluid and its weight (m).
+    /// Every edge in `which` with its number and, for both of its ends, the end's velocity (m/s) against the fluid and its
+    /// weight (m).
     #[inline]
     fn walk<'a>(
-        &'a self,
-        edges: &'a [Edge],
-        v: &'a [f64],
-        fluid: Fluid,
-    ) -> impl Iterator<Item = (usize, &'a Edge, Ends)> {
-        self.walk_along(0..edges.len(), edges, v, fluid)
-    }
-
-    /// The same of the edges in `which`.
-    #[inline]
-    fn walk_along<'a>(
         &'a self,
         which: Range<usize>,
         edges: &'a [Edge],
@@ -141,7 +131,7 @@ pub trait InFluid: std::fmt::Debug + Send + Sync {
 impl<L: InFluid> HalfEdges<L> {
     /// Adds the force of `law` to `out`.
     fn add(&self, law: &L::Law, edges: &[Edge], v: &[f64], fluid: Fluid, out: &mut [f64]) {
-        for (e, edge, ends) in self.walk(edges, v, fluid) {
+        for (e, edge, ends) in self.walk(0..edges.len(), edges, v, fluid) {
             let [(start, start_weight), (end, end_weight)] = ends;
             add(out, e, law.traction(edge.t, start) * start_weight);
             add(out, e + 1, law.traction(edge.t, end) * end_weight);
@@ -170,7 +160,7 @@ impl<L: InFluid> Drag for HalfEdges<L> {
     ) {
         let law = self.law.in_fluid(fluid);
         let around = self
-            .walk(rod.edges, v, fluid)
+            .walk(0..rod.edges.len(), rod.edges, v, fluid)
             .map(|(_, edge, [start, end])| Some([half_edge(&law, edge, start), half_edge(&law, edge, end)]));
         rod.assemble(around, residual, jacobian);
     }
@@ -188,7 +178,7 @@ impl<L: InFluid> Drag for HalfEdges<L> {
         visit: &mut dyn FnMut(usize, usize, HalfEdge),
     ) {
         let law = self.law.in_fluid(fluid);
-        for (e, edge, ends) in self.walk_along(which, edges, v, fluid) {
+        for (e, edge, ends) in self.walk(which, edges, v, fluid) {
             for (k, end) in (e..).zip(ends) {
                 visit(k, e, half_edge(&law, edge, end));
             }
@@ -202,10 +192,12 @@ impl<L: InFluid> Drag for HalfEdges<L> {
     fn power(&self, edges: &[Edge], v: &[f64], fluid: Fluid) -> [f64; 2] {
         let law = self.law.in_fluid(fluid);
         let (mut viscous, mut force) = (0.0, Vector2::zeros());
-        for (_, edge, ends) in self.walk(edges, v, fluid) {
-            let [start, end] = ends.map(|(w, weight)| (law.traction(edge.t, w) * weight, w));
-            viscous += start.0.dot(&start.1) + end.0.dot(&end.1);
-            force += start.0 + end.0;
+        for (_, edge, ends) in self.walk(0..edges.len(), edges, v, fluid) {
+            let [(start, start_weight), (end, end_weight)] = ends;
+            let (at_start, at_end) =
+                (law.traction(edge.t, start) * start_weight, law.traction(edge.t, end) * end_weight);
+            viscous += at_start.dot(&start) + at_end.dot(&end);
+            force += at_start + at_end;
         }
         [viscous, -force.dot(&fluid.flow)]
     }
