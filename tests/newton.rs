@@ -169,14 +169,14 @@ fn a_jacobian_off_by_one_part_in_a_thousand_would_be_noticed_by_these_bounds() {
 
 #[test]
 fn a_guess_that_leads_astray_is_left_for_the_other_once_its_increment_has_grown_twice() {
-    // The first accelerations are those of the rounding of positions, 0.4 m/s² from node to node.
+    // The first accelerations are noise of the rounding of positions, up to 2 m/s² off the mean of their neighbours.
     let scene = scene_of(
         &std::fs::read_to_string("models/fine-1e3.toml").unwrap(),
         &["rod.nodes=1025", "solver.form=positions"],
     );
     let mut stepper = Stepper::of(&scene).unwrap();
     stepper.do_step(5e-3).unwrap();
-    // Measured: 3 and 4 from the second guess; 16 where the first was pursued to its end.
+    // Measured: 3, and 4 from the second guess; 16 where the first was pursued to its end.
     assert!((5..=8).contains(&stepper.work().newton_iterations), "{:?}", stepper.work());
     assert_eq!(stepper.meter().totals.halvings, 0);
 }
