@@ -419,16 +419,16 @@ impl Dynamics {
         }
     }
 
-    /// The direction that a held head prescribes, as the edge before the first.
-    fn wall(&self) -> Option<Edge> {
+    /// The tangent that a held head prescribes before the first joint.
+    fn wall(&self) -> Option<Vector2<f64>> {
         let [_, _, angle] = self.held.as_ref()?;
-        Some(Edge::new(Vector2::new(angle.value.cos(), angle.value.sin()) * self.model.rod.spacing))
+        Some(Edge::new(Vector2::new(angle.value.cos(), angle.value.sin()) * self.model.rod.spacing).t)
     }
 
     fn shape_joints(&mut self, t: f64) -> Result<()> {
         let rod = &self.model.rod;
         // The tangent before joint k; there is one before the first where the head is held.
-        let mut before = self.wall().map(|wall| wall.t);
+        let mut before = self.wall();
         let mut folded = None;
         let parts = self.edges.iter().zip(&rod.joint).zip(&self.natural).zip(&mut self.joints).zip(&mut self.kappa);
         for (k, ((((after, stiffness), natural), joint), kappa)) in parts.enumerate() {
@@ -646,8 +646,8 @@ impl System for Dynamics {
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
         let rod = &self.model.rod;
-        let wall = self.wall().map(|wall| [wall.t; 2]);
-        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], wall.unwrap_or_default()];
+        let wall = self.wall().unwrap_or_default();
+        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], [wall; 2]];
         let mut folded = None;
         for k in 0..rod.nodes - 1 {
             let next = [node(&before.q, k + 1), node(&after.q, k + 1)];

@@ -98,32 +98,26 @@ impl Newton {
     /// # Errors
     /// [`Error::NotConverged`], or whatever the system finds wrong with an iterate.
     pub fn solve(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
-        self.iterate_until(system, state, direction, Patience::Whole)
+        self.solve_with(Patience::Whole, system, state, direction)
     }
 
-    /// Tries as [`solve`](Self::solve) does, but gives up where the increment has grown twice in a row: for a guess beside
-    /// which there is another. (The last one goes on, as an iterate that goes astray mostly tells what is wrong.)
+    /// Solves as [`solve`](Self::solve) does, with `patience`.
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve).
-    pub fn attempt(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
-        self.iterate_until(system, state, direction, Patience::WhileShrinking)
-    }
-
-    fn iterate_until(
+    pub fn solve_with(
         &mut self,
+        patience: Patience,
         system: &mut dyn System,
         state: &mut State,
         direction: Direction,
-        patience: Patience,
     ) -> Result<Increments> {
         let length = system.length();
         let mut increments = Increments::default();
-        let (mut residual, mut node, mut iterations) = (0.0, 0, 0);
+        let (mut residual, mut node) = (0.0, 0);
         for _ in 0..MAX_ITERATIONS {
             let previous = increments.last();
             let step = self.iterate(system, state, direction)?;
-            iterations += 1;
             increments.push(step.increment);
             (residual, node) = (step.residual, step.node);
             let rate = step.increment / previous; // 0 in the first iteration
@@ -148,7 +142,7 @@ impl Newton {
         Err(Error::NotConverged {
             time_s: state.t,
             step_s: f64::NAN, // known to the caller only
-            iterations,
+            iterations: increments.count,
             increment_m: increments.last(),
             residual_n: residual,
             node,
@@ -198,10 +192,10 @@ impl Newton {
 
 /// How long a solve that does not converge goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Patience {
-    /// For [`MAX_ITERATIONS`].
+pub enum Patience {
+    /// For as many iterations as there may be: an iterate that goes astray mostly tells what is wrong.
     Whole,
-    /// Until the increment has grown twice in a row.
+    /// Until the increment has grown twice in a row: for a guess beside which there is another.
     WhileShrinking,
 }
 
@@ -220,12 +214,12 @@ pub struct Iteration {
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Increments {
     values: [f64; MAX_ITERATIONS as usize],
-    count: usize,
+    count: u32,
 }
 
 impl Increments {
     fn push(&mut self, value: f64) {
-        self.values[self.count] = value;
+        self.values[self.count as usize] = value;
         self.count += 1;
     }
 
@@ -240,7 +234,7 @@ impl Increments {
 
     /// One value an iteration.
     pub fn as_slice(&self) -> &[f64] {
-        &self.values[..self.count]
+        &self.values[..self.count as usize]
     }
 }
 

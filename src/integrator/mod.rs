@@ -7,7 +7,7 @@ mod newmark;
 mod symplectic_euler;
 
 use crate::error::{Error, Result};
-use crate::newton::{Increments, Newton};
+use crate::newton::{Newton, Patience};
 use crate::system::{Direction, State, System};
 
 /// All methods; adding one is its file and its line here.
@@ -285,9 +285,6 @@ impl Guess {
     }
 }
 
-/// [`Newton::solve`] or [`Newton::attempt`].
-type Solve = fn(&mut Newton, &mut dyn System, &mut State, Direction) -> Result<Increments>;
-
 impl Stage {
     /// Solves for the state at `to.t`, from the better guess first and then from the other.
     #[inline]
@@ -300,7 +297,7 @@ impl Stage {
         foot: impl Fn(usize) -> Foot,
     ) -> Result<()> {
         let time = to.t;
-        let mut from_guess = |guess: Guess, newton_solves: Solve| {
+        let mut from_guess = |guess: Guess, patience: Patience| {
             for i in 0..from.q.len() {
                 let Foot { dq, v, guess: u } = foot(i);
                 let u = match guess {
@@ -313,17 +310,19 @@ impl Stage {
             }
             system.move_to(time, to);
             system.better_guess(from, self.new, to);
-            newton_solves(newton, system, to, self.new)?;
+            newton.solve_with(patience, system, to, self.new)?;
             system.check_step(from, to)
         };
         let [first, second] = Guess::order(from, self.h);
-        match from_guess(first, Newton::attempt) {
-            Err(error) if error.is_cured_by_smaller_step() => from_guess(second, Newton::solve).map_err(|e| match e {
-                Error::NotConverged { time_s, iterations, increment_m, residual_n, node, .. } => {
-                    Error::NotConverged { time_s, step_s: self.h, iterations, increment_m, residual_n, node }
-                }
-                other => other,
-            }),
+        match from_guess(first, Patience::WhileShrinking) {
+            Err(error) if error.is_cured_by_smaller_step() => {
+                from_guess(second, Patience::Whole).map_err(|e| match e {
+                    Error::NotConverged { time_s, iterations, increment_m, residual_n, node, .. } => {
+                        Error::NotConverged { time_s, step_s: self.h, iterations, increment_m, residual_n, node }
+                    }
+                    other => other,
+                })
+            }
             outcome => outcome,
         }
     }
