@@ -71,6 +71,8 @@ pub mod model;
 
 pub mod integrator;
 pub mod metrics;
+
+pub mod cycle;
 pub mod modes;
 pub mod reduced;
 

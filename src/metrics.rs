@@ -179,6 +179,11 @@ impl Reading {
         Ok(())
     }
 
+    /// Angle of a held head, from +x, rad.
+    pub(crate) fn head_angle(&self) -> f64 {
+        self.head_angle[0]
+    }
+
     /// Largest rotation (rad) of an edge since `before`.
     fn rotation_since(&self, before: &Self) -> f64 {
         let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();

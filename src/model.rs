@@ -168,7 +168,7 @@ impl Inputs {
     }
 
     /// Phase 2πft of the drive before the offset, rad.
-    fn cycle(&self, t: f64) -> f64 {
+    pub(crate) fn cycle(&self, t: f64) -> f64 {
         let [start, phase] = self.phase_origin;
         phase + TAU * self.drive.frequency * (t - start)
     }
@@ -500,6 +500,11 @@ impl Dynamics {
     /// Drag and the fluid it is in now.
     pub fn drag(&self) -> Option<(&dyn Drag, Fluid)> {
         self.model.drag.as_ref().map(|(drag, _)| (&**drag, self.inputs.fluid))
+    }
+
+    /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s).
+    pub fn towing_force(&self, speed: f64) -> Option<f64> {
+        self.drag().map(|(drag, fluid)| drag.coefficients(fluid)[0] * drag.weighted_length() * speed)
     }
 
     /// The kinetic energy that node 0 has at unit speed, times 2, kg.

@@ -5,6 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+use crate::cycle::{Averages, GRAVITY};
 use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::linear::Choice;
@@ -14,9 +15,6 @@ use crate::reduced::estimate::PATH;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
-
-/// Standard gravity, m/s², for the cost of transport.
-const GRAVITY: f64 = 9.80665;
 
 /// A displacement below this part of the length counts as none.
 const NO_DISPLACEMENT: f64 = 1e-9;
@@ -177,6 +175,10 @@ pub struct Summary {
     pub efficiency: Option<f64>,
     pub head_force_n: Option<[f64; 2]>,
     pub head_moment_n_m: Option<f64>,
+    pub mean_head_force_n: Option<[f64; 2]>,
+    pub mean_head_moment_n_m: Option<f64>,
+    #[serde(flatten)]
+    pub cycles: Averages,
     pub wall_s: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verification: Option<Verification>,
@@ -239,8 +241,10 @@ impl Summary {
         let Power { actuation, viscous, load, head, flow } = meter.totals.work;
         let displacement = meter.net_displacement();
         let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
-        let towed =
-            stepper.view().dynamics.drag().map(|(drag, fluid)| drag.coefficients(fluid)[0] * drag.weighted_length());
+        let dynamics = stepper.view().dynamics;
+        let speed = mean(displacement.abs());
+        let reaction = model.head.as_ref().and_then(|_| stepper.cycles().mean_reaction());
+        let cycles = stepper.cycles().averages(dynamics);
         Self {
             name: scene.name.clone(),
             caudal_version: env!("CARGO_PKG_VERSION"),
@@ -304,9 +308,12 @@ impl Summary {
             numerical_dissipation_j: meter.numerical_dissipation(),
             notes: balance_note(meter, scene.pace()).into_iter().chain(motion_notes(meter, scene.pace())).collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
-            efficiency: towed.filter(|_| swims).map(|along| along * displacement.powi(2) / elapsed / actuation),
+            efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
             head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
+            mean_head_force_n: reaction.map(|(force, _)| force.into()),
+            mean_head_moment_n_m: reaction.map(|(_, moment)| moment),
+            cycles,
             wall_s: outcome.wall.as_secs_f64(),
             verification: None,
             final_positions_m: stepper.state().q.chunks_exact(2).map(|p| [p[0], p[1]]).collect(),

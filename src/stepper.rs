@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use dense::Dense;
 pub use snapshot::Snapshot;
 
+use crate::cycle::Cycles;
 use crate::error::{Error, Result, nearest};
 use crate::integrator::{Pace, StepError};
 use crate::metrics::{Meter, Reading, Totals};
@@ -55,6 +56,7 @@ pub struct Stepper {
     state: State,
     kick: Kick,
     meter: Meter,
+    cycles: Cycles,
     variables: Vec<&'static Variable>,
     /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
     before: Option<Totals>,
@@ -113,6 +115,7 @@ impl Stepper {
             }
         };
         let meter = Meter::start(&mut dynamics, &state)?;
+        let cycles = Cycles::start(&dynamics, &state, &meter);
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         let dense = mover.knows_between().then(|| Dense::new(&state, &meter));
         Ok(Self {
@@ -134,6 +137,7 @@ impl Stepper {
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
             meter,
+            cycles,
             state,
             variables,
             dynamics,
@@ -174,6 +178,11 @@ impl Stepper {
         &self.meter
     }
 
+    /// The last whole cycles.
+    pub fn cycles(&self) -> &Cycles {
+        &self.cycles
+    }
+
     /// What Newton's method has done.
     pub fn work(&self) -> Work {
         self.newton.work
@@ -211,6 +220,7 @@ impl Stepper {
             dynamics: &self.dynamics,
             state: &self.state,
             meter: &self.meter,
+            cycles: &self.cycles,
             work: self.newton.work,
             time_step: self.time_step,
         }
@@ -368,6 +378,7 @@ impl Stepper {
             if self.state.q != self.kick.before.q {
                 self.reading.take(&mut self.dynamics, &self.state)?;
                 self.meter.count_jump(&mut self.reading);
+                self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
             }
             self.kick.due = false;
         }
@@ -422,9 +433,11 @@ impl Stepper {
         self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
         self.before = Some(self.meter.totals);
-        let middle = middle.and(self.dense.as_ref()).map(Dense::reading);
-        self.meter.count(&mut self.reading, middle, load, self.dynamics.head_mass());
+        let middle = middle.and(self.dense.as_ref()).map(Dense::last);
+        let reading = middle.map(|(_, reading)| reading);
+        self.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass());
         std::mem::swap(&mut self.state, &mut self.next);
+        self.cycles.follow(&self.dynamics, &self.state, &self.meter, middle);
         Ok(())
     }
 
@@ -509,6 +522,7 @@ impl Stepper {
         self.steered = true;
         self.kick.due |= !self.dynamics.inputs.act_as(&self.inputs.0);
         self.meter.count(&mut self.reading, None, 0.0, self.dynamics.head_mass());
+        self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
         Ok(())
     }
 }

@@ -2,6 +2,7 @@
 //!
 //! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
 
+use crate::cycle::{self, Cycles, Measure};
 use crate::metrics::Meter;
 use crate::model::{Dynamics, Model};
 use crate::newton::Work;
@@ -53,6 +54,8 @@ pub struct View<'a> {
     pub state: &'a State,
     /// Measurements.
     pub meter: &'a Meter,
+    /// The last whole cycles.
+    pub cycles: &'a Cycles,
     /// Work of Newton's method.
     pub work: Work,
     /// Largest internal step, s.
@@ -67,6 +70,12 @@ impl View<'_> {
     /// Displacement of node `k` since the start along axis `i`.
     fn displacement(&self, k: usize, i: usize) -> f64 {
         self.state.q[2 * k + i] - self.meter.first_positions[2 * k + i]
+    }
+
+    /// The mean of `measure` over the last whole cycles; zero where there is none.
+    fn average(&self, measure: &Measure) -> f64 {
+        let cycles = self.cycles.whole(self.state.t);
+        if cycles.is_empty() { 0.0 } else { measure.mean(cycles, self.dynamics).unwrap_or(0.0) }
     }
 
     fn middle(&self) -> usize {
@@ -326,12 +335,21 @@ const fn output(name: &'static str, unit: &'static str, description: &'static st
     Variable::new(Causality::Output, name, unit, description, get)
 }
 
+/// A mean over the last whole cycles, which no input changes at once; zero before the first is over.
+const fn average(measure: &Measure, get: Get) -> Variable {
+    output(measure.key, measure.unit, measure.description, get).changing(|_, _, _| 0.0)
+}
+
 fn has_actuation(model: &Model) -> bool {
     model.actuation.is_some()
 }
 
 fn has_drag(model: &Model) -> bool {
     model.drag.is_some()
+}
+
+fn is_free(model: &Model) -> bool {
+    model.head.is_none()
 }
 
 fn has_held_head(model: &Model) -> bool {
@@ -423,6 +441,27 @@ pub static VARIABLES: &[Variable] = &[
     output("vy_m_s", "m/s", "velocity of the nodes, y", |v, k| v.state.v[2 * k + 1]).sized(Size::Nodes),
     output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / v.model().rod.spacing).sized(Size::Joints),
     output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints).fed(OWN_NATURAL).changing(joint_moment_change),
+
+    output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0),
+    output("cycles_periodic", "1", "1 where these cycles are alike to 1 %, else 0", |v, _| f64::from(cycle::is_periodic(v.cycles.whole(v.state.t)) == Some(true))).changing(|_, _, _| 0.0),
+    average(&cycle::PERIOD, |v, _| v.average(&cycle::PERIOD)),
+    average(&cycle::SPEED, |v, _| v.average(&cycle::SPEED)),
+    average(&cycle::FORWARD_SPEED, |v, _| v.average(&cycle::FORWARD_SPEED)),
+    average(&cycle::DIRECTION, |v, _| v.average(&cycle::DIRECTION)),
+    average(&cycle::BODY_LENGTHS, |v, _| v.average(&cycle::BODY_LENGTHS)),
+    average(&cycle::STROUHAL, |v, _| v.average(&cycle::STROUHAL)),
+    average(&cycle::SLIP, |v, _| v.average(&cycle::SLIP)).when(has_actuation),
+    average(&cycle::THRUST, |v, _| v.average(&cycle::THRUST)).when(has_held_head),
+    average(&cycle::HEAD_FORCE_X, |v, _| v.average(&cycle::HEAD_FORCE_X)).when(has_held_head),
+    average(&cycle::HEAD_FORCE_Y, |v, _| v.average(&cycle::HEAD_FORCE_Y)).when(has_held_head),
+    average(&cycle::HEAD_MOMENT, |v, _| v.average(&cycle::HEAD_MOMENT)).when(has_held_head),
+    average(&cycle::ACTUATION_POWER, |v, _| v.average(&cycle::ACTUATION_POWER)),
+    average(&cycle::VISCOUS_POWER, |v, _| v.average(&cycle::VISCOUS_POWER)),
+    average(&cycle::LOAD_POWER, |v, _| v.average(&cycle::LOAD_POWER)),
+    average(&cycle::HEAD_POWER, |v, _| v.average(&cycle::HEAD_POWER)),
+    average(&cycle::FLOW_POWER, |v, _| v.average(&cycle::FLOW_POWER)),
+    average(&cycle::COST_OF_TRANSPORT, |v, _| v.average(&cycle::COST_OF_TRANSPORT)).when(is_free),
+    average(&cycle::EFFICIENCY, |v, _| v.average(&cycle::EFFICIENCY)).when(is_free),
 
     input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length", |v, _| v.dynamics.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(has_actuation),
     input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.dynamics.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(has_actuation).at_least_zero(),

@@ -28,6 +28,11 @@ pub trait Actuation: std::fmt::Debug + Send + Sync {
     /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry a node.
     fn add_derivatives(&self, sizes: [f64; 3], phase: f64, out: &mut [f64]);
 
+    /// Wavelength λ along the rod, m, where it has one.
+    fn wavelength(&self) -> Option<f64> {
+        None
+    }
+
     /// The same with its amplitude times `factors`, and `phases` (rad) subtracted inside its function of phase, one entry a
     /// node.
     fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation>;

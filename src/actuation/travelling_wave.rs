@@ -11,6 +11,8 @@ use super::{Actuation, Wave};
 pub struct TravellingWave {
     /// (ΔL/ℓ_ref)(e₀ + e₁ξ_k) times (cos b_k, sin b_k), b_k = 2πs_k/λ.
     table: Vec<[f64; 2]>,
+    /// λ, m.
+    wavelength: f64,
 }
 
 impl TravellingWave {
@@ -25,7 +27,7 @@ impl TravellingWave {
                 [size * cos, size * sin]
             })
             .collect();
-        Self { table }
+        Self { table, wavelength }
     }
 }
 
@@ -48,11 +50,15 @@ impl Actuation for TravellingWave {
         }
     }
 
+    fn wavelength(&self) -> Option<f64> {
+        Some(self.wavelength)
+    }
+
     fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation> {
         let turned = |(([c, s], factor), phase): ((&[f64; 2], &f64), &f64)| {
             let (sin, cos) = phase.sin_cos();
             [factor * (c * cos - s * sin), factor * (s * cos + c * sin)]
         };
-        Box::new(Self { table: self.table.iter().zip(factors).zip(phases).map(turned).collect() })
+        Box::new(Self { table: self.table.iter().zip(factors).zip(phases).map(turned).collect(), ..*self })
     }
 }

@@ -22,8 +22,8 @@ impl Dense {
     }
 
     /// What was read last.
-    pub(super) fn reading(&self) -> &Reading {
-        &self.meter.now
+    pub(super) fn last(&self) -> (&State, &Reading) {
+        (&self.state, &self.meter.now)
     }
 }
 
@@ -64,6 +64,7 @@ impl Stepper {
                 dynamics: &self.dynamics,
                 state: &dense.state,
                 meter: &dense.meter,
+                cycles: &self.cycles,
                 work: self.newton.work,
                 time_step: self.time_step,
             })

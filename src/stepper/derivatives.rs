@@ -265,6 +265,7 @@ impl Stepper {
             dynamics: &self.dynamics,
             state: &self.state,
             meter: &self.meter,
+            cycles: &self.cycles,
             work: self.newton.work,
             time_step: self.time_step,
         };

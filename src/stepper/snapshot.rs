@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
 use super::{Clock, Stepper};
+use crate::cycle::Cycles;
 use crate::error::{Error, Result};
 use crate::metrics::Meter;
 use crate::model::{Course, Inputs};
@@ -25,6 +26,7 @@ pub struct Snapshot {
     inputs: Inputs,
     course: Option<Box<Course>>,
     meter: Meter,
+    cycles: Cycles,
     work: Work,
 }
 
@@ -63,6 +65,7 @@ impl Stepper {
             inputs: self.dynamics.inputs.clone(),
             course: self.dynamics.course.clone(),
             meter: self.meter.clone(),
+            cycles: self.cycles,
             work: self.newton.work,
         }
     }
@@ -86,6 +89,7 @@ impl Stepper {
         self.dynamics.course.clone_from(&snapshot.course);
         self.dynamics.move_to(self.state.t, &mut self.state);
         self.meter.clone_from(&snapshot.meter);
+        self.cycles = snapshot.cycles;
         self.newton.work = snapshot.work;
         Ok(())
     }

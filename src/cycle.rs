@@ -1,0 +1,704 @@
+//! What a swimmer is measured by: averages over whole cycles of its drive, and how they differ from cycle to cycle.
+//!
+//! A cycle is a period of the actuation, whose phase a host may make faster or slower; without an actuation it is the period
+//! of the driven head's sinusoids. [`Cycles`] follows the run step by step and keeps the increase of a few integrals over each
+//! of the last [`KEPT`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held
+//! head, and work. The end of a cycle need not be the end of a step: there an integral is the cubic Hermite polynomial of its
+//! values and rates at the ends of the step, of fourth order in the step, so that no step is made for it. ∫F dt, ∫M dt and
+//! ∫e dt are summed by the parabola through the last three steps' ends, or Simpson's rule where the middle of a step is known;
+//! work is the meter's.
+//!
+//! [`MEASURES`] says what is made of a cycle, with T its duration, f = 1/T, L the rod's length, e the mean unit vector from the
+//! rod to its head's front, and U the mean velocity against the flow, of the centre of mass or of a held head. Each is averaged
+//! over the cycles; its spread is their standard deviation, Σ(x − x̄)²/(n − 1) under the root.
+
+use nalgebra::{SVector, Vector2};
+use serde::ser::SerializeMap;
+use serde::{Deserialize, Serialize, Serializer};
+
+use crate::head::Signal;
+use crate::metrics::{Meter, Power, Reading};
+use crate::model::{Dynamics, Model};
+use crate::rod::node;
+use crate::system::State;
+
+/// How many cycles are kept, and averaged at most.
+pub const KEPT: usize = 4;
+
+/// Cycles are alike where they differ by no more than this part.
+const ALIKE: f64 = 0.01;
+
+/// A mean counts as no smaller than this part of the mean modulus: what nearly cancels over a cycle is known no better.
+const CANCELLED: f64 = 0.01;
+
+/// A distance a cycle below this part of the length is none.
+const NO_DISTANCE: f64 = 1e-9;
+
+/// A phase (in cycles) or frequency within this of a whole number, or multiple, is one.
+const WHOLE: f64 = 1e-9;
+
+/// A step longer than this many of the one before is not summed by a parabola through that one's begin.
+const LONGER: f64 = 4.0;
+
+/// Standard gravity, m/s², for the cost of transport.
+pub const GRAVITY: f64 = 9.80665;
+
+/// Places of the integrals in [`Integrals`]; vectors take two, the work five.
+mod place {
+    pub(super) const POSITION: usize = 0;
+    pub(super) const FLOW: usize = 2;
+    pub(super) const AXIS: usize = 4;
+    pub(super) const FORCE: usize = 6;
+    pub(super) const MOMENT: usize = 8;
+    pub(super) const PATH: usize = 9;
+    pub(super) const FORCE_MODULUS: usize = 10;
+    pub(super) const MOMENT_MODULUS: usize = 11;
+    pub(super) const WORK: usize = 12;
+    pub(super) const ALL: usize = 17;
+}
+
+/// Integrals over time since the start, or their rates.
+type Integrals = SVector<f64, { place::ALL }>;
+
+fn vector(of: &Integrals, at: usize) -> Vector2<f64> {
+    Vector2::new(of[at], of[at + 1])
+}
+
+fn put(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
+    (of[at], of[at + 1]) = (vector.x, vector.y);
+}
+
+fn put_work(of: &mut Integrals, Power { actuation, viscous, load, head, flow }: Power) {
+    for (i, part) in [actuation, viscous, load, head, flow].into_iter().enumerate() {
+        of[place::WORK + i] = part;
+    }
+}
+
+/// What repeats itself, and so says when a cycle is over.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+enum Source {
+    /// The actuation, at the frequency that it has.
+    Actuation,
+    /// The driven head, at this frequency, Hz.
+    Head(f64),
+    /// A head that moves by a table.
+    Table,
+    /// A head of sinusoids whose frequencies are no multiples of the lowest.
+    Mixed,
+    /// Nothing.
+    Nothing,
+}
+
+impl Source {
+    fn of(model: &Model) -> Self {
+        let signals = || model.head.iter().flatten();
+        let frequency = |signal: &Signal| match signal {
+            Signal::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
+                Some(frequency.abs())
+            }
+            _ => None,
+        };
+        let lowest = signals().filter_map(frequency).fold(f64::INFINITY, f64::min);
+        let multiple = |frequency: f64| {
+            let ratio = frequency / lowest;
+            (ratio - ratio.round()).abs() <= WHOLE * ratio
+        };
+        // An actuation without amplitude may be given one by a host; where the head moves it is that which counts.
+        let acts = |amplitude: f64| amplitude != 0.0 || lowest.is_infinite();
+        match &model.actuation {
+            Some((_, drive)) if acts(drive.amplitude) => Self::Actuation,
+            _ if signals().any(|signal| matches!(signal, Signal::Table(rows) if rows.len() > 1)) => Self::Table,
+            _ if lowest.is_infinite() => Self::Nothing,
+            _ if signals().filter_map(frequency).all(multiple) => Self::Head(lowest),
+            _ => Self::Mixed,
+        }
+    }
+
+    /// The phase at time `t` (s), in cycles.
+    fn phase(self, dynamics: &Dynamics, t: f64) -> Option<f64> {
+        match self {
+            Self::Actuation => Some(dynamics.inputs.cycle(t) / std::f64::consts::TAU),
+            Self::Head(frequency) => dynamics.inputs.head.is_none().then_some(frequency * t),
+            Self::Table | Self::Mixed | Self::Nothing => None,
+        }
+    }
+
+    /// Why there is no cycle yet.
+    fn reason(self, dynamics: &Dynamics) -> String {
+        let shorter = |period: f64| format!("shorter than one cycle of {period:.4} s");
+        match self {
+            Self::Actuation if dynamics.inputs.drive.frequency == 0.0 => "the actuation's frequency is 0".to_string(),
+            Self::Actuation => shorter(dynamics.inputs.drive.frequency.recip()),
+            Self::Head(_) if dynamics.inputs.head.is_some() => "a host moves the head".to_string(),
+            Self::Head(frequency) => shorter(frequency.recip()),
+            Self::Table => "the head moves by a table, which has no period".to_string(),
+            Self::Mixed => "the head's sinusoids have no common period among their own".to_string(),
+            Self::Nothing => "nothing drives the tail periodically".to_string(),
+        }
+    }
+}
+
+/// What is followed, at one time.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+struct Sample {
+    time: f64,
+    /// Phase in cycles, where there is one.
+    phase: Option<f64>,
+    integrals: Integrals,
+    rates: Integrals,
+    /// Position (m) and velocity (m/s) of the tip.
+    tip: [Vector2<f64>; 2],
+}
+
+/// The rates of all integrals in `state`, whose reading is `reading`.
+fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
+    let mut rates = Integrals::zeros();
+    let held = dynamics.model.head.is_some();
+    let velocity = if held { node(&state.v, 0) } else { dynamics.model.rod.mean(&state.v) };
+    let axis = if held {
+        let (sin, cos) = reading.head_angle().sin_cos();
+        -Vector2::new(cos, sin)
+    } else {
+        (node(&state.q, 0) - node(&state.q, 1)).normalize()
+    };
+    put(&mut rates, place::POSITION, velocity);
+    put(&mut rates, place::FLOW, dynamics.inputs.fluid.flow);
+    put(&mut rates, place::AXIS, axis);
+    put(&mut rates, place::FORCE, reading.head_force);
+    rates[place::MOMENT] = reading.head_moment;
+    rates[place::PATH] = velocity.norm();
+    rates[place::FORCE_MODULUS] = reading.head_force.norm();
+    rates[place::MOMENT_MODULUS] = reading.head_moment.abs();
+    put_work(&mut rates, reading.power);
+    rates
+}
+
+impl Sample {
+    /// What is known of `state` without its past: the rest of the integrals is zero.
+    fn of(source: Source, dynamics: &Dynamics, state: &State, meter: &Meter) -> Self {
+        let (mut integrals, tip) = (Integrals::zeros(), dynamics.model.rod.nodes - 1);
+        let position = if dynamics.model.head.is_some() { node(&state.q, 0) } else { meter.now.com };
+        put(&mut integrals, place::POSITION, position);
+        put_work(&mut integrals, meter.totals.work);
+        Self {
+            time: state.t,
+            phase: source.phase(dynamics, state.t),
+            integrals,
+            rates: rates(dynamics, state, &meter.now),
+            tip: [node(&state.q, tip), node(&state.v, tip)],
+        }
+    }
+
+    /// Sums from `last` on what has no other record, with the rates in the `middle` of the step or, where these are not
+    /// known, those `before` the last.
+    fn sum(&mut self, last: &Self, middle: Option<&Integrals>, before: Option<(f64, &Integrals)>) {
+        let h = self.time - last.time;
+        let mut by = match middle {
+            Some(middle) => (last.rates + middle * 4.0 + self.rates) * (h / 6.0),
+            None => (last.rates + self.rates) * (0.5 * h),
+        };
+        if let (None, Some((time, rates))) = (middle, before)
+            && h <= LONGER * (last.time - time)
+        {
+            let (slope, slope_before) = ((self.rates - last.rates) / h, (last.rates - rates) / (last.time - time));
+            by -= (slope - slope_before) / (self.time - time) * (h * h * h / 6.0);
+        }
+        for i in place::FLOW..place::WORK {
+            self.integrals[i] = last.integrals[i] + by[i];
+        }
+    }
+}
+
+/// The integrals at the part `z` of the step between two samples.
+fn between(from: &Sample, to: &Sample, z: f64) -> Integrals {
+    let h = to.time - from.time;
+    let change = to.integrals - from.integrals;
+    let curve = change * 3.0 - (from.rates * 2.0 + to.rates) * h;
+    let twist = (from.rates + to.rates) * h - change * 2.0;
+    from.integrals + ((twist * z + curve) * z + from.rates * h) * z
+}
+
+/// The least and the largest of the cubic with the values and rates at both ends of a step of `h` (s), over the parts `span`
+/// of it.
+fn range(values: [f64; 2], rates: [f64; 2], h: f64, span: [f64; 2]) -> [f64; 2] {
+    let change = values[1] - values[0];
+    let (a, b, c) =
+        (rates[0] * h, 3.0 * change - (2.0 * rates[0] + rates[1]) * h, (rates[0] + rates[1]) * h - 2.0 * change);
+    let at = |z: f64| values[0] + z * (a + z * (b + z * c));
+    // a + 2bz + 3cz² = 0, without cancellation.
+    let root = (b * b - 3.0 * a * c).sqrt();
+    let q = -(b + root.copysign(b));
+    let turns = [q / (3.0 * c), a / q].into_iter().filter(|z| (span[0]..span[1]).contains(z)); // never NaN
+    let ends = span.map(at);
+    turns.map(at).fold([ends[0].min(ends[1]), ends[0].max(ends[1])], |[least, most], y| [least.min(y), most.max(y)])
+}
+
+/// One whole cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Cycle {
+    /// When it began, s.
+    pub from: f64,
+    /// When it ended, s.
+    pub until: f64,
+    /// Peak-to-peak excursion of the tip across the axis, m.
+    pub excursion: f64,
+    change: Integrals,
+}
+
+impl Cycle {
+    /// Its duration T, s.
+    pub fn period(&self) -> f64 {
+        self.until - self.from
+    }
+
+    fn mean(&self, place: usize) -> f64 {
+        self.change[place] / self.period()
+    }
+
+    fn mean_vector(&self, place: usize) -> Vector2<f64> {
+        vector(&self.change, place) / self.period()
+    }
+
+    /// Mean power, W.
+    fn power(&self, i: usize) -> f64 {
+        self.mean(place::WORK + i)
+    }
+
+    /// U, m/s.
+    fn velocity(&self) -> Vector2<f64> {
+        self.mean_vector(place::POSITION) - self.mean_vector(place::FLOW)
+    }
+
+    /// e; none where the head turned all round.
+    fn axis(&self) -> Option<Vector2<f64>> {
+        self.mean_vector(place::AXIS).try_normalize(WHOLE)
+    }
+
+    /// The parts of a vector along the axis and across it, to the left.
+    fn along_and_across(&self, vector: Vector2<f64>) -> [f64; 2] {
+        self.axis().map_or([0.0; 2], |axis| [vector.dot(&axis), axis.perp(&vector)])
+    }
+
+    /// |U|, m/s, where the swimmer gets anywhere.
+    fn way(&self, dynamics: &Dynamics) -> Option<f64> {
+        let speed = self.velocity().norm();
+        (speed * self.period() >= NO_DISTANCE * dynamics.model.rod.length).then_some(speed)
+    }
+
+    /// |U| and the mean power of the actuation, where both are above zero and the head is free.
+    fn swimming(&self, dynamics: &Dynamics) -> Option<(f64, f64)> {
+        let power = self.power(0);
+        self.way(dynamics).filter(|_| power > 0.0 && dynamics.model.head.is_none()).map(|speed| (speed, power))
+    }
+
+    /// True where it is `other`, the next one, but for [`ALIKE`].
+    fn is_like(&self, other: &Self) -> bool {
+        let of = |cycle: &Self| {
+            let [ahead, aside] = cycle.along_and_across(cycle.velocity());
+            let [thrust, lift] = cycle.along_and_across(cycle.mean_vector(place::FORCE));
+            let means = [ahead, aside, thrust, lift, cycle.mean(place::MOMENT)];
+            (means, [0, 1, 2, 3, 4].map(|i| cycle.power(i)))
+        };
+        let ((means, powers), (others, other_powers)) = (of(self), of(other));
+        let sizes = |[a, b]: [f64; 2]| a.hypot(b);
+        let scale = |size: f64, place: usize| size.max(CANCELLED * other.mean(place));
+        let (speed, force) = (
+            scale(sizes([others[0], others[1]]), place::PATH),
+            scale(sizes([others[2], others[3]]), place::FORCE_MODULUS),
+        );
+        let moment = scale(others[4].abs(), place::MOMENT_MODULUS);
+        let power = other_powers.iter().fold(0.0, |max: f64, power| max.max(power.abs()));
+        let near = |a: &[f64], b: &[f64], scales: &[f64]| {
+            a.iter().zip(b).zip(scales).all(|((a, b), scale)| (a - b).abs() <= ALIKE * scale)
+        };
+        near(&means, &others, &[speed, speed, force, force, moment]) && near(&powers, &other_powers, &[power; 5])
+    }
+}
+
+/// One quantity of a cycle; none where the scene or the motion has no such quantity.
+#[derive(Debug, Clone, Copy)]
+pub struct Measure {
+    /// The key of its mean in summary.json, which ends in its unit.
+    pub key: &'static str,
+    /// The key of its spread.
+    pub spread: &'static str,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// What it is.
+    pub description: &'static str,
+    of: fn(&Cycle, &Dynamics) -> Option<f64>,
+}
+
+/// A [`Measure`] `cycle_<name><unit>` and its spread.
+macro_rules! measure {
+    ($constant:ident, $name:literal, $suffix:literal, $unit:literal, $description:literal, $of:expr) => {
+        #[doc = $description]
+        pub const $constant: Measure = Measure {
+            key: concat!("cycle_", $name, $suffix),
+            spread: concat!("cycle_", $name, "_spread", $suffix),
+            unit: $unit,
+            description: $description,
+            of: $of,
+        };
+    };
+}
+
+fn held<T>(dynamics: &Dynamics, value: T) -> Option<T> {
+    dynamics.model.head.is_some().then_some(value)
+}
+
+measure!(PERIOD, "period", "_s", "s", "mean duration T of the last whole cycles", |c, _| Some(c.period()));
+measure!(
+    SPEED,
+    "speed",
+    "_m_s",
+    "m/s",
+    "modulus of the mean velocity U against the flow over the last whole cycles, of the centre of mass or of a held head",
+    |c, _| Some(c.velocity().norm())
+);
+measure!(
+    FORWARD_SPEED,
+    "forward_speed",
+    "_m_s",
+    "m/s",
+    "U·e, the part of U along the head's mean axis e: above zero head first, below zero tail first",
+    |c, _| c.axis().map(|axis| c.velocity().dot(&axis))
+);
+measure!(
+    DIRECTION,
+    "direction",
+    "_rad",
+    "rad",
+    "angle between U and the head's mean axis e: 0 is head first, pi is tail first",
+    |c, d| {
+        c.way(d)?;
+        c.axis().map(|axis| axis.angle(&c.velocity()))
+    }
+);
+measure!(BODY_LENGTHS, "body_lengths", "", "1", "body lengths per cycle, |U|T/L", |c, d| Some(
+    c.velocity().norm() * c.period() / d.model.rod.length
+));
+measure!(
+    STROUHAL,
+    "strouhal_number",
+    "",
+    "1",
+    "Strouhal number fA/|U|, A the peak-to-peak excursion of the tip across the head's mean axis of the cycle before",
+    |c, d| c.way(d).map(|speed| c.excursion / (c.period() * speed))
+);
+measure!(
+    SLIP,
+    "slip",
+    "",
+    "1",
+    "slip (U·e)/(f lambda): forward speed over the speed of the actuation's wave",
+    |c, d| {
+        let (actuation, _) = d.model.actuation.as_ref()?;
+        Some((FORWARD_SPEED.of)(c, d)? * c.period() / actuation.wavelength()?)
+    }
+);
+measure!(
+    THRUST,
+    "thrust",
+    "_n",
+    "N",
+    "mean force of the tail on the held head along the head's mean axis: above zero it pushes the head ahead",
+    |c, d| {
+        let axis = held(d, c.axis()?)?;
+        Some(c.mean_vector(place::FORCE).dot(&axis))
+    }
+);
+measure!(HEAD_FORCE_X, "head_force_x", "_n", "N", "mean force of the tail on the held head, x", |c, d| held(
+    d,
+    c.mean(place::FORCE)
+));
+measure!(HEAD_FORCE_Y, "head_force_y", "_n", "N", "mean force of the tail on the held head, y", |c, d| held(
+    d,
+    c.mean(place::FORCE + 1)
+));
+measure!(HEAD_MOMENT, "head_moment", "_n_m", "N m", "mean moment of the tail on the held head about node 0", |c, d| {
+    held(d, c.mean(place::MOMENT))
+});
+measure!(
+    ACTUATION_POWER,
+    "actuation_power",
+    "_w",
+    "W",
+    "mean power of the actuation over the last whole cycles",
+    |c, _| Some(c.power(0))
+);
+measure!(
+    VISCOUS_POWER,
+    "viscous_power",
+    "_w",
+    "W",
+    "mean power taken by viscosity over the last whole cycles",
+    |c, _| Some(c.power(1))
+);
+measure!(LOAD_POWER, "load_power", "_w", "W", "mean power of loads over the last whole cycles", |c, _| Some(
+    c.power(2)
+));
+measure!(HEAD_POWER, "head_power", "_w", "W", "mean power of the held head over the last whole cycles", |c, _| Some(
+    c.power(3)
+));
+measure!(
+    FLOW_POWER,
+    "flow_power",
+    "_w",
+    "W",
+    "mean power of the background flow over the last whole cycles",
+    |c, _| Some(c.power(4))
+);
+measure!(
+    COST_OF_TRANSPORT,
+    "cost_of_transport",
+    "",
+    "1",
+    "cost of transport P/(m g |U|) of a free swimmer, P the mean power of the actuation, g = 9.80665 m/s^2",
+    |c, d| c.swimming(d).map(|(speed, power)| power / (d.model.rod.total_mass() * GRAVITY * speed))
+);
+measure!(
+    EFFICIENCY,
+    "efficiency",
+    "",
+    "1",
+    "efficiency D(|U|)|U|/P of a free swimmer, D the drag of the straight rod along itself at that speed",
+    |c, d| {
+        let (speed, power) = c.swimming(d)?;
+        Some(d.towing_force(speed)? * speed / power)
+    }
+);
+
+/// All measures, in the order in which every face shows them.
+pub const MEASURES: [Measure; 18] = [
+    PERIOD,
+    SPEED,
+    FORWARD_SPEED,
+    DIRECTION,
+    BODY_LENGTHS,
+    STROUHAL,
+    SLIP,
+    THRUST,
+    HEAD_FORCE_X,
+    HEAD_FORCE_Y,
+    HEAD_MOMENT,
+    ACTUATION_POWER,
+    VISCOUS_POWER,
+    LOAD_POWER,
+    HEAD_POWER,
+    FLOW_POWER,
+    COST_OF_TRANSPORT,
+    EFFICIENCY,
+];
+
+impl Measure {
+    /// Its mean over `cycles`; none where one of them has none.
+    pub fn mean(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
+        let mut sum = 0.0;
+        for cycle in cycles {
+            sum += (self.of)(cycle, dynamics)?;
+        }
+        Some(sum / cycles.len() as f64).filter(|mean| mean.is_finite())
+    }
+
+    /// The standard deviation of `cycles`, at least two.
+    pub fn spread(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
+        let mean = self.mean(cycles, dynamics)?;
+        let squares = cycles.iter().filter_map(|cycle| (self.of)(cycle, dynamics)).map(|x| (x - mean).powi(2));
+        (cycles.len() > 1).then(|| (squares.sum::<f64>() / (cycles.len() - 1) as f64).sqrt())
+    }
+}
+
+/// The last whole cycles of a run.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Cycles {
+    source: Source,
+    /// The first of the integrals' time, s.
+    start: f64,
+    last: Sample,
+    /// Time (s) and rates of the sample before the last, where nothing jumped since.
+    before: Option<(f64, Integrals)>,
+    /// Where the cycle under way began.
+    begin: Option<(f64, Integrals)>,
+    /// Across the axis, and the least and largest coordinate of the tip along it in this cycle, m.
+    across: Vector2<f64>,
+    range: [f64; 2],
+    /// Whole cycles in order of time; so many of them are there.
+    kept: [Cycle; KEPT],
+    count: usize,
+}
+
+impl Cycles {
+    /// None yet of a run that starts at `state`.
+    pub fn start(dynamics: &Dynamics, state: &State, meter: &Meter) -> Self {
+        let source = Source::of(&dynamics.model);
+        let last = Sample::of(source, dynamics, state, meter);
+        let chord = last.tip[0] - node(&state.q, 0);
+        let across = Vector2::new(-chord.y, chord.x).try_normalize(0.0).unwrap_or(Vector2::y());
+        let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, change: Integrals::zeros() };
+        Self {
+            source,
+            start: last.time,
+            before: None,
+            begin: last.phase.map(|_| (last.time, last.integrals)),
+            across,
+            range: [last.tip[0].dot(&across); 2],
+            kept: [none; KEPT],
+            count: 0,
+            last,
+        }
+    }
+
+    /// Counts what happened up to `state`, a step or a change at once, which `meter` has counted. `middle` is what the
+    /// middle of the step was like, where the method knows it as well as the end.
+    pub fn follow(&mut self, dynamics: &Dynamics, state: &State, meter: &Meter, middle: Option<(&State, &Reading)>) {
+        let mut now = Sample::of(self.source, dynamics, state, meter);
+        if now.time > self.last.time {
+            let middle = middle.map(|(state, reading)| rates(dynamics, state, reading));
+            now.sum(&self.last, middle.as_ref(), self.before.as_ref().map(|(time, rates)| (*time, rates)));
+            self.turn(&now);
+            self.before = Some((self.last.time, self.last.rates));
+        } else {
+            let known = self.last.integrals.fixed_rows::<{ place::WORK - place::FLOW }>(place::FLOW);
+            now.integrals.fixed_rows_mut::<{ place::WORK - place::FLOW }>(place::FLOW).copy_from(&known);
+            self.before = None;
+        }
+        self.last = now;
+    }
+
+    /// Ends the cycles that are over by `now`.
+    fn turn(&mut self, now: &Sample) {
+        let from = self.last;
+        let mut passed = 0.0;
+        match (from.phase, now.phase) {
+            (Some(before), Some(after)) => {
+                let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
+                // Of more than are kept the first need not be known.
+                for phase in first.max(last.saturating_sub(KEPT as i64))..=last {
+                    let z = ((phase as f64 - before) / (after - before)).min(1.0);
+                    self.reach(now, [passed, z]);
+                    self.complete(from.time + z * (now.time - from.time), between(&from, now, z));
+                    passed = z;
+                    self.range = [f64::INFINITY, f64::NEG_INFINITY];
+                }
+            }
+            (None, Some(_)) => {
+                self.begin = Some((now.time, now.integrals));
+                self.range = [f64::INFINITY, f64::NEG_INFINITY];
+            }
+            (_, None) => self.begin = None,
+        }
+        self.reach(now, [passed, 1.0]);
+    }
+
+    /// Widens the range by what the tip did over the parts `span` of the step to `now`.
+    fn reach(&mut self, now: &Sample, span: [f64; 2]) {
+        let [from, to] = [&self.last, now].map(|sample| sample.tip.map(|tip| tip.dot(&self.across)));
+        let [least, most] = range([from[0], to[0]], [from[1], to[1]], now.time - self.last.time, span);
+        self.range = [self.range[0].min(least), self.range[1].max(most)];
+    }
+
+    /// The cycle that is over at time `until` (s), with these integrals.
+    fn complete(&mut self, until: f64, integrals: Integrals) {
+        let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
+        let cycle = Cycle { from, until, excursion: self.range[1] - self.range[0], change: integrals - first };
+        if self.count == KEPT {
+            self.kept.rotate_left(1);
+            self.count -= 1;
+        }
+        self.kept[self.count] = cycle;
+        self.count += 1;
+        if let Some(axis) = cycle.axis() {
+            self.across = Vector2::new(-axis.y, axis.x);
+        }
+    }
+
+    /// The last whole cycles at time `t` (s), now or within the last step.
+    pub fn whole(&self, t: f64) -> &[Cycle] {
+        let count = self.kept[..self.count].iter().take_while(|cycle| cycle.until <= t).count();
+        &self.kept[..count]
+    }
+
+    /// Mean force (N) and moment (N m) of the tail on a held head since the start.
+    pub fn mean_reaction(&self) -> Option<(Vector2<f64>, f64)> {
+        let elapsed = self.last.time - self.start;
+        let force = vector(&self.last.integrals, place::FORCE);
+        (elapsed > 0.0).then(|| (force / elapsed, self.last.integrals[place::MOMENT] / elapsed))
+    }
+
+    /// What the last whole cycles come to.
+    pub fn averages(&self, dynamics: &Dynamics) -> Averages {
+        let cycles = self.whole(f64::INFINITY);
+        Averages {
+            used: cycles.len(),
+            span: cycles.first().zip(cycles.last()).map(|(first, last)| [first.from, last.until]),
+            periodic: is_periodic(cycles),
+            reason: cycles.is_empty().then(|| self.source.reason(dynamics)),
+            measures: MEASURES.map(|measure| {
+                let of = |value: fn(&Measure, &[Cycle], &Dynamics) -> Option<f64>| {
+                    (!cycles.is_empty()).then(|| value(&measure, cycles, dynamics)).flatten()
+                };
+                (of(Measure::mean), of(Measure::spread))
+            }),
+            free: dynamics.model.head.is_none(),
+        }
+    }
+}
+
+/// True where each of `cycles` is like the one before: velocity and force along the axis and across it, moment and powers
+/// differ by at most 1 % of their size; none where there are fewer than two.
+pub fn is_periodic(cycles: &[Cycle]) -> Option<bool> {
+    (cycles.len() > 1).then(|| cycles.windows(2).all(|pair| pair[0].is_like(&pair[1])))
+}
+
+/// Averages over the last whole cycles of a run, with their spread.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Averages {
+    /// How many cycles.
+    pub used: usize,
+    /// When the first of them began and the last ended, s.
+    pub span: Option<[f64; 2]>,
+    /// Whether they are alike, [`is_periodic`].
+    pub periodic: Option<bool>,
+    /// Why there are none.
+    pub reason: Option<String>,
+    /// Mean and spread of each of [`MEASURES`].
+    measures: [(Option<f64>, Option<f64>); MEASURES.len()],
+    free: bool,
+}
+
+impl Averages {
+    /// The mean of a measure.
+    pub fn mean(&self, measure: &Measure) -> Option<f64> {
+        let place = MEASURES.iter().position(|other| other.key == measure.key)?;
+        self.measures[place].0
+    }
+
+    /// How a free swimmer swims: within 60° of its head's axis, of its tail's, or neither.
+    pub fn swims(&self) -> Option<&'static str> {
+        let degrees = self.mean(&DIRECTION).filter(|_| self.free)?.to_degrees();
+        Some(match degrees {
+            ..60.0 => "head first",
+            120.0.. => "tail first",
+            _ => "sideways",
+        })
+    }
+}
+
+/// One map, flat: number of cycles, then every measure with its spread by its key.
+impl Serialize for Averages {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let mut map = serializer.serialize_map(None)?;
+        map.serialize_entry("cycles_used", &self.used)?;
+        map.serialize_entry("cycles_periodic", &self.periodic)?;
+        map.serialize_entry("cycles_from_s", &self.span.map(|span| span[0]))?;
+        map.serialize_entry("cycles_until_s", &self.span.map(|span| span[1]))?;
+        map.serialize_entry("cycles_reason", &self.reason)?;
+        map.serialize_entry("swims", &self.swims())?;
+        for (measure, (mean, spread)) in MEASURES.iter().zip(&self.measures) {
+            map.serialize_entry(measure.key, mean)?;
+            map.serialize_entry(measure.spread, spread)?;
+        }
+        map.end()
+    }
+}
