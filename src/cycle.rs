@@ -513,8 +513,8 @@ impl Measure {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cycles {
     source: Source,
-    /// The first of the integrals' time, s.
-    start: f64,
+    /// Time (s) and integrals at the start.
+    start: (f64, Integrals),
     last: Sample,
     /// Time (s) and rates of the sample before the last, where nothing jumped since.
     before: Option<(f64, Integrals)>,
@@ -538,7 +538,7 @@ impl Cycles {
         let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, change: Integrals::zeros() };
         Self {
             source,
-            start: last.time,
+            start: (last.time, last.integrals),
             before: None,
             begin: last.phase.map(|_| (last.time, last.integrals)),
             across,
@@ -619,11 +619,11 @@ impl Cycles {
         &self.kept[..count]
     }
 
-    /// Mean force (N) and moment (N m) of the tail on a held head since the start.
-    pub fn mean_reaction(&self) -> Option<(Vector2<f64>, f64)> {
-        let elapsed = self.last.time - self.start;
-        let force = vector(&self.last.integrals, place::FORCE);
-        (elapsed > 0.0).then(|| (force / elapsed, self.last.integrals[place::MOMENT] / elapsed))
+    /// All that was since the start, as one cycle whose excursion is not known.
+    pub fn since_start(&self) -> Option<Cycle> {
+        let ((from, first), until) = (self.start, self.last.time);
+        let cycle = Cycle { from, until, excursion: 0.0, change: self.last.integrals - first };
+        (cycle.period() > 0.0).then_some(cycle)
     }
 
     /// What the last whole cycles come to.
@@ -682,6 +682,54 @@ impl Averages {
             120.0.. => "tail first",
             _ => "sideways",
         })
+    }
+}
+
+/// One sentence: how it swims, or how the tail pushes its head.
+impl std::fmt::Display for Averages {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if let Some(reason) = &self.reason {
+            return write!(f, "no averages over whole cycles: {reason}");
+        }
+        let cycles = match self.used {
+            1 => "over the one whole cycle".to_string(),
+            count => format!("over the last {count} whole cycles"),
+        };
+        write!(f, "{cycles}")?;
+        if let Some(period) = self.mean(&PERIOD) {
+            write!(f, " of {period:.4} s")?;
+        }
+        let mut separator = ": ";
+        let mut part = |f: &mut std::fmt::Formatter<'_>, text: String| {
+            f.write_str(std::mem::replace(&mut separator, ", "))?;
+            f.write_str(&text)
+        };
+        if let Some(swims) = self.swims() {
+            part(f, format!("swims {swims}"))?;
+        }
+        let shown: &[(&str, &Measure)] = if self.free {
+            &[
+                ("speed", &SPEED),
+                ("body lengths per cycle", &BODY_LENGTHS),
+                ("slip", &SLIP),
+                ("Strouhal number", &STROUHAL),
+                ("cost of transport", &COST_OF_TRANSPORT),
+                ("efficiency", &EFFICIENCY),
+            ]
+        } else {
+            &[("thrust", &THRUST), ("moment", &HEAD_MOMENT), ("power of the head", &HEAD_POWER)]
+        };
+        for (name, measure) in shown {
+            if let Some(mean) = self.mean(measure) {
+                let unit = if measure.unit == "1" { String::new() } else { format!(" {}", measure.unit) };
+                part(f, format!("{name} {mean:.4e}{unit}"))?;
+            }
+        }
+        match self.periodic {
+            Some(true) => f.write_str("; periodic"),
+            Some(false) => f.write_str("; not periodic yet: they differ by more than 1 %"),
+            None => Ok(()),
+        }
     }
 }
 

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use crate::cycle::{Averages, GRAVITY};
+use crate::cycle::{self, Averages, GRAVITY, Measure};
 use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::linear::Choice;
@@ -176,6 +176,7 @@ pub struct Summary {
     pub head_force_n: Option<[f64; 2]>,
     pub head_moment_n_m: Option<f64>,
     pub mean_head_force_n: Option<[f64; 2]>,
+    pub mean_thrust_n: Option<f64>,
     pub mean_head_moment_n_m: Option<f64>,
     #[serde(flatten)]
     pub cycles: Averages,
@@ -243,7 +244,8 @@ impl Summary {
         let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
         let speed = mean(displacement.abs());
-        let reaction = model.head.as_ref().and_then(|_| stepper.cycles().mean_reaction());
+        let whole = stepper.cycles().since_start();
+        let held = |measure: &Measure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
         let cycles = stepper.cycles().averages(dynamics);
         Self {
             name: scene.name.clone(),
@@ -311,8 +313,9 @@ impl Summary {
             efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
             head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
-            mean_head_force_n: reaction.map(|(force, _)| force.into()),
-            mean_head_moment_n_m: reaction.map(|(_, moment)| moment),
+            mean_head_force_n: held(&cycle::HEAD_FORCE_X).zip(held(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),
+            mean_thrust_n: held(&cycle::THRUST),
+            mean_head_moment_n_m: held(&cycle::HEAD_MOMENT),
             cycles,
             wall_s: outcome.wall.as_secs_f64(),
             verification: None,

@@ -64,6 +64,7 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
+    say(&summary.cycles.to_string());
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));
     }

@@ -11,9 +11,18 @@ use super::record::Frame;
 use crate::error::Result;
 
 /// Quantities of a summary that figures and page show, in this order.
-pub const QUANTITIES: [Quantity; 11] = [
-    Quantity::new("net_displacement_m", "net displacement", "m", true),
-    Quantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true),
+pub const QUANTITIES: [Quantity; 20] = [
+    Quantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
+    Quantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
+    Quantity::new("mean_thrust_n", "mean thrust", "N", true),
+    Quantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
+    Quantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
+    Quantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
+    Quantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
+    Quantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
+    Quantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
+    Quantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
+    Quantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
     Quantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
     Quantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
     Quantity::new("actuation_work_j", "actuation work", "J", true),
@@ -47,11 +56,17 @@ pub struct Quantity {
     pub unit: &'static str,
     /// True where it has figures.
     pub drawn: bool,
+    /// True where a held head has none that means anything.
+    pub of_free_heads: bool,
 }
 
 impl Quantity {
     const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
-        Self { key, name, unit, drawn }
+        Self { key, name, unit, drawn, of_free_heads: false }
+    }
+
+    const fn of_free_heads(self) -> Self {
+        Self { of_free_heads: true, ..self }
     }
 }
 
@@ -206,9 +221,11 @@ impl Cases {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
         let complete = row.get("complete") == Some(&Value::Bool(true));
+        let held = row.get("mean_thrust_n").is_some_and(Value::is_number);
         for (column, quantity) in self.columns.iter_mut().zip(QUANTITIES) {
             let value = row.get(quantity.key).and_then(Value::as_f64);
-            column.push(value.filter(|_| complete).unwrap_or(f64::NAN));
+            let shown = complete && !(held && quantity.of_free_heads);
+            column.push(value.filter(|_| shown).unwrap_or(f64::NAN));
         }
         if !complete {
             let ending = row.get("ending").and_then(Value::as_str).unwrap_or_default();
@@ -232,7 +249,7 @@ impl Cases {
         }
     }
 
-    /// The figures, as file names and SVG: each axis' effect on the displacement, main effects on every quantity, paths of
+    /// The figures, as file names and SVG: each axis' effect on the displacement or thrust, main effects on every quantity, paths of
     /// the centres of mass, and the split's levels against each other.
     ///
     /// # Errors
@@ -244,11 +261,13 @@ impl Cases {
         let shown: Vec<usize> =
             (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
         let parts = self.parts();
-        if let Some((quantity, column)) = drawn().next().filter(|(_, column)| known(column)) {
+        // The displacement, or where heads are held the thrust.
+        if let Some((quantity, column)) = drawn().find(|(_, column)| known(column)) {
+            let stem = if quantity.of_free_heads { "displacement" } else { "thrust" };
             for (label, cases) in &parts {
                 for axis in &shown {
                     let chart = self.against(*axis, quantity, column, label, cases);
-                    figures.push((file(&["displacement", &self.axes[*axis].name, label]), chart.svg()?));
+                    figures.push((file(&[stem, &self.axes[*axis].name, label]), chart.svg()?));
                 }
             }
             if let Some(chart) = self.compared(quantity, column) {

@@ -27,6 +27,7 @@ pub struct Page<'a> {
 struct Content<'a> {
     summary: &'a Summary,
     displacement: String,
+    cycles: String,
     rows: Vec<(String, String)>,
     figures: Vec<Figure<'a>>,
     notes: &'a [String],
@@ -87,6 +88,7 @@ impl Page<'_> {
         let content = Content {
             summary: self.summary,
             displacement: format!("{:.6e}", self.summary.net_displacement_m),
+            cycles: self.summary.cycles.to_string(),
             rows,
             figures: self.figures.iter().map(|(file, svg)| Figure { file, svg }).collect(),
             notes: self.notes,

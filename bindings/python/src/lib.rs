@@ -23,6 +23,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stepper::Snapshot>()?;
     module.add_class::<stepper::Stepper>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
+    module.add_function(wrap_pyfunction!(stepper::variable, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_function(wrap_pyfunction!(sweep::sweep, module)?)?;
     module.add_function(wrap_pyfunction!(study::study, module)?)?;

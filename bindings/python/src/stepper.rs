@@ -1,10 +1,11 @@
 //! The stepper.
 
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
 use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
 
 use caudal::stepper::{Change, snapshot};
-use caudal::variable::Size;
+use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
@@ -43,9 +44,43 @@ impl Variable {
     fn __repr__(&self) -> String {
         format!("<caudal.Variable {} ({}, {}): {}>", self.name, self.unit, self.causality, self.description)
     }
+
+    fn __eq__(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
+        Ok(self.name == other.name && self.shape.bind(py).eq(other.shape.bind(py))?)
+    }
+
+    fn __hash__(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.name.hash(&mut hasher);
+        hasher.finish()
+    }
+
+    /// For pickle: all but name and shape is the table's.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&'static str, Py<PyTuple>))> {
+        Ok((py.import("caudal._caudal")?.getattr("_variable")?, (self.name, self.shape.clone_ref(py))))
+    }
+}
+
+/// A variable from what pickle keeps of it.
+#[pyfunction]
+#[pyo3(name = "_variable")]
+pub fn variable(name: &str, shape: Py<PyTuple>) -> PyResult<Variable> {
+    let found = VARIABLES.iter().find(|variable| variable.name == name);
+    let found = found.ok_or_else(|| PyValueError::new_err(format!("this version has no variable `{name}`")))?;
+    Ok(Variable::with(found, shape))
 }
 
 impl Variable {
+    fn with(variable: &'static caudal::variable::Variable, shape: Py<PyTuple>) -> Self {
+        Self {
+            name: variable.name,
+            unit: variable.unit,
+            causality: variable.causality.name(),
+            description: variable.description,
+            shape,
+        }
+    }
+
     /// What Python sees of `variable` in `model`.
     pub fn of(
         py: Python<'_>,
@@ -56,13 +91,7 @@ impl Variable {
             Size::Scalar => PyTuple::empty(py),
             Size::Nodes | Size::Joints => PyTuple::new(py, [variable.len(model)])?,
         };
-        Ok(Self {
-            name: variable.name,
-            unit: variable.unit,
-            causality: variable.causality.name(),
-            description: variable.description,
-            shape: shape.unbind(),
-        })
+        Ok(Self::with(variable, shape.unbind()))
     }
 }
 

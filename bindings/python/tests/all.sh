@@ -16,7 +16,6 @@ skip() {
 "$python" -m pip install --quiet -r bindings/fmi/tests/requirements.txt -r bindings/python/tests/requirements.txt ||
     skip "the packages of both requirements.txt must be within reach of pip"
 
-cargo build --quiet --release --locked
-MATURIN_PEP517_ARGS=--locked "$python" -m pip install --quiet --no-deps --force-reinstall ./bindings/python
-CAUDAL_COMMAND="$PWD/target/release/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
+"$python" -m pip install --quiet --no-deps --force-reinstall ./bindings/python
+"$python" -m pytest --quiet -p no:cacheprovider \
     bindings/python/tests bindings/fmi/examples

@@ -2,7 +2,9 @@
 
 import json
 import os
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -31,10 +33,10 @@ def scene(request):
 
 @pytest.fixture(scope="session")
 def command():
-    """The command as the tests' set-up has built it."""
-    path = os.environ.get("CAUDAL_COMMAND")
+    """The command that comes with the package."""
+    path = shutil.which("caudal", path=str(Path(sys.executable).parent))
     if not path:
-        pytest.skip("CAUDAL_COMMAND names no caudal command to compare with")
+        pytest.skip("the package is installed without its command: pip install ./bindings/python")
 
     def run(scene, *arguments):
         overrides = [f"--set={assignment}" for assignment in (scene.overrides if scene else [])]

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import caudal
 import caudal.errors
 import caudal.result
@@ -46,6 +48,7 @@ def test_everything_public_has_a_docstring():
 
 def test_stubs_name_what_there_is():
     """stubtest of mypy: the .pyi and the module have the same names and signatures."""
+    pytest.importorskip("mypy", reason="pip install mypy")
     for command in (["-m", "mypy.stubtest", "caudal", "--ignore-missing-stub"], ["-m", "mypy", "--strict", "-p", "caudal"]):
         outcome = subprocess.run([sys.executable, *command], capture_output=True, text=True, cwd=HERE)
         assert outcome.returncode == 0, outcome.stdout + outcome.stderr

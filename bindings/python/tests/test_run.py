@@ -4,7 +4,9 @@ import csv
 import html
 import json
 import math
+import multiprocessing
 import os
+import pickle
 import re
 import signal
 import subprocess
@@ -188,3 +190,52 @@ def test_what_cannot_be_written_is_an_error_and_wrong_arguments_too(tmp_path):
     assert Path(caught.value.path) == tmp_path / "file" and isinstance(caught.value, OSError)
     with pytest.raises(TypeError):
         caudal.run(scene, progress=3)
+
+
+def measured(path, stiffness):
+    """A run in another process."""
+    return caudal.run(path, record=["tip_y_m", "x_m"]) if stiffness is None else caudal.run(
+        caudal.load(path, set={"rod.youngs_modulus_pa": stiffness, "solver.duration_s": 0.2})
+    )
+
+
+def test_results_come_back_from_other_processes(scene):
+    result = caudal.run(scene)
+    copy = pickle.loads(pickle.dumps(result))
+    assert copy.summary == result.summary and copy.variables == result.variables and copy.notes == result.notes
+    assert copy.to_html() == result.to_html() and copy.scene.text == scene.text
+    for name in result:
+        np.testing.assert_array_equal(copy[name], result[name])
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        runs = pool.starmap(measured, [("models/driven-head.toml", stiffness) for stiffness in (1e6, 4e6)])
+    for stiffness, there in zip((1e6, 4e6), runs):
+        here = measured("models/driven-head.toml", stiffness)
+        np.testing.assert_array_equal(there["tip_y_m"], here["tip_y_m"])
+
+
+def test_a_failure_in_another_process_keeps_its_numbers_and_its_result():
+    with pytest.raises(caudal.Error) as caught:
+        caudal.run(caudal.load("models/newmark-compare-newmark.toml", set={"solver.time_step_s": 5e-3}))
+    copy = pickle.loads(pickle.dumps(caught.value))
+    assert type(copy) is type(caught.value) and str(copy) == str(caught.value)
+    assert copy.time_s == caught.value.time_s and len(copy.result["time_s"]) == len(caught.value.result["time_s"])
+
+
+def test_a_name_that_is_not_recorded_is_a_key_error_with_the_nearest_names():
+    result = caudal.run(caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.02}))
+    with pytest.raises(KeyError, match="did you mean `tip_dx_m` or .*run") as caught:
+        result["tip_x_m"]
+    assert isinstance(caught.value, caudal.errors.UnknownVariableError)
+    assert (caught.value.name, caught.value.nearest) == ("tip_x_m", "tip_dx_m")
+    with pytest.raises(KeyError, match="`speed` is not recorded; .*time_s"):
+        result["speed"]
+    assert "speed" not in result and result.get("speed") is None
+
+
+def test_the_averages_over_cycles_are_in_the_summary_and_in_the_stepper():
+    with caudal.Stepper("models/driven-head.toml") as tail:
+        tail.do_step(1.0)
+        assert tail.get("cycles_used") >= 1 and tail.get("cycle_thrust_n") != 0.0
+    summary = caudal.run("models/driven-head.toml").summary
+    assert summary["cycles_used"] >= 1 and summary["cycle_thrust_n"] == pytest.approx(summary["mean_thrust_n"], rel=1.0)
+    assert {"cycle_speed_m_s", "cycle_speed_spread_m_s", "cycle_efficiency", "cycles_periodic"} <= set(summary)

@@ -177,7 +177,7 @@ def test_mistakes_are_exceptions_with_the_library_s_fields():
     tail = caudal.Stepper("models/glycerol.toml")
     with pytest.raises(caudal.errors.UnknownVariableError, match="did you mean `tip_x_m`") as caught:
         tail.get("tip_x")
-    assert (caught.value.name, caught.value.nearest) == ("tip_x", "tip_x_m") and isinstance(caught.value, LookupError)
+    assert (caught.value.name, caught.value.nearest) == ("tip_x", "tip_x_m") and isinstance(caught.value, KeyError)
     for h in [0.0, -1.0, float("nan"), float("inf")]:
         with pytest.raises(caudal.errors.StepError) as caught:
             tail.do_step(h)

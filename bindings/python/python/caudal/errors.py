@@ -200,8 +200,8 @@ class StepError(Error, ValueError):
     value: float
 
 
-class UnknownVariableError(Error, LookupError):
-    """No variable has this name in this scene.
+class UnknownVariableError(Error, KeyError):
+    """No variable has this name in this scene, or none is recorded under it.
 
     Attributes
     ----------
@@ -213,6 +213,8 @@ class UnknownVariableError(Error, LookupError):
 
     name: str
     nearest: Optional[str]
+
+    __str__ = Exception.__str__  # a KeyError would show its text in quotes
 
 
 class NotAnInputError(Error, ValueError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import html
 import os
 from collections.abc import Mapping
@@ -11,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _run
+from .errors import UnknownVariableError
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -113,6 +115,15 @@ def run(
     return result
 
 
+def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
+    """That nothing is recorded as `name`, with the nearest of what is."""
+    near = difflib.get_close_matches(str(name), there, n=3)
+    advice = "did you mean " + " or ".join(f"`{other}`" for other in near) + "?" if near else "allowed: " + ", ".join(there)
+    error = UnknownVariableError(f"`{name}` is not recorded; {advice}; run(..., record=[...]) chooses what is")
+    error.name, error.nearest = str(name), near[0] if near else None
+    return error
+
+
 class Result(Mapping[str, Array]):
     """What came out of a run: NumPy arrays by the names of variables, with the summary.
 
@@ -148,7 +159,10 @@ class Result(Mapping[str, Array]):
         return bool(self.summary["complete"])
 
     def __getitem__(self, name: str) -> Array:
-        return self._arrays[name]
+        try:
+            return self._arrays[name]
+        except KeyError:
+            raise _unknown(name, self._arrays) from None
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._arrays)
@@ -204,8 +218,8 @@ class Result(Mapping[str, Array]):
             return self._overview()
         figure = Figure(figsize=(7, 1 + 2 * len(names)), layout="constrained")
         for axes, name in zip(figure.subplots(len(names), sharex=True, squeeze=False)[:, 0], names):
-            variable = self.variables[name]
             axes.plot(self["time_s"], self[name], linewidth=1)
+            variable = self.variables[name]
             axes.set_ylabel(f"{name}\n({variable.unit})")
             axes.grid(alpha=0.3)
         axes.set_xlabel("time (s)")
