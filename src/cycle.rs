@@ -685,6 +685,14 @@ impl Averages {
     }
 }
 
+/// Four digits.
+fn short(x: f64) -> String {
+    match x.abs() {
+        size @ 1e-3..1e4 => format!("{x:.*}", (3 - size.log10().floor() as i32).max(0) as usize),
+        _ => format!("{x:.3e}"),
+    }
+}
+
 /// One sentence: how it swims, or how the tail pushes its head.
 impl std::fmt::Display for Averages {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -722,7 +730,7 @@ impl std::fmt::Display for Averages {
         for (name, measure) in shown {
             if let Some(mean) = self.mean(measure) {
                 let unit = if measure.unit == "1" { String::new() } else { format!(" {}", measure.unit) };
-                part(f, format!("{name} {mean:.4e}{unit}"))?;
+                part(f, format!("{name} {}{unit}", short(mean)))?;
             }
         }
         match self.periodic {

@@ -35,7 +35,9 @@ duration_s = 4.0
 "#;
 
 /// What makes of the soft swimmer a thin one whose lowest natural frequency its drive meets: it swims tail first.
-const RESONANT: [&str; 8] = [
+const RESONANT: [&str; 10] = [
+    "solver.integrator=newmark",
+    "actuation.kappa_amp=4.8",
     "rod.nodes=17",
     "rod.outer_radius_m=0.012",
     "rod.youngs_modulus_pa=5e6",
@@ -194,6 +196,7 @@ fn averages_converge_with_steps_that_do_not_divide_the_period_and_adaptive_ones_
                 error(middle[i]),
                 error(mean(&adaptive, measure))
             );
+            // Measured: order 1.9 to 3.4, adaptive at most 1.4e-3.
             failed |= order(error(coarse[i]), error(middle[i])) < 1.7 || error(mean(&adaptive, measure)) > 2e-3;
         }
         assert!(!failed, "{head}");

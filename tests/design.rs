@@ -133,12 +133,20 @@ fn stiffness_is_recovered_from_clean_and_noisy_markers() {
     const NOISES: [f64; 5] = [0.0, 1e-6, 1e-5, 1e-4, 1e-3];
     let mut table = "nodes,profile,noise_m,rms_error,predicted,identified,joints,rms_error_all\n".to_string();
     let mut series = Vec::new();
-    for (nodes, profile) in [(9, 0), (17, 0), (33, 0), (17, 1), (17, 2)] {
+    // Nodes, profile, and how many joints are identified, of 7, 15 and 31, under each noise, as measured.
+    let cases = [
+        (9, 0, [7, 7, 7, 7, 5]),
+        (17, 0, [15, 15, 15, 12, 0]),
+        (33, 0, [31, 30, 26, 10, 0]),
+        (17, 1, [15, 15, 15, 12, 3]),
+        (17, 2, [15, 15, 15, 13, 0]),
+    ];
+    for (nodes, profile, measured) in cases {
         let scene = scene(EEL, &[&format!("rod.nodes={nodes}"), PROFILES[profile], FINE]);
         let markers = clean(&scene);
         let even = scene_with_even_profile(nodes);
         let (mut errors, mut predictions) = (Vec::new(), Vec::new());
-        for sigma in NOISES {
+        for (sigma, measured) in NOISES.into_iter().zip(measured) {
             // Root mean squares over three noises.
             let seeds = if sigma == 0.0 { 1..2 } else { 1..4 };
             let found: Vec<Identified> = seeds.map(|seed| self::found(&even, &noisy(&markers, sigma, seed))).collect();
@@ -154,11 +162,17 @@ fn stiffness_is_recovered_from_clean_and_noisy_markers() {
             );
             let name = ["linear", "step", "bump"][profile];
             table += &format!("{nodes},{name},{sigma:e},{error:e},{predicted:e},{identified},{joints},{all:e}\n");
+            // One more or less by rounding.
+            assert!(
+                (identified as i32 - measured).abs() <= 1,
+                "{nodes} {profile} {sigma:e}: {identified}, not {measured}"
+            );
             if sigma == 0.0 {
                 assert!(error <= 1e-4, "{nodes} {profile}: {error:e}");
             } else {
-                // With much noise no joint is identified any more, and none is called so.
-                assert!(!error.is_nan() || sigma >= 1e-4, "{nodes} {profile} {sigma:e}");
+                // Where no joint is identified there is no error of one either.
+                assert!(!error.is_nan() || measured == 0, "{nodes} {profile} {sigma:e}");
+                // Measured: 0.53 to 1.45.
                 assert!(error.is_nan() || (0.5..=2.0).contains(&(error / predicted)), "{nodes} {profile} {sigma:e}");
                 errors.push((sigma, error));
                 predictions.push((sigma, predicted));

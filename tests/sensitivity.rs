@@ -213,8 +213,8 @@ fn rounding(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
 }
 
 /// The study's aluminium tail. One rounding of a displacement of 0.1 m is 1e-9 N along an edge (EA/ΔL = 8e7 N/m), or 2e-8 m/s²
-/// of a node: that in 100 steps is what is left. 1e-10 is asked for, or what rounding does to the forward derivatives alone where
-/// that is more. Measured: 2.6e-11, 5.6e-11 and 5.2e-11, where rounding does 1.8e-10, 1.0e-10 and 1.8e-10.
+/// of a node: that in 100 steps is what is left. Measured: 2.6e-11, 5.6e-11 and 5.2e-11, where rounding alone does 1.8e-10, 1.0e-10
+/// and 1.8e-10 to the forward derivatives.
 #[test]
 fn adjoint_derivatives_of_the_aluminium_tail_are_the_forward_ones() {
     for method in methods() {
@@ -228,7 +228,8 @@ fn adjoint_derivatives_of_the_aluminium_tail_are_the_forward_ones() {
         let error = adjoint_error(&aluminium, |unit| unit == "m");
         let rounding = rounding(&aluminium, |unit| unit == "m");
         println!("{method}: {error:.1e}, rounding of the forward derivatives {rounding:.1e}");
-        assert!(error <= 1e-10_f64.max(rounding), "{method}: {error:e} {rounding:e}");
+        assert!(error <= 1e-10, "{method}: {error:e}");
+        assert!(rounding <= 4e-10, "{method}: {rounding:e}");
     }
 }
 

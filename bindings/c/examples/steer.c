@@ -1,6 +1,6 @@
 /* A proportional controller steers a swimming tail: it bends the whole tail against the drift of its centre of mass.
  *
- *   steer SCENE [gain]
+ *   steer SCENE [gain [table.key=value]...]
  *
  * prints time, x, y and the bend (1/m) every 0.1 s, and at the end shows that going back to a saved state repeats the run. */
 
@@ -53,13 +53,13 @@ static double steer(caudal_simulation *tail, double gain, double end, int print)
 int main(int argc, char **argv)
 {
     if (argc < 2) {
-        fprintf(stderr, "usage: %s SCENE [gain]\n", argv[0]);
+        fprintf(stderr, "usage: %s SCENE [gain [table.key=value]...]\n", argv[0]);
         return 2;
     }
     const double gain = argc > 2 ? atof(argv[2]) : 5.0;
-    const char *overrides[] = {"solver.integrator=newmark"};
+    const char *const *overrides = argc > 3 ? (const char *const *)argv + 3 : NULL;
     caudal_simulation *tail = NULL;
-    must(caudal_load(argv[1], overrides, 1, &tail), "load");
+    must(caudal_load(argv[1], overrides, argc > 3 ? (size_t)argc - 3 : 0, &tail), "load");
     steer(tail, gain, 0.5, 1);
 
     /* What was saved, written as bytes and read again goes on as before. */

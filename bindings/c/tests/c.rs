@@ -97,8 +97,7 @@ fn a_c_host_compiles_without_a_warning_and_runs_clean() {
     }
 
     // The same controller over the stepper itself.
-    let mut document = Document::read(&scene).unwrap();
-    document.set("solver.integrator=newmark").unwrap();
+    let document = Document::read(&scene).unwrap();
     let mut tail = Stepper::of(&document.scene().unwrap()).unwrap();
     let mut expected = String::new();
     let joints = tail.get("natural_curvature_1_m").unwrap().len();
@@ -142,4 +141,30 @@ fn pkg_config_knows_how_to_compile_and_link() {
         .arg("-o")
         .arg(&program));
     run(Command::new(program).arg(here().join("../../models/baseline-smooth.toml")));
+}
+
+#[test]
+fn the_example_steers_every_scene_of_the_models() {
+    if !there_is("cc", "install a C compiler (Debian: apt-get install gcc libc6-dev)") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    install(folder.path());
+    let lib = folder.path().join("lib");
+    let flags = [format!("-L{}", lib.display()), format!("-Wl,-rpath,{}", lib.display())];
+    let program = compile(folder.path(), "steer", &[&flags[0], &flags[1], "-lcaudal"]);
+    let mut steered = 0;
+    for entry in std::fs::read_dir(here().join("../../models")).unwrap() {
+        let path = entry.unwrap().path();
+        let is_scene = |path: &Path| {
+            let toml = path.extension().is_some_and(|extension| extension == "toml");
+            toml && !std::fs::read_to_string(path).unwrap().lines().any(|line| line.starts_with("scene ="))
+        };
+        // The finest meshes would take minutes.
+        if is_scene(&path) && Document::read(&path).unwrap().scene().unwrap().rod.nodes.get() <= 2000 {
+            run(Command::new(&program).arg(&path));
+            steered += 1;
+        }
+    }
+    assert!(steered >= 15, "{steered}");
 }
