@@ -34,13 +34,13 @@ time_step_s = 1e-3
 duration_s = 4.0
 "#;
 
-/// What makes of the soft swimmer a thin one whose lowest natural frequency its drive meets: it swims tail first.
-const RESONANT: [&str; 10] = [
+/// What makes of the soft swimmer, which is driven beyond its natural frequency and swims tail first, one that follows its drive.
+const STIFF: [&str; 10] = [
     "solver.integrator=newmark",
     "actuation.kappa_amp=4.8",
     "rod.nodes=17",
     "rod.outer_radius_m=0.012",
-    "rod.youngs_modulus_pa=5e6",
+    "rod.youngs_modulus_pa=5e7",
     "rod.stiffness_gradient=1.0",
     "actuation.wavelength_m=1.0",
     "medium.viscosity_pa_s=0.8",
@@ -321,8 +321,8 @@ fn where_there_is_no_whole_cycle_it_is_said_why() {
 #[test]
 fn every_measure_is_in_the_summary_and_in_the_table_of_variables_and_tail_first_is_said() {
     for (scene, swims) in [
-        (scene_of(SOFT, &["solver.duration_s=2.0"]), Some("head first")),
-        (scene_of(SOFT, &RESONANT), Some("tail first")),
+        (scene_of(SOFT, &["solver.duration_s=2.0"]), Some("tail first")),
+        (scene_of(SOFT, &STIFF), Some("head first")),
         (scene_of(HELD, &[]), None),
     ] {
         let mut tail = Stepper::of(&scene).unwrap();

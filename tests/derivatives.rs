@@ -158,7 +158,8 @@ fn the_rate_of_every_output_is_what_small_steps_show() {
             let difference = 2.0 * fine[i] - coarse[i];
             let error = (difference - exact[i]).abs() / (1e-3 + exact[i].abs());
             worst = worst.max(error);
-            assert!(error < 2e-3, "{scene}: d{}[{k}]/dt: {} against {difference}: {error:e}", output.name, exact[i]);
+            // Measured: 1.5e-4.
+            assert!(error < 5e-4, "{scene}: d{}[{k}]/dt: {} against {difference}: {error:e}", output.name, exact[i]);
         }
     }
     println!("worst {worst:e}");

@@ -89,7 +89,7 @@ fn the_shape_model_is_as_good_as_implicit_euler_without_a_matrix_in_a_thirtieth_
     assert!(error(&shape) <= 1e-3); // measured: 1.6e-4
     assert!(error(&euler) >= error(&shape));
     assert_eq!(shape.work().factorisations, 0);
-    assert!(iterations >= 30 * evaluations, "{}", iterations / evaluations);
+    assert!(iterations >= 30 * evaluations, "{}", iterations / evaluations); // measured: 40
 }
 
 #[test]
@@ -146,7 +146,7 @@ fn the_whole_model_becomes_the_overdamped_one_as_mass_vanishes() {
         let ratio = pair[0] / pair[1];
         assert!((8.0..12.0).contains(&ratio), "{distances:?}"); // first order in the mass
     }
-    assert!(distances[3] <= 5e-6, "{distances:?}"); // of a length of 0.1 m
+    assert!(distances[3] <= 5e-6, "{distances:?}"); // measured: 2.4e-6, of a length of 0.1 m
 }
 
 #[test]
@@ -164,6 +164,7 @@ fn balance_recovers_the_moments_and_the_reaction_of_the_whole_model() {
             let (Ok(found), Ok(expected)) = (shape.get(name), full.get(name)) else { continue };
             let error = distance(&found, &expected) / largest(expected.iter().copied());
             println!("{name}: {error:e}");
+            // Measured: 1.1e-2, of the power, and 6.4e-3, of the force along the rod.
             assert!(error <= 2e-2, "{name}: {found:?} {expected:?}");
         }
     }
@@ -182,7 +183,7 @@ fn every_rung_closes_its_energy_balance() {
             let size = largest([work.actuation, work.viscous, work.load, work.head, work.flow]);
             let defect = meter.numerical_dissipation() / size;
             println!("{} : {defect:e} {work:?} {:?}", rung.name, meter.now.energy);
-            assert!(defect.abs() <= 1e-4, "{}: {defect:e}", rung.name);
+            assert!(defect.abs() <= 1e-5, "{}: {defect:e}", rung.name); // measured: 2.7e-6
         }
     }
 }
@@ -229,10 +230,13 @@ fn a_shape_that_changes_at_once_keeps_its_momentum_and_its_balance() {
     tail.set("natural_curvature_1_m", &vec![0.5; joints]).unwrap();
     tail.do_step(1e-9).unwrap();
     let difference = distance(&before, &momenta(&tail)) / largest(before);
+    let moved = (tail.get("x_com_m").unwrap()[0] - at[0]).abs();
+    println!("{difference:e}, {moved:e} m");
     assert!(difference <= 1e-6, "{difference:e}");
-    assert!((tail.get("x_com_m").unwrap()[0] - at[0]).abs() <= 1e-8);
+    assert!(moved <= 1e-8, "{moved:e}");
     tail.do_step(0.5).unwrap();
     let defect = tail.meter().numerical_dissipation() / tail.meter().totals.work.viscous;
+    println!("{defect:e}");
     assert!(defect.abs() <= 1e-6, "{defect:e}");
 }
 
@@ -260,7 +264,7 @@ fn shape_converges_with_its_order_and_halves_steps_that_are_too_long() {
     println!("{distances:?}, {} halvings", long.meter().totals.halvings);
     assert_eq!(coarse.meter().totals.halvings, 0);
     assert!((4.5..5.7).contains(&order(distances[0], distances[1])), "{distances:?}");
-    assert!(long.meter().totals.halvings > 0 && distances[2] <= 1e-6, "{distances:?}");
+    assert!(long.meter().totals.halvings > 0 && distances[2] <= 3e-9, "{distances:?}"); // measured: 7.0e-10
 }
 
 /// A part of a model that counts how often it is asked.

@@ -122,8 +122,9 @@ fn forward_derivatives_are_those_of_differences() {
                         for (o, scale) in scales.iter().enumerate() {
                             let error = (derivative(&found, n, o, j) - expected[n * outputs.len() + o]).abs() * size;
                             worst = worst.max(error / scale.max(f64::MIN_POSITIVE));
+                            // Measured: 2.5e-9.
                             assert!(
-                                error <= 1e-6 * scale,
+                                error <= 1e-8 * scale,
                                 "{head} {method} {start} {parameter:?} output {o} {:?} time {n}: {:e} against {:e}, scale {scale:e}",
                                 outputs[o],
                                 derivative(&found, n, o, j),
@@ -177,7 +178,7 @@ fn adjoint_derivatives_are_the_forward_ones() {
             for start in ["start.kind=shaped", "start.kind=jump"] {
                 let error = adjoint_error(&scene(head, method, start), |_| true);
                 println!("{} {method} {start}: {error:.1e}", &head[..20]);
-                assert!(error <= 1e-12, "{head} {method} {start}: {error:e}");
+                assert!(error <= 1e-13, "{head} {method} {start}: {error:e}"); // measured: 1.9e-14
             }
         }
     }
@@ -213,8 +214,8 @@ fn rounding(scene: &Scene, wanted: fn(&str) -> bool) -> f64 {
 }
 
 /// The study's aluminium tail. One rounding of a displacement of 0.1 m is 1e-9 N along an edge (EA/ΔL = 8e7 N/m), or 2e-8 m/s²
-/// of a node: that in 100 steps is what is left. Measured: 2.6e-11, 5.6e-11 and 5.2e-11, where rounding alone does 1.8e-10, 1.0e-10
-/// and 1.8e-10 to the forward derivatives.
+/// of a node: that in 100 steps is what is left. Measured: 2.8e-11, 9.6e-11 and 3.5e-11, where rounding alone does 2.5e-10, 1.1e-10
+/// and 6.2e-11 to the forward derivatives. The bounds are twice the largest of them.
 #[test]
 fn adjoint_derivatives_of_the_aluminium_tail_are_the_forward_ones() {
     for method in methods() {
@@ -228,8 +229,8 @@ fn adjoint_derivatives_of_the_aluminium_tail_are_the_forward_ones() {
         let error = adjoint_error(&aluminium, |unit| unit == "m");
         let rounding = rounding(&aluminium, |unit| unit == "m");
         println!("{method}: {error:.1e}, rounding of the forward derivatives {rounding:.1e}");
-        assert!(error <= 1e-10, "{method}: {error:e}");
-        assert!(rounding <= 4e-10, "{method}: {rounding:e}");
+        assert!(error <= 2e-10, "{method}: {error:e}");
+        assert!(rounding <= 5e-10, "{method}: {rounding:e}");
     }
 }
 
