@@ -56,8 +56,9 @@ impl Variable {
     }
 
     /// For pickle: all but name and shape is the table's.
-    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, (&'static str, Py<PyTuple>))> {
-        Ok((py.import("caudal._caudal")?.getattr("_variable")?, (self.name, self.shape.clone_ref(py))))
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let variable = py.import("caudal._caudal")?.getattr("_variable")?;
+        Ok((variable, (self.name, &self.shape).into_pyobject(py)?))
     }
 }
 
