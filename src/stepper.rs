@@ -1,5 +1,6 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
+mod between;
 mod dense;
 pub mod derivatives;
 pub mod snapshot;
@@ -423,6 +424,9 @@ impl Stepper {
             self.set_out(self.goal)?; // by a look at the step before
         }
         self.before = None;
+        if let Some(dense) = &mut self.dense {
+            dense.forget();
+        }
         self.next.t = end;
         self.mover.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
     }

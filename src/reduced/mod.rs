@@ -11,11 +11,10 @@ mod runge_kutta;
 mod shape;
 
 use crate::error::Result;
-use crate::head::{Row, hermite};
 use crate::integrator::{Integrator, StepError};
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
-use crate::system::{Link, State};
+use crate::system::State;
 pub use estimate::Estimates;
 pub(crate) use full::RUNG as FULL;
 
@@ -124,42 +123,19 @@ pub trait Mover: std::fmt::Debug + Send {
         to: &mut State,
     ) -> Result<StepError>;
 
-    /// True where it knows the state in the middle of a step as well as at its end: work is read there too.
+    /// True where it knows the state within a step as well as at its end: work is read in the middle too.
     fn knows_between(&self) -> bool {
         false
     }
 
-    /// Writes the state at time `t` (s) of the last step, from `from` to `to`, to `out`.
-    fn between(&mut self, _dynamics: &mut Dynamics, from: &State, to: &State, t: f64, out: &mut State) {
-        interpolate(from, to, t, out);
-    }
+    /// Writes the state at time `t` (s) of the last step, which began at `from`, to `out`; only where it
+    /// [knows](Self::knows_between) it.
+    fn between(&mut self, _dynamics: &mut Dynamics, _from: &State, _t: f64, _out: &mut State) {}
 }
 
 impl From<Box<dyn Integrator>> for Box<dyn Mover> {
     /// The whole model.
     fn from(integrator: Box<dyn Integrator>) -> Self {
         (full::RUNG.build)(integrator)
-    }
-}
-
-/// Writes the state at `t` between two states to `out`: positions are the cubic Hermite polynomial of positions and
-/// velocities, velocities that of velocities and accelerations.
-fn interpolate(from: &State, to: &State, t: f64, out: &mut State) {
-    let row =
-        |state: &State, value: &[f64], rate: &[f64], i: usize| Row { time: state.t, value: value[i], rate: rate[i] };
-    let part = (t - from.t) / (to.t - from.t);
-    let between = |a: f64, b: f64| a + part * (b - a);
-    for i in 0..from.q.len() {
-        out.q[i] = hermite(&row(from, &from.q, &from.v, i), &row(to, &to.q, &to.v, i), t).value;
-        out.v[i] = hermite(&row(from, &from.v, &from.a, i), &row(to, &to.v, &to.a, i), t).value;
-        out.a[i] = between(from.a[i], to.a[i]);
-    }
-    for (out, (a, b)) in out.links.iter_mut().zip(from.links.iter().zip(&to.links)) {
-        *out = Link {
-            angle: between(a.angle, b.angle),
-            force: [0, 1].map(|i| between(a.force[i], b.force[i])),
-            moment: between(a.moment, b.moment),
-            curvature: between(a.curvature, b.curvature),
-        };
     }
 }

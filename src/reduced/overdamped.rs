@@ -74,12 +74,4 @@ impl Mover for Overdamped {
         }
         Ok(StepError { position: error(h, &self.v, &to.v), velocity: 0.0 })
     }
-
-    fn between(&mut self, _: &mut Dynamics, from: &State, to: &State, t: f64, out: &mut State) {
-        super::interpolate(from, to, t, out);
-        let part = (t - from.t) / (to.t - from.t);
-        for (i, v) in out.v.iter_mut().enumerate() {
-            *v = from.v[i] + part * (to.v[i] - from.v[i]);
-        }
-    }
 }

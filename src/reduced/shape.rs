@@ -159,7 +159,7 @@ impl Mover for Shape {
         true
     }
 
-    fn between(&mut self, dynamics: &mut Dynamics, from: &State, _: &State, t: f64, out: &mut State) {
+    fn between(&mut self, dynamics: &mut Dynamics, from: &State, t: f64, out: &mut State) {
         if from.memory.is_empty() {
             self.place(dynamics, t, None, out);
         } else {

@@ -1,8 +1,10 @@
 //! Dense output: what a run was like at any time of its last internal step, at no cost to the steps.
 //!
-//! A [`Mover`](crate::reduced::Mover) knows the state in between, as a rule to the fourth order in the step.
+//! Either the [`Mover`](crate::reduced::Mover) knows the state in between, or it follows from the ends of the step
+//! ([`Between`]).
 
 use super::Stepper;
+use super::between::Between;
 use crate::error::{Error, Result};
 use crate::metrics::{Meter, Reading};
 use crate::system::{State, System};
@@ -13,12 +15,18 @@ use crate::variable::View;
 pub(super) struct Dense {
     state: State,
     meter: Meter,
+    between: Between,
 }
 
 impl Dense {
     /// Room for states like `state`.
     pub(super) fn new(state: &State, meter: &Meter) -> Self {
-        Self { state: state.clone(), meter: meter.clone() }
+        Self { state: state.clone(), meter: meter.clone(), between: Between::default() }
+    }
+
+    /// Forgets the step, as another one is made.
+    pub(super) fn forget(&mut self) {
+        self.between.forget();
     }
 
     /// What was read last.
@@ -33,7 +41,7 @@ impl Stepper {
         let (from, to) = (&self.state, &self.next);
         let t = 0.5 * (from.t + to.t);
         let dense = self.dense.get_or_insert_with(|| Dense::new(from, &self.meter));
-        self.mover.between(&mut self.dynamics, from, to, t, &mut dense.state);
+        self.mover.between(&mut self.dynamics, from, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
         dense.meter.now.take(&mut self.dynamics, &dense.state)?;
         self.dynamics.move_to(self.next.t, &mut self.next);
@@ -55,15 +63,21 @@ impl Stepper {
             return outside(from.t);
         }
         let dense = self.dense.get_or_insert_with(|| Dense::new(&self.state, &self.meter));
-        self.mover.between(&mut self.dynamics, from, &self.state, t, &mut dense.state);
-        self.dynamics.move_to(t, &mut dense.state);
-        let reading = dense.meter.now.take(&mut self.dynamics, &dense.state);
+        let Dense { state, meter, between } = dense;
+        let placed = if self.mover.knows_between() {
+            self.mover.between(&mut self.dynamics, from, t, state);
+            self.dynamics.move_to(t, state);
+            Ok(())
+        } else {
+            between.write(&mut self.dynamics, [from, &self.state], t, state)
+        };
+        let reading = placed.and_then(|()| meter.now.take(&mut self.dynamics, state));
         let outcome = reading.map(|()| {
-            dense.meter.totals = totals.until(&self.meter.totals, [&self.reading, &self.meter.now], &dense.meter.now);
+            meter.totals = totals.until(&self.meter.totals, [&self.reading, &self.meter.now], &meter.now);
             look(&View {
                 dynamics: &self.dynamics,
-                state: &dense.state,
-                meter: &dense.meter,
+                state,
+                meter,
                 cycles: &self.cycles,
                 work: self.newton.work,
                 time_step: self.time_step,

@@ -1,0 +1,254 @@
+//! The state within a step, from the states at its ends: as good as those, whatever the stiffness of the rod.
+//!
+//! Motions are smooth, so cubics of values and rates say where the rod is. Forces are not read from such positions: the
+//! error of a cubic, however small, stretches and bends a stiff rod by far more than the forces that act on it. They are
+//! the line between the forces at the ends and what balance adds to it, from inertia, drag and loads alone: N and M of the
+//! edges and joints at which M a − F vanishes on all nodes beyond them. What a joint's own directions add to the line is as
+//! good where the rod is so soft that moments are small differences of large ones; the smaller of the two is taken. The
+//! links of the state hold these forces, and its edges have the lengths that their tensions give them.
+
+use nalgebra::Vector2;
+
+use crate::error::Result;
+use crate::model::{Dynamics, Mechanics};
+use crate::rod::{Edge, bend, node, stretch};
+use crate::system::{Link, State, System};
+
+/// The most that the rates at the ends of a step may differ from the mean one, as rotations (rad) and lengths over L over
+/// the step: beyond it they say nothing of the step. Where a step resolves the motion it is about (ωh)²/2.
+const UNRESOLVED: f64 = 0.5;
+
+/// The same for velocities, over the largest at the ends; a rod that sets out from rest with v ∝ tⁿ has n − 1.
+const UNRESOLVED_SPEED: f64 = 4.0;
+
+/// Part of EA beyond which a compression is not taken from balance.
+const CRUSHED: f64 = 0.5;
+
+/// A place in a step.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    /// Part of the step before it.
+    z: f64,
+    /// The step, s.
+    h: f64,
+}
+
+impl Place {
+    /// The line between the values at the ends.
+    fn line(self, from: f64, to: f64) -> f64 {
+        from + self.z * (to - from)
+    }
+
+    /// The cubic with these values and rates at the ends, and its rate; the rates times h differ from the change by `limit`
+    /// at most.
+    fn cubic(self, [from, to]: [f64; 2], rates: [f64; 2], limit: f64) -> [f64; 2] {
+        let Self { z, h } = self;
+        let change = to - from;
+        let [a, b] = rates.map(|rate| (rate * h - change).max(-limit).min(limit));
+        let rest = 1.0 - z;
+        let value = from + z * (change + rest * (rest * a - z * b));
+        [value, (change + rest * (1.0 - 3.0 * z) * a - z * (2.0 - 3.0 * z) * b) / h]
+    }
+}
+
+/// Tension (N) of every edge and m_k (N m) of every joint.
+#[derive(Debug, Default)]
+struct Forces {
+    tension: Vec<f64>,
+    moment: Vec<f64>,
+}
+
+impl Forces {
+    /// Those that hold a rod of these `edges` and curvatures `bent` as it moves in `state`: from balance, whatever EA and EI.
+    fn balance(&mut self, dynamics: &Dynamics, edges: &[Edge], bent: &[f64], state: &State, applied: &mut Vec<f64>) {
+        let rod = &dynamics.model.rod;
+        applied.resize(state.q.len(), 0.0);
+        dynamics.write_applied(edges, &state.v, applied);
+        self.tension.resize(edges.len(), 0.0);
+        self.moment.resize(rod.nodes, 0.0);
+        let (mut force, mut couple) = (Vector2::zeros(), 0.0);
+        for k in (0..rod.nodes).rev() {
+            if let Some(edge) = edges.get(k) {
+                self.tension[k] = edge.t.dot(&force);
+                couple += edge.length * edge.n().dot(&force);
+            }
+            let joint = rod.joints().contains(&k);
+            self.moment[k] = if joint { couple / bend::curvature_per_turning(bent[k]) } else { 0.0 };
+            force -= node(&state.a, k) * rod.mass[k] + node(applied, k);
+        }
+    }
+}
+
+/// A rod at one time.
+#[derive(Debug, Default)]
+struct Rod {
+    edges: Vec<Edge>,
+    /// Natural curvature κ̄_k.
+    natural: Vec<f64>,
+    /// Curvature κ_k by the directions of the edges.
+    bent: Vec<f64>,
+    /// By balance alone.
+    balance: Forces,
+}
+
+impl Rod {
+    /// Takes over κ̄, which `dynamics` was last moved to, and the curvatures of its own edges.
+    fn bend(&mut self, dynamics: &Dynamics) {
+        self.natural.clone_from(&dynamics.natural);
+        self.bent.resize(dynamics.model.rod.nodes, 0.0);
+        let mut before = dynamics.held.map(|[_, _, angle]| Vector2::new(angle.value.cos(), angle.value.sin()));
+        for (bent, edge) in self.bent.iter_mut().zip(&self.edges) {
+            *bent = before.map_or(0.0, |before| bend::curvature(before, edge.t));
+            before = Some(edge.t);
+        }
+    }
+}
+
+/// An end of a step, with the forces that its state has.
+#[derive(Debug, Default)]
+struct End {
+    rod: Rod,
+    forces: Forces,
+}
+
+impl End {
+    fn read(&mut self, dynamics: &mut Dynamics, state: &State, applied: &mut Vec<f64>) -> Result<()> {
+        dynamics.look_at(state.t);
+        dynamics.shape(state)?;
+        let Self { rod, forces } = self;
+        rod.edges.clear();
+        rod.edges.extend_from_slice(dynamics.edges());
+        rod.bend(dynamics);
+        let of = &dynamics.model.rod;
+        forces.tension.clear();
+        if state.links.is_empty() {
+            forces.tension.extend(rod.edges.iter().map(|edge| stretch::tension(edge, of.ea, of.spacing)));
+        } else {
+            let carried = rod.edges.iter().zip(&state.links);
+            forces.tension.extend(carried.map(|(edge, link)| edge.t.dot(&Vector2::from(link.force))));
+        }
+        let deviations = dynamics.kappa().iter().zip(&rod.natural).map(|(kappa, natural)| kappa - natural);
+        forces.moment.clear();
+        forces.moment.extend(deviations.zip(&of.joint).map(|(deviation, stiffness)| stiffness * deviation));
+        rod.balance.balance(dynamics, &rod.edges, &rod.bent, state, applied);
+        Ok(())
+    }
+}
+
+/// What is known of the last step.
+#[derive(Debug, Default)]
+pub(super) struct Between {
+    ends: [End; 2],
+    /// The ends are those of the last step.
+    known: bool,
+    now: Rod,
+    applied: Vec<f64>,
+}
+
+impl Between {
+    /// Forgets the step, as another one is made.
+    pub(super) fn forget(&mut self) {
+        self.known = false;
+    }
+
+    /// Writes the state at time `t` (s) of the step from `from` to `to`, with links, to `out`; leaves `dynamics` at `t`.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`]; none for a step that was accepted.
+    pub(super) fn write(
+        &mut self,
+        dynamics: &mut Dynamics,
+        [from, to]: [&State; 2],
+        t: f64,
+        out: &mut State,
+    ) -> Result<()> {
+        let Self { ends, known, now, applied } = self;
+        if !*known {
+            ends[0].read(dynamics, from, applied)?;
+            ends[1].read(dynamics, to, applied)?;
+            *known = true;
+        }
+        let [first, last] = &*ends;
+        let h = to.t - from.t;
+        let place = Place { z: (t - from.t) / h, h };
+        out.q.resize(from.q.len(), 0.0);
+        move_nodes(dynamics, [from, to], place, out);
+        dynamics.move_to(t, out);
+        now.edges.clear();
+        for (k, (a, b)) in first.rod.edges.iter().zip(&last.rod.edges).enumerate() {
+            let spin = |edge: &Edge, v: &[f64]| edge.n().dot(&(node(v, k + 1) - node(v, k))) * edge.per_length;
+            let turn = a.t.perp(&b.t).atan2(a.t.dot(&b.t));
+            let [angle, _] = place.cubic([0.0, turn], [spin(a, &from.v), spin(b, &to.v)], UNRESOLVED);
+            let (sin, cos) = angle.sin_cos();
+            now.edges.push(Edge::along(a.t * cos + a.n() * sin, place.line(a.length, b.length)));
+        }
+        now.bend(dynamics);
+        now.balance.balance(dynamics, &now.edges, &now.bent, out, applied);
+        let rod = &dynamics.model.rod;
+        // What is added to the line is no larger than what there is at the ends.
+        let pulls = [&first.forces, &last.forces].map(|forces| super::largest(&forces.tension));
+        let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));
+        let [pull, couple] = [pulls, couples].map(|[a, b]| a.max(b));
+        out.links.clear();
+        out.links.resize(rod.nodes, Link::default());
+        for k in rod.joints() {
+            let line = |of: fn(&End) -> &[f64]| place.line(of(first)[k], of(last)[k]);
+            let stiffness = rod.joint[k];
+            let by_balance = now.balance.moment[k] - line(|end| &end.rod.balance.moment);
+            let by_natural = now.natural[k] - line(|end| &end.rod.natural);
+            let by_shape = stiffness * (now.bent[k] - line(|end| &end.rod.bent) - by_natural);
+            let more = if by_shape.abs() < by_balance.abs() { by_shape } else { by_balance };
+            let moment = line(|end| &end.forces.moment) + more.max(-couple).min(couple);
+            let curvature = now.natural[k] + moment / stiffness;
+            let link = &mut out.links[k];
+            (link.curvature, link.moment) = (curvature, moment * bend::curvature_per_turning(curvature));
+        }
+        let mut here = Vector2::from([out.q[0], out.q[1]]);
+        for (k, edge) in now.edges.iter().enumerate() {
+            let line = |of: fn(&End) -> &[f64]| place.line(of(first)[k], of(last)[k]);
+            let sound = line(|end| &end.forces.tension);
+            let more = now.balance.tension[k] - line(|end| &end.rod.balance.tension);
+            let sum = sound + more.max(-pull).min(pull);
+            let tension = if sum > -CRUSHED * rod.ea { sum } else { sound };
+            let length = rod.spacing * (1.0 + tension / rod.ea);
+            let shear = (out.links[k].moment - out.links[k + 1].moment) / length;
+            let link = &mut out.links[k];
+            link.force = (edge.t * tension + edge.n() * shear).into();
+            link.angle = edge.t.y.atan2(edge.t.x);
+            here += edge.t * length;
+            out.q[2 * k + 2..2 * k + 4].copy_from_slice(here.as_slice());
+        }
+        if dynamics.held.is_none() {
+            let ends = [from, to].map(|end| [rod.mean(&end.q), rod.mean(&end.v)]);
+            let mean = rod.mean(&out.q);
+            for i in 0..2 {
+                let [value, _] = place.cubic(
+                    ends.map(|[x, _]| x[i]),
+                    ends.map(|[_, v]| v[i]),
+                    UNRESOLVED * rod.length,
+                );
+                out.q.iter_mut().skip(i).step_by(2).for_each(|q| *q += value - mean[i]);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Writes velocities and accelerations to `out`: the cubic of velocities and accelerations and its rate; without inertia,
+/// where velocities are those of the positions, the rate of the cubic of positions and velocities, and zero.
+fn move_nodes(dynamics: &Dynamics, [from, to]: [&State; 2], place: Place, out: &mut State) {
+    let inertia = dynamics.mechanics != Mechanics::Overdamped;
+    let limit = if inertia {
+        UNRESOLVED_SPEED * super::largest(&from.v).max(super::largest(&to.v))
+    } else {
+        UNRESOLVED * dynamics.model.rod.length
+    };
+    for i in 0..from.q.len() {
+        let [v, a] = if inertia {
+            place.cubic([from.v[i], to.v[i]], [from.a[i], to.a[i]], limit)
+        } else {
+            [place.cubic([from.q[i], to.q[i]], [from.v[i], to.v[i]], limit)[1], 0.0]
+        };
+        (out.v[i], out.a[i]) = (v, a);
+    }
+}
