@@ -136,7 +136,7 @@ impl Assessment {
         fact(
             "rod",
             format!(
-                "{} nodes, {} unknowns, spacing {:.4e} m, {:.4} kg",
+                "{} nodes, {} unknowns, spacing {:.4e} m, {:.4e} kg",
                 rod.nodes,
                 2 * rod.nodes,
                 rod.spacing,
@@ -211,19 +211,30 @@ impl Assessment {
                 "the drag law is outside its range: it is linear in velocity, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}"
             ));
         }
-        if let Some(steps) = omega.map(|omega| TAU / (omega * step)).filter(|steps| *steps < STEPS_A_PERIOD) {
+        // Steps that a tolerance chooses are judged by it.
+        let fixed = match scene.pace() {
+            Pace::Fixed(step) => Some(step),
+            Pace::Adaptive(_) => None,
+        };
+        let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), step));
+        if let Some((steps, step)) = coarse.filter(|(steps, _)| *steps < STEPS_A_PERIOD) {
             warnings.push(format!(
                 "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {STEPS_A_PERIOD}, solver.time_step_s = {:.1e}",
                 step * steps / STEPS_A_PERIOD
             ));
         }
-        let ringing = self.first_frequency * step;
         let strained = stepper.meter().first_energy > 0.0;
-        if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained && ringing > RESOLVED {
-            warnings.push(format!(
-                "the jump start rings at {:.4} Hz and above, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start = \"shaped\" has no ringing",
-                self.first_frequency / TAU
-            ));
+        if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained {
+            let rings = format!("the jump start rings at {:.4} Hz and above", self.first_frequency / TAU);
+            match fixed.map(|step| self.first_frequency * step) {
+                Some(ringing) if ringing > RESOLVED => warnings.push(format!(
+                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start = \"shaped\" has no ringing"
+                )),
+                Some(_) => {}
+                None => warnings.push(format!(
+                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; start = \"shaped\" has no ringing"
+                )),
+            }
         }
         let sharpest = sharpest_turning(stepper.model());
         if sharpest > FRAC_PI_4 {
@@ -238,7 +249,7 @@ impl Assessment {
             // Its rounding error does not grow with the mesh.
         } else if part < WALL[0] {
             let problem = format!(
-                "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at this time step, or solver.form = \"auto\"",
+                "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {step:.1e} s, or solver.form = \"auto\"",
                 rod.nodes,
                 WALL[0],
                 (rod.length / (WALL[0] * bent)).floor()

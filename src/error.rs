@@ -4,6 +4,9 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+/// How a run comes to smaller steps, whoever chooses them.
+const SMALLER: &str = "smaller steps (solver.time_step_s, or solver.tolerance where that is not given)";
+
 /// Everything that can go wrong, with the numbers inside. Serialised, it is the variant's name with its fields.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize)]
 #[non_exhaustive]
@@ -45,9 +48,8 @@ pub enum Error {
     /// Newton's method did not converge, even after the step was halved.
     #[error(
         "no convergence at t = {time_s} s after {iterations} Newton iterations with a step of {step_s:e} s: last \
-         increment {increment_m:e} m, residual {residual_n:e} N, worst at node {node}; try a smaller \
-         solver.time_step_s, a start that is not `jump`, or fewer nodes"
-    )]
+         increment {increment_m:e} m, residual {residual_n:e} N, worst at node {node}; try {smaller}, a \
+         start that is not `jump`, or fewer nodes", smaller = SMALLER)]
     NotConverged {
         /// Time the step aimed at, s.
         time_s: f64,
@@ -64,8 +66,7 @@ pub enum Error {
     },
     /// A number that is not finite came up.
     #[error(
-        "{what} is not finite at node {node}, t = {time_s} s; try a smaller solver.time_step_s, or look at the inputs"
-    )]
+        "{what} is not finite at node {node}, t = {time_s} s; try {smaller}, or look at the inputs", smaller = SMALLER)]
     NotFinite {
         /// Time, s.
         time_s: f64,
@@ -77,8 +78,7 @@ pub enum Error {
     /// The rod folded over at a joint: its turning reached π, where the curvature is singular.
     #[error(
         "the rod folds over at node {node}, t = {time_s} s: its turning reaches ±180°, where curvature is singular; \
-         try a smaller solver.time_step_s, more nodes, or a weaker actuation"
-    )]
+         try {smaller}, more nodes, or a weaker actuation", smaller = SMALLER)]
     FoldOver {
         /// Time, s.
         time_s: f64,
@@ -88,8 +88,7 @@ pub enum Error {
     /// An edge lost its length, or turned over within one step, which takes it through zero length.
     #[error(
         "the edge between nodes {node} and {} collapses, or turns over in one step, at t = {time_s} s: its length is \
-         {length_m:e} m; try a smaller solver.time_step_s or weaker loads", node + 1
-    )]
+         {length_m:e} m; try {smaller}, or weaker loads", node + 1, smaller = SMALLER)]
     EdgeCollapse {
         /// Time, s.
         time_s: f64,

@@ -175,6 +175,13 @@ impl Reading {
             let node = self.moment.iter().position(|m| !(m * m).is_finite()).unwrap_or(0);
             return Err(Error::NotFinite { time_s: state.t, node, what: "energy or power" });
         }
+        let places = self.com.sum() + self.strain + self.kappa.iter().sum::<f64>() + self.moment.iter().sum::<f64>();
+        let head = self.head_force.sum() + self.head_moment;
+        if !(places + head).is_finite() {
+            let bent = self.kappa.iter().zip(&self.moment);
+            let node = bent.clone().position(|(kappa, moment)| !(kappa + moment).is_finite()).unwrap_or(0);
+            return Err(Error::NotFinite { time_s: state.t, node, what: "position, curvature or force" });
+        }
         (self.energy, self.power) = (energy, power);
         Ok(())
     }
@@ -316,14 +323,22 @@ impl Meter {
     /// Counts the step to `next`, over which the loads did the work `load` (J), and keeps the old reading in `next`.
     /// A reading at the same time counts what an input changed at once. `middle` is the reading in the middle of the step,
     /// where the method knows it as well as the end.
-    pub fn count(&mut self, next: &mut Reading, middle: Option<&Reading>, load: f64, head_mass: f64) {
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for work that is not; nothing is counted then.
+    pub fn count(&mut self, next: &mut Reading, middle: Option<&Reading>, load: f64, head_mass: f64) -> Result<()> {
         let work = match middle {
             Some(middle) => next.smooth_work_since(&self.now, middle, load),
             None => next.work_since(&self.now, load, head_mass),
         };
+        let mut sum = self.totals.work;
+        sum.add(&work);
+        if !sum.net().is_finite() {
+            return Err(Error::NotFinite { time_s: next.time, node: 0, what: "work" });
+        }
         let half_time = 0.5 * (next.time - self.now.time);
         let totals = &mut self.totals;
-        totals.work.add(&work);
+        totals.work = sum;
         totals.energy_time.add(&self.now.energy, half_time);
         totals.energy_time.add(&next.energy, half_time);
         totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
@@ -333,6 +348,7 @@ impl Meter {
         totals.max_strain = totals.max_strain.max(next.strain);
         totals.max_rotation = totals.max_rotation.max(next.rotation_since(&self.now));
         std::mem::swap(&mut self.now, next);
+        Ok(())
     }
 
     /// Counts what a shape that changed at once did, its reading in `next`: the actuation gives what the kinetic energy

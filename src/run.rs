@@ -22,6 +22,9 @@ const NO_DISPLACEMENT: f64 = 1e-9;
 /// A defect of the energy balance from this part of the energies on is worth a word.
 const UNBALANCED: f64 = 0.1;
 
+/// Roundings of a position that an energy is measured with.
+const ROUNDINGS: f64 = 16.0;
+
 /// Strain from which on the linear law of the rod is out of its range. Measured on the scenes of `models/` and
 /// `tests/reference`, 9–129 nodes, steps of 1e-5 … 2e-2 s: at most 0.7 %, in steps whose energy comes from nowhere.
 const STRAINED: f64 = 0.05;
@@ -194,14 +197,22 @@ fn finer(pace: Pace) -> &'static str {
     }
 }
 
-/// What to say of an energy balance that does not close: the mark of steps that are too coarse, or of a wrong root.
-fn balance_note(meter: &Meter, pace: Pace) -> Option<String> {
+/// The energy (J) that rounding gives a rod: that of edges whose ends are rounded where they are.
+fn rounding(stepper: &Stepper) -> f64 {
+    let rod = &stepper.model().rod;
+    let reach = stepper.state().q.iter().fold(rod.length, |max, x| max.max(x.abs()));
+    rod.ea * rod.length * (ROUNDINGS * f64::EPSILON * reach / rod.spacing).powi(2)
+}
+
+/// What to say of an energy balance that does not close, beyond `rounding` (J): the mark of steps that are too coarse, or of
+/// a wrong root.
+fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
     let Power { actuation, viscous, load, head, flow } = meter.totals.work;
     let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, load, head, flow]
         .into_iter()
         .fold(0.0, |max: f64, x| max.max(x.abs()));
     let defect = meter.numerical_dissipation();
-    (defect.abs() > UNBALANCED * scale).then(|| {
+    (defect.abs() > UNBALANCED * scale && defect.abs() > rounding).then(|| {
         let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };
         format!(
             "the energy balance does not close: {:.3e} J {what}, {:.0} % of the largest energy or work; a smaller {} shows whether the result stands",
@@ -233,8 +244,8 @@ fn motion_notes(meter: &Meter, pace: Pace) -> impl Iterator<Item = String> {
 }
 
 impl Summary {
-    /// The summary of a run of `scene`.
-    pub fn of(scene: &Scene, stepper: &Stepper, outcome: &Outcome) -> Self {
+    /// The summary of a run of `scene`, of which `warnings` were known before ([`Assessment`](crate::check::Assessment)).
+    pub fn of(scene: &Scene, stepper: &Stepper, outcome: &Outcome, warnings: &[String]) -> Self {
         let (meter, work) = (stepper.meter(), stepper.work());
         let (now, model) = (&meter.now, stepper.model());
         let elapsed = meter.elapsed();
@@ -308,7 +319,10 @@ impl Summary {
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),
             numerical_dissipation_j: meter.numerical_dissipation(),
-            notes: balance_note(meter, scene.pace()).into_iter().chain(motion_notes(meter, scene.pace())).collect(),
+            notes: (warnings.iter().cloned())
+                .chain(balance_note(meter, rounding(stepper), scene.pace()))
+                .chain(motion_notes(meter, scene.pace()))
+                .collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),

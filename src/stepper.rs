@@ -89,6 +89,8 @@ struct Kick {
     due: bool,
     /// The state before; there once inputs have changed.
     before: State,
+    /// What was measured before, where a shape that changed at once was counted.
+    measured: Option<Box<(Meter, Cycles)>>,
 }
 
 impl Stepper {
@@ -127,7 +129,7 @@ impl Stepper {
             clock: Clock { origin: state.t, count: 0 },
             time_step,
             max_halvings: MAX_HALVINGS,
-            kick: Kick { due: false, before: State::default() },
+            kick: Kick { due: false, before: State::default(), measured: None },
             before: None,
             dense,
             tangent: None,
@@ -148,7 +150,8 @@ impl Stepper {
     /// The start of a scene's run.
     ///
     /// # Errors
-    /// Those of [`Scene::model`], [`Newton::with`] and [`init`](Self::init).
+    /// Those of [`Scene::model`] and [`Newton::with`]; those of [`init`](Self::init) as [`Error::Scene`], as no step is to
+    /// blame.
     pub fn of(scene: &Scene) -> Result<Self> {
         let (solver, model) = (&scene.solver, scene.model()?);
         let choice = scene.choice()?;
@@ -156,7 +159,8 @@ impl Stepper {
         let solved = mover.mechanics() != Mechanics::Shape;
         let form = if solved { scene.form(&model.rod) } else { Form::Positions };
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
-        Ok(Self { scene: scene.fingerprint, choice: Some(choice), ..Self::init(model, mover, newton, scene.pace())? })
+        let start = Self::init(model, mover, newton, scene.pace()).map_err(|error| scene.cannot_start(&error))?;
+        Ok(Self { scene: scene.fingerprint(), choice: Some(choice), ..start })
     }
 
     /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
@@ -247,6 +251,7 @@ impl Stepper {
             return Err(Error::Step(h));
         }
         let (head, kicked) = (self.dynamics.inputs.head, self.kick.due);
+        let (totals, time_step) = (self.meter.totals, self.time_step);
         let outcome = match self.pace {
             Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
             Pace::Adaptive(tolerance) => self.adaptive_steps(start + h, tolerance, look),
@@ -255,9 +260,9 @@ impl Stepper {
             if self.state.t == start {
                 self.dynamics.inputs.head = head; // it has not set out
                 if kicked && !self.kick.due {
-                    std::mem::swap(&mut self.state, &mut self.kick.before);
-                    self.kick.due = true;
+                    self.unsettle();
                 }
+                (self.meter.totals, self.time_step) = (totals, time_step);
             } else {
                 self.before = None;
             }
@@ -375,15 +380,35 @@ impl Stepper {
         if self.kick.due {
             self.dynamics.move_to(self.state.t, &mut self.state);
             self.kick.before.copy_from(&self.state);
-            self.mover.settle(&mut self.dynamics, &mut self.newton, &mut self.state)?;
-            if self.state.q != self.kick.before.q {
-                self.reading.take(&mut self.dynamics, &self.state)?;
-                self.meter.count_jump(&mut self.reading);
-                self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
-            }
+            self.kick.measured = None;
             self.kick.due = false;
+            if let Err(error) = self.settle() {
+                self.unsettle();
+                return Err(error);
+            }
         }
         Ok(())
+    }
+
+    /// Makes the state one of its own under the changed inputs, and counts what that does at once.
+    fn settle(&mut self) -> Result<()> {
+        self.mover.settle(&mut self.dynamics, &mut self.newton, &mut self.state)?;
+        if self.state.q != self.kick.before.q {
+            self.reading.take(&mut self.dynamics, &self.state)?;
+            self.kick.measured = Some(Box::new((self.meter.clone(), self.cycles.clone())));
+            self.meter.count_jump(&mut self.reading);
+            self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
+        }
+        Ok(())
+    }
+
+    /// Takes back what [`settle`](Self::settle) did.
+    fn unsettle(&mut self) {
+        std::mem::swap(&mut self.state, &mut self.kick.before);
+        if let Some(measured) = self.kick.measured.take() {
+            (self.meter, self.cycles) = *measured;
+        }
+        self.kick.due = true;
     }
 
     /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
@@ -436,10 +461,11 @@ impl Stepper {
         let middle = if self.mover.knows_between() { Some(self.middle()?) } else { None };
         self.reading.take(&mut self.dynamics, &self.next)?;
         let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
-        self.before = Some(self.meter.totals);
+        let before = self.meter.totals;
         let middle = middle.and(self.dense.as_ref()).map(Dense::last);
         let reading = middle.map(|(_, reading)| reading);
-        self.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass());
+        self.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass())?;
+        self.before = Some(before);
         std::mem::swap(&mut self.state, &mut self.next);
         self.cycles.follow(&self.dynamics, &self.state, &self.meter, middle);
         Ok(())
@@ -515,17 +541,17 @@ impl Stepper {
         }
         changes.clone().for_each(|change| change.make(&mut self.dynamics, t));
         self.dynamics.move_to(t, &mut self.state);
-        if let Err(error) = self.reading.take(&mut self.dynamics, &self.state) {
+        self.before = None; // its reading is lost
+        let head_mass = self.dynamics.head_mass();
+        let read = self.reading.take(&mut self.dynamics, &self.state);
+        if let Err(error) = read.and_then(|()| self.meter.count(&mut self.reading, None, 0.0, head_mass)) {
             self.dynamics.restore(&self.inputs.0);
             self.dynamics.course.clone_from(&self.inputs.1);
             self.dynamics.move_to(t, &mut self.state);
-            self.before = None; // its reading is lost
             return Err(error);
         }
-        self.before = None;
         self.steered = true;
         self.kick.due |= !self.dynamics.inputs.act_as(&self.inputs.0);
-        self.meter.count(&mut self.reading, None, 0.0, self.dynamics.head_mass());
         self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
         Ok(())
     }

@@ -82,7 +82,8 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
             scene.solver.integrator = integrator.map(str::to_string);
             let scene = scene.with_pace(pace);
             let end = run(&scene);
-            let notes = Summary::of(&scene, &end, &Outcome { ending: Ending::Complete, wall: Duration::ZERO }).notes;
+            let notes =
+                Summary::of(&scene, &end, &Outcome { ending: Ending::Complete, wall: Duration::ZERO }, &[]).notes;
             (scene.integrator_name().to_string(), end.state().q.clone(), end.meter().totals.halvings, notes)
         };
         let step = Pace::Fixed(common::time_step(&Scene::load(&path).unwrap()));

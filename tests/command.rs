@@ -330,3 +330,30 @@ fn a_design_that_cannot_be_written_or_is_wrong_leaves_nothing() {
     assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
     assert!(files(&out).is_empty());
 }
+
+#[test]
+fn what_check_warns_of_is_in_the_notes_of_the_summary() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = ["models/baseline.toml", "--set", "solver.duration_s=0.02"];
+    let checked = caudal(&[&["check"], &scene[..]].concat());
+    let warnings: Vec<_> = text(&checked.stdout).lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
+    assert!(warnings.len() >= 2, "{warnings:?}");
+    assert!(run(scene[0], folder.path(), &scene[1..]).status.success());
+    let summary = summary(folder.path());
+    let notes: Vec<_> = summary["notes"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    assert_eq!(notes[..warnings.len()], warnings, "{notes:?}");
+}
+
+#[test]
+fn a_study_of_modes_does_not_judge_a_step_that_adaptive_steps_have_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = |steps: &str| {
+        let arguments = ["study", "modes", "models/baseline-smooth.toml", "--out", out];
+        let output = caudal(&[&arguments[..], &["--set", "solver.integrator=esdirk3", "--set", steps]].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout).to_string()
+    };
+    assert!(study("solver.time_step_s=1e-3").contains("The step of 1e-3 s resolves"));
+    assert!(!study("solver.tolerance=1e-3").contains("The step of"));
+}

@@ -514,7 +514,8 @@ fn a_scene_with_a_step_that_names_no_method_gets_the_study_s_only_where_the_stud
         assert_eq!(common::scene_of(&text, &[start]).integrator_name(), method, "{start}");
     }
     // Nothing is released where nothing bends the rod by itself.
-    let passive = Scene { actuation: None, ..common::scene_of(&text, &["start.kind=jump"]) };
+    let mut passive = common::scene_of(&text, &["start.kind=jump"]);
+    passive.actuation = None;
     assert_eq!(passive.integrator_name(), "generalized-alpha");
 }
 
@@ -816,4 +817,28 @@ fn extreme_but_allowed_numbers_are_run_or_refused() {
             survive(SOFT, &overrides.iter().map(String::as_str).collect::<Vec<_>>());
         }
     }
+}
+
+#[test]
+fn numbers_that_no_rod_can_have_and_starts_that_cannot_be_are_wrong_input_that_names_file_and_key() {
+    let cases = [
+        (SOFT, vec!["rod.outer_radius_m=1e-200"], "rod.outer_radius_m"),
+        (SOFT, vec!["rod.outer_radius_m=1e-200", "solver.model=shape"], "rod.outer_radius_m"),
+        (SOFT, vec!["rod.density_kg_m3=1e308"], "rod.density_kg_m3"),
+        (SOFT, vec!["rod.youngs_modulus_pa=1e308"], "rod.youngs_modulus_pa"),
+        (SOFT, vec!["rod.length_m=1e-250"], "rod.length_m"),
+        (SOFT, vec!["actuation.kappa_amp=1e9", "start.kind=shaped"], "actuation.kappa_amp"),
+        (SOFT, vec!["solver.model=overdamped", "drag.head_weight=0", "drag.head_length_m=0.2"], "drag.head_weight"),
+    ];
+    for (text, overrides, key) in cases {
+        let mut document = Document::new("some/where.toml", text);
+        overrides.iter().for_each(|assignment| document.set(assignment).unwrap());
+        let error = document.scene().and_then(|scene| Stepper::of(&scene)).unwrap_err();
+        let words = error.to_string();
+        assert!(error.is_bad_input() && words.contains(key), "{overrides:?}: {words}");
+        assert!(words.contains("where.toml") || words.contains("--set"), "{overrides:?}: {words}");
+    }
+    // A held head that alone has no drag is moved by what holds it.
+    let held = ["solver.model=overdamped", "drag.head_weight=0", "drag.head_length_m=0.01", "head.kind=clamped"];
+    Stepper::of(&common::scene_of(SOFT, &held)).unwrap().do_step(2e-3).unwrap();
 }

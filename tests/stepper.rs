@@ -6,6 +6,9 @@ mod common;
 use std::collections::HashSet;
 
 use caudal::error::Error;
+use caudal::integrator::{Method, Pace};
+use caudal::reduced::RUNGS;
+use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::variable::{Causality, VARIABLES};
 use common::{Dice, SOFT, STUDY, stepper_of};
@@ -230,6 +233,62 @@ fn a_snapshot_of_another_number_of_nodes_is_refused_and_changes_nothing() {
     let before = bits(&nine);
     assert_eq!(nine.restore(&five.save()), Err(Error::WrongLength { name: "snapshot", expected: 18, found: 10 }));
     assert_eq!(bits(&nine), before);
+}
+
+#[test]
+fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_one_wherever_it_stands() {
+    let scene = common::scene_of(SOFT, &[]);
+    let stepper = Stepper::of(&scene).unwrap();
+    let bytes = stepper.serialize(&stepper.save()).unwrap();
+    let newmark = Method::named("newmark").unwrap();
+    let others = [
+        ("nodes", scene.with_nodes(11)),
+        ("whole", scene.whole()),
+        ("duration", scene.with_duration(0.123)),
+        ("pace", scene.with_pace(Pace::Fixed(1e-3))),
+        ("method", scene.with_method(newmark, &newmark.defaults())),
+        ("model", scene.with_model(RUNGS[0])),
+        ("modulus", scene.with_modulus(1.0 + 2.0 * f64::EPSILON)),
+        ("amplitude", scene.with_amplitude(0.9)),
+        ("spin", scene.with_spin(0.1)),
+    ];
+    for (name, other) in others {
+        let refused = Stepper::of(&other).unwrap().deserialize(&bytes);
+        assert!(matches!(refused, Err(Error::Snapshot(_))), "{name}");
+    }
+    let mut document = Document::new("else/where.toml", SOFT.replace("name = \"soft\"", "name = \"other\" # said"));
+    assert_eq!(Stepper::of(&document.scene().unwrap()).unwrap().deserialize(&bytes), Ok(stepper.save()));
+    document.set("medium.viscosity_pa_s=1.1").unwrap();
+    assert!(Stepper::of(&document.scene().unwrap()).unwrap().deserialize(&bytes).is_err());
+}
+
+#[test]
+fn a_step_that_fails_at_once_leaves_state_and_measure_as_they_were_to_the_bit_whatever_the_rung() {
+    for rung in RUNGS {
+        for pace in ["solver.time_step_s=2e-3", "solver.tolerance=1e-4"] {
+            let model = format!("solver.model={}", rung.name);
+            let mut stepper = stepper_of(SOFT, &["solver.integrator=esdirk3", &model, pace]);
+            stepper.do_step(0.02).unwrap();
+            // A shape that changes at once, and a force that no step can follow.
+            stepper.set("natural_curvature_1_m", &[0.7; 7]).unwrap();
+            let mut push = [0.0; 9];
+            push[8] = 1e160;
+            stepper.set("force_y_n", &push).unwrap();
+            let (state, meter) = (stepper.state().clone(), stepper.meter().clone());
+            for _ in 0..2 {
+                let error = stepper.do_step(2e-3).unwrap_err();
+                assert_eq!((stepper.state(), stepper.meter()), (&state, &meter), "{}, {pace}: {error}", rung.name);
+            }
+            // And what follows is what follows without them.
+            stepper.set("force_y_n", &[0.0; 9]).unwrap();
+            let snapshot = stepper.save();
+            stepper.do_step(2e-3).unwrap();
+            let after = stepper.state().clone();
+            stepper.restore(&snapshot).unwrap();
+            stepper.do_step(2e-3).unwrap();
+            assert_eq!(*stepper.state(), after, "{}, {pace}", rung.name);
+        }
+    }
 }
 
 #[test]

@@ -43,7 +43,7 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
     });
     bar.finish_and_clear();
     let outcome = outcome?;
-    let mut summary = Summary::of(&scene, &stepper, &outcome);
+    let mut summary = Summary::of(&scene, &stepper, &outcome, &assessment.warnings);
     if verify && outcome.ending == Ending::Complete {
         // A comparison that fails, or is interrupted, takes nothing from the run.
         let raised =
@@ -53,8 +53,7 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
             Err(error) => summary.notes.push(format!("the whole model could not be run beside it: {error}")),
         }
     }
-    let notes = [assessment.warnings, summary.notes.clone()].concat();
-    let files = output.finish(&stepper, &summary, &document, &notes)?;
+    let files = output.finish(&stepper, &summary, &document, &summary.notes)?;
     say(&format!(
         "{}: t = {} s in {} steps, {} Newton iterations, {:.3} s",
         summary.name, summary.end_time_s, summary.steps, summary.newton_iterations, summary.wall_s
@@ -73,7 +72,7 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
             "the whole model: net displacement {net_displacement_m:.6e} m, relative difference {relative_difference:.1e}, {wall_s:.3} s"
         ));
     }
-    for note in &summary.notes {
+    for note in summary.notes.iter().skip(assessment.warnings.len()) {
         say(&format!("note: {note}"));
     }
     if summary.step_halvings > 0 {

@@ -202,7 +202,7 @@ impl<'a> Fmu<'a> {
 
 /// The token of a scene, see [`Fmu::token`].
 pub fn token(scene: &Scene) -> String {
-    format!("{{{:032x}}}", scene.fingerprint)
+    format!("{{{:032x}}}", scene.fingerprint())
 }
 
 /// The name of the shared library as cargo builds it.

@@ -202,22 +202,10 @@ impl Document {
         }
         scene.folder = self.path.parent().map(Path::to_path_buf).unwrap_or_default();
         scene.packed = self.packed;
-        scene.fingerprint = self.fingerprint(&scene);
+        scene.file.clone_from(&self.path);
+        scene.contents = contents(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         Ok(scene)
-    }
-
-    /// Names the text, the overrides, the tables as far as they can be read, and the version.
-    fn fingerprint(&self, scene: &Scene) -> u128 {
-        let tables = scene.files().into_iter().map(|table| std::fs::read(table).unwrap_or_default());
-        let texts =
-            [env!("CARGO_PKG_VERSION"), &self.text].into_iter().chain(self.overrides.iter().map(String::as_str));
-        let mut hasher = XxHash3_128::new();
-        for part in texts.map(|text| text.as_bytes().to_vec()).chain(tables) {
-            hasher.write(&(part.len() as u64).to_le_bytes());
-            hasher.write(&part);
-        }
-        hasher.finish_128()
     }
 
     fn deserialized<T: DeserializeOwned>(&self, root: &Spanned<DeTable<'_>>) -> Result<T> {
@@ -269,6 +257,16 @@ impl Document {
 /// Keys of which a table has one at most.
 const ALTERNATIVES: [[&str; 2]; 3] =
     [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
+
+/// Names the contents of the tables of `scene`, as far as they can be read.
+fn contents(scene: &Scene) -> u128 {
+    let mut hasher = XxHash3_128::new();
+    for table in scene.files().into_iter().map(|table| std::fs::read(table).unwrap_or_default()) {
+        hasher.write(&(table.len() as u64).to_le_bytes());
+        hasher.write(&table);
+    }
+    hasher.finish_128()
+}
 
 /// The keys that make no sense any more where `key` is overridden.
 fn outdated(key: &str) -> impl Iterator<Item = &'static str> {

@@ -6,6 +6,7 @@ mod table;
 pub mod value;
 
 use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -33,6 +34,9 @@ pub const NODES: [u64; 2] = [3, 10_000_000];
 
 /// Most steps a scene may have; integers are exact well beyond.
 const MOST_STEPS: f64 = 1e15;
+
+/// Masses, lengths and stiffnesses of a rod, in SI units: products of a few of them are numbers still.
+const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
 
 /// A scene: everything there is to say about a run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -70,9 +74,12 @@ pub struct Scene {
     /// True where the tables in that folder have numbers as names, see [`Document::packed`].
     #[serde(skip)]
     pub packed: bool,
-    /// Names what this scene says, with its overrides and tables, and the version of the program that reads it.
+    /// The file that says it, as errors name it.
     #[serde(skip)]
-    pub fingerprint: u128,
+    file: PathBuf,
+    /// Names the contents of its tables when it was read.
+    #[serde(skip)]
+    contents: u128,
 }
 
 /// `[rod]`.
@@ -485,6 +492,7 @@ impl Scene {
             }
             _ => {}
         }
+        self.check_sizes()?;
         let duration = self.solver.duration_s.get();
         if let Some(step) = self.solver.time_step_s.map(Positive::get).filter(|step| duration > MOST_STEPS * step) {
             let allowed =
@@ -498,6 +506,13 @@ impl Scene {
         if rung.is_some_and(|rung| rung.needs_drag) && self.drag.is_none() {
             let problem = format!("found {:?} without [drag]; add it, or take another model", self.solver.model);
             return fault("solver.model", problem);
+        }
+        if rung.is_some_and(|rung| rung.needs_drag) && !self.is_dragged() {
+            let problem = format!(
+                "found 0 with solver.model = {:?}: without inertia nothing says how nodes without drag move; allowed: a positive weight, or another model",
+                self.solver.model
+            );
+            return fault("drag.head_weight", problem);
         }
         let (method, _) = self.method()?;
         let adaptive = || METHODS.iter().filter(|other| other.adaptive).map(|other| other.name).collect::<Vec<_>>();
@@ -530,6 +545,70 @@ impl Scene {
         Ok(())
     }
 
+    /// Refuses numbers so large or so small that the rod made of them has a mass or a stiffness that is none.
+    fn check_sizes(&self) -> std::result::Result<(), Fault> {
+        let table = &self.rod;
+        let section = Section { outer: table.outer_radius_m.get(), inner: table.inner_radius_m.get() };
+        let spacing = table.length_m.get() / (table.nodes.get() - 1) as f64;
+        let (youngs, density) = (table.youngs_modulus_pa.get(), table.density_kg_m3.get());
+        let bending = youngs * section.inertia() / spacing;
+        let sizes = [
+            ("rod.outer_radius_m", section.outer, "second moment of area", section.inertia(), "m^4"),
+            ("rod.length_m", table.length_m.get(), "spacing of the nodes", spacing, "m"),
+            ("rod.density_kg_m3", density, "mass per node", density * section.area() * spacing, "kg"),
+            ("rod.youngs_modulus_pa", youngs, "stiffness of a joint", bending, "N m"),
+            ("rod.youngs_modulus_pa", youngs, "stiffness of an edge", youngs * section.area() / spacing, "N/m"),
+        ];
+        for (key, found, what, size, unit) in sizes {
+            if !SIZES.contains(&size) {
+                let [low, high] = [SIZES.start(), SIZES.end()];
+                let found = format_args!("{found:e}, which makes the {what} {size:e} {unit}");
+                let allowed = format_args!("what makes it {low:e} to {high:e} {unit}");
+                return Err(Fault { key: key.to_string(), problem: value::refused(found, allowed) });
+            }
+        }
+        Ok(())
+    }
+
+    /// True where every node that is free to move has drag.
+    fn is_dragged(&self) -> bool {
+        let Some(drag) = &self.drag else { return false };
+        let weightless = drag.head_weight.is_some_and(|weight| weight.get() == 0.0);
+        let bare = if weightless { drag.head_length_m.map_or(0.0, Positive::get) } else { 0.0 };
+        let spacing = self.rod.length_m.get() / (self.rod.nodes.get() - 1) as f64;
+        let first = if self.head.kind == HeadKind::Free { 0.5 } else { 1.5 };
+        bare < first * spacing
+    }
+
+    /// Why a run of it cannot begin, as `error` says, with the key that is most likely to blame.
+    pub(crate) fn cannot_start(&self, error: &Error) -> Error {
+        let key = match error {
+            Error::Scene { .. } | Error::Read { .. } | Error::Linear { .. } => return error.clone(),
+            Error::FoldOver { node: 0, .. } if self.head.angle_rad.is_some() => "head.angle_rad",
+            Error::FoldOver { .. } | Error::EdgeCollapse { .. } if self.actuation.is_some() => "actuation.kappa_amp",
+            // The most extreme number.
+            _ => self.extreme(),
+        };
+        self.error(key, format!("the run cannot begin: {error}"))
+    }
+
+    /// The key of the number that is the furthest from 1 of those that make forces.
+    fn extreme(&self) -> &'static str {
+        let rod = &self.rod;
+        let (actuation, medium) = (self.actuation.as_ref(), self.medium.as_ref());
+        let numbers = [
+            ("rod.youngs_modulus_pa", Some(rod.youngs_modulus_pa.get())),
+            ("rod.density_kg_m3", Some(rod.density_kg_m3.get())),
+            ("rod.length_m", Some(rod.length_m.get())),
+            ("rod.outer_radius_m", Some(rod.outer_radius_m.get())),
+            ("actuation.kappa_amp", actuation.map(|table| table.kappa_amp.get().abs())),
+            ("actuation.frequency_hz", actuation.map(|table| table.frequency_hz.get())),
+            ("medium.viscosity_pa_s", medium.map(|table| table.viscosity_pa_s.get())),
+        ];
+        let far = numbers.into_iter().filter_map(|(key, number)| Some((key, number.filter(|x| *x > 0.0)?.ln().abs())));
+        far.max_by(|a, b| a.1.total_cmp(&b.1)).map_or("rod.youngs_modulus_pa", |(key, _)| key)
+    }
+
     /// The rung of the ladder of models it names, none where the program chooses.
     fn rung(&self) -> std::result::Result<Option<&'static Rung>, Fault> {
         let model = self.solver.model.as_str();
@@ -560,7 +639,7 @@ impl Scene {
     pub fn choice(&self) -> Result<reduced::Choice> {
         match self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))? {
             Some(rung) => Ok(reduced::Choice::asked(rung)),
-            None => Ok(reduced::Choice::of(&self.estimates()?, self.solver.accuracy.get(), self.drag.is_some())),
+            None => Ok(reduced::Choice::of(&self.estimates()?, self.solver.accuracy.get(), self.is_dragged())),
         }
     }
 
@@ -649,7 +728,7 @@ impl Scene {
     }
 
     fn error(&self, key: &str, problem: String) -> Error {
-        Error::Scene { place: self.name.clone(), key: key.to_string(), problem }
+        Error::Scene { place: self.file.display().to_string(), key: key.to_string(), problem }
     }
 
     /// The bending stiffness along the rod.
@@ -752,6 +831,16 @@ impl Scene {
         self.tables().into_iter().map(|table| self.table_path(table)).collect()
     }
 
+    /// Names what this scene says, the contents of its tables when it was read, and the version of the program; not where
+    /// it stands, nor its name, which may be the file's.
+    pub fn fingerprint(&self) -> u128 {
+        let mut nowhere = self.clone();
+        (nowhere.name, nowhere.folder, nowhere.file) = <_>::default();
+        nowhere.packed = false;
+        // The text of what is left has every part of the scene, and every number to the bit.
+        XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
+    }
+
     /// The same scene on another number of nodes; point loads go to the nearest.
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
@@ -761,7 +850,6 @@ impl Scene {
             let node = load.node.rem_euclid(old as i64) as f64;
             load.node = (node * (new - 1) as f64 / (old - 1) as f64).round() as i64;
         }
-        scene.fingerprint = XxHash3_128::oneshot_with_seed(nodes, &self.fingerprint.to_le_bytes());
         scene
     }
 

@@ -183,6 +183,7 @@ impl Between {
             now.edges.push(Edge::along(a.t * cos + a.n() * sin, place.line(a.length, b.length)));
         }
         now.bend(dynamics);
+        lay(dynamics, &now.edges, [from, to], place, out);
         now.balance.balance(dynamics, &now.edges, &now.bent, out, applied);
         let rod = &dynamics.model.rod;
         // What is added to the line is no larger than what there is at the ends.
@@ -203,34 +204,42 @@ impl Between {
             let link = &mut out.links[k];
             (link.curvature, link.moment) = (curvature, moment * bend::curvature_per_turning(curvature));
         }
-        let mut here = Vector2::from([out.q[0], out.q[1]]);
-        for (k, edge) in now.edges.iter().enumerate() {
+        for (k, edge) in now.edges.iter_mut().enumerate() {
             let line = |of: fn(&End) -> &[f64]| place.line(of(first)[k], of(last)[k]);
             let sound = line(|end| &end.forces.tension);
             let more = now.balance.tension[k] - line(|end| &end.rod.balance.tension);
             let sum = sound + more.max(-pull).min(pull);
             let tension = if sum > -CRUSHED * rod.ea { sum } else { sound };
-            let length = rod.spacing * (1.0 + tension / rod.ea);
-            let shear = (out.links[k].moment - out.links[k + 1].moment) / length;
+            *edge = Edge::along(edge.t, rod.spacing * (1.0 + tension / rod.ea));
+            let shear = (out.links[k].moment - out.links[k + 1].moment) * edge.per_length;
             let link = &mut out.links[k];
             link.force = (edge.t * tension + edge.n() * shear).into();
             link.angle = edge.t.y.atan2(edge.t.x);
-            here += edge.t * length;
-            out.q[2 * k + 2..2 * k + 4].copy_from_slice(here.as_slice());
         }
-        if dynamics.held.is_none() {
-            let ends = [from, to].map(|end| [rod.mean(&end.q), rod.mean(&end.v)]);
-            let mean = rod.mean(&out.q);
-            for i in 0..2 {
-                let [value, _] = place.cubic(
-                    ends.map(|[x, _]| x[i]),
-                    ends.map(|[_, v]| v[i]),
-                    UNRESOLVED * rod.length,
-                );
-                out.q.iter_mut().skip(i).step_by(2).for_each(|q| *q += value - mean[i]);
-            }
-        }
+        lay(dynamics, &now.edges, [from, to], place, out);
         Ok(())
+    }
+}
+
+/// Writes the nodes of these `edges` to `out`: from a held head, or about the centre of mass of a free rod, the cubic of its
+/// positions and velocities at the ends.
+fn lay(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], place: Place, out: &mut State) {
+    let rod = &dynamics.model.rod;
+    let mut here = node(&out.q, 0);
+    for (q, edge) in out.q.as_chunks_mut().0.iter_mut().skip(1).zip(edges) {
+        here += edge.t * edge.length;
+        *q = here.into();
+    }
+    if dynamics.held.is_none() {
+        let [x, v] = [ends.map(|end| rod.mean(&end.q)), ends.map(|end| rod.mean(&end.v))];
+        let mean = rod.mean(&out.q);
+        let shift = [0, 1].map(|i| {
+            let [value, _] = place.cubic(x.map(|x| x[i]), v.map(|v| v[i]), UNRESOLVED * rod.length);
+            value - mean[i]
+        });
+        for q in out.q.as_chunks_mut::<2>().0 {
+            *q = [q[0] + shift[0], q[1] + shift[1]];
+        }
     }
 }
 

@@ -6,6 +6,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use crate::error::Result;
+use crate::integrator::Pace;
 use crate::modes::{Axis, Matrices, Mode, Modes, lowest};
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Findings, Table};
@@ -42,7 +43,7 @@ impl Default for Spectrum {
 /// Those of [`Scene::model`] and [`lowest`].
 pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let model = scene.model()?;
-    let (rod, step) = (model.rod, scene.typical_step());
+    let rod = model.rod;
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
     let found = lowest(&rod, count)?;
     let matrices = Matrices::of(&rod, model.drag)?;
@@ -68,16 +69,25 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         };
         findings.answers.push(format!("The actuation at {drive} Hz is {ratio:.3e} of that, {says}."));
     }
-    let resolved = found.iter().filter(|mode| mode.frequency * step <= RESOLVED).count();
-    let which = match resolved {
-        0 => "none of its modes".to_string(),
-        n if n == found.len() => format!("all of these {n} modes"),
-        n => format!("the {n} lowest modes"),
+    let needed = RESOLVED / first.frequency;
+    let step = match scene.pace() {
+        Pace::Fixed(step) => Some(step),
+        Pace::Adaptive(_) => None,
     };
-    findings.answers.push(format!(
-        "The step of {step:e} s resolves {which} (ωΔt ≤ {RESOLVED}); the first needs {:.2e} s.",
-        RESOLVED / first.frequency
-    ));
+    findings.answers.push(match step {
+        Some(step) => {
+            let resolved = found.iter().filter(|mode| mode.frequency * step <= RESOLVED).count();
+            let which = match resolved {
+                0 => "none of its modes".to_string(),
+                n if n == found.len() => format!("all of these {n} modes"),
+                n => format!("the {n} lowest modes"),
+            };
+            format!("The step of {step:e} s resolves {which} (ωΔt ≤ {RESOLVED}); the first needs {needed:.2e} s.")
+        }
+        None => format!(
+            "The steps are those that the tolerance asks for; one that resolves the first mode (ωΔt ≤ {RESOLVED}) has at most {needed:.2e} s."
+        ),
+    });
     match &all {
         Some(all) => findings.answers.push(format!(
             "The highest of all is {:.4e} Hz: an explicit method needs steps below 2/ω_max = {:.4e} s.",
@@ -112,7 +122,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         x: "mode number".into(),
         y: "frequency (Hz)".into(),
         scale: Scale::LogLog,
-        series: frequencies(&found, all.as_ref(), drive, 1.0 / (TAU * step)),
+        series: frequencies(&found, all.as_ref(), drive, step.map(|step| 1.0 / (TAU * step))),
     };
     findings.figures.push(("shapes.svg".into(), shapes.svg()?));
     findings.figures.push(("frequencies.svg".into(), frequencies.svg()?));
@@ -122,7 +132,8 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     Ok(findings)
 }
 
-fn modes_table(found: &[Mode], matrices: &Matrices, step: f64) -> Table {
+/// `step` (s) is none where steps are adaptive: no ωΔt then.
+fn modes_table(found: &[Mode], matrices: &Matrices, step: Option<f64>) -> Table {
     let rows = found.iter().enumerate().map(|(i, mode)| {
         let ratio = matrices.damping_ratio(mode);
         vec![
@@ -131,7 +142,7 @@ fn modes_table(found: &[Mode], matrices: &Matrices, step: f64) -> Table {
             json!(mode.frequency / TAU),
             json!(mode.frequency),
             json!(ratio),
-            json!(mode.frequency * step),
+            json!(step.map(|step| mode.frequency * step)),
         ]
     });
     Table {
@@ -165,8 +176,8 @@ fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
     (0..=shown).map(move |i| i * last / shown)
 }
 
-/// Frequencies (Hz) by mode number, with that of the drive and 1/Δt in radians as lines.
-fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: f64) -> Vec<Series> {
+/// Frequencies (Hz) by mode number, with that of the drive and 1/Δt in radians, where there is one step, as lines.
+fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Option<f64>) -> Vec<Series> {
     let curve = |axis: Axis| -> Vec<f64> {
         match (all, axis) {
             (Some(all), Axis::Bending) => all.bending.clone(),
@@ -184,6 +195,6 @@ fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: f6
     }
     let level = |label: &str, value: f64| Series::new(label, vec![(1.0, value), (last, value)], Mark::Line);
     series.extend(drive.map(|drive| level("the drive", drive)));
-    series.push(level("ωΔt = 1", step));
+    series.extend(step.map(|step| level("ωΔt = 1", step)));
     series
 }

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Sweep;
+use crate::check::Assessment;
 use crate::error::Result;
 use crate::jobs::{self, Journal};
 use crate::report::Frame;
@@ -89,6 +90,7 @@ fn fill(row: &mut Row, sweep: &Sweep, index: usize, interrupted: &AtomicBool) ->
     let (scene, hash) = sweep.scene(&sweep.case(index)?)?;
     row.scene_hash = hash;
     let mut stepper = Stepper::of(&scene)?;
+    let warnings = Assessment::of(&scene, &stepper)?.warnings;
     let duration = scene.solver.duration_s.get();
     // The times wanted, evenly over the run, of which so many are kept already.
     let frame_time = |kept: usize| sweep.plays(index).then(|| even(duration, sweep.record.frames, kept)).flatten();
@@ -108,7 +110,7 @@ fn fill(row: &mut Row, sweep: &Sweep, index: usize, interrupted: &AtomicBool) ->
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     })?;
     if outcome.ending != Ending::Interrupted {
-        row.quantities = quantities(&Summary::of(&scene, &stepper, &outcome));
+        row.quantities = quantities(&Summary::of(&scene, &stepper, &outcome, &warnings));
     }
     Ok(())
 }

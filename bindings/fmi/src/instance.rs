@@ -796,12 +796,12 @@ impl Instance {
 
     /// A saved state as bytes, which any instance of this scene takes over.
     pub fn serialize(&self, state: &SavedState) -> Outcome<Vec<u8>> {
-        Ok(snapshot::seal(self.scene.fingerprint, state)?)
+        Ok(snapshot::seal(self.scene.fingerprint(), state)?)
     }
 
     /// The saved state in `bytes`.
     pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
-        let state: SavedState = snapshot::open(self.scene.fingerprint, bytes)?;
+        let state: SavedState = snapshot::open(self.scene.fingerprint(), bytes)?;
         let Inputs { values, waiting, .. } = &state.inputs;
         let nodes = state.settings.nodes as usize;
         let fits = |(values, variable): (&[Vec<f64>; HIGHEST_ORDER + 1], &Variable)| {

@@ -60,15 +60,14 @@ pub fn run<'py>(
             Ok(attention.pay(|py| tell(py, time)))
         })?;
         trajectory.finish(&stepper);
-        let summary = Summary::of(scene, &stepper, &outcome);
-        let notes = [assessment.warnings, summary.notes.clone()].concat();
+        let summary = Summary::of(scene, &stepper, &outcome, &assessment.warnings);
         let html = trajectory.player(&summary)?;
         if let Some(output) = output {
-            output.finish(&stepper, &summary, document, &notes)?;
+            output.finish(&stepper, &summary, document, &summary.notes)?;
         }
-        Ok((outcome.ending, summary, notes, html))
+        Ok((outcome.ending, summary, html))
     });
-    let (ending, summary, notes, html) = finished.or_raise(py)?;
+    let (ending, summary, html) = finished.or_raise(py)?;
     if ending == Ending::Complete {
         let _ = tell(py, stepper.time())?;
     }
@@ -83,10 +82,10 @@ pub fn run<'py>(
         }
     }
     let content = PyDict::new(py);
+    content.set_item("notes", &summary.notes)?;
     // By way of JSON: pairs are lists there, as summary.json has them.
     let summary = serde_json::to_value(&summary).map_err(|error| PyRuntimeError::new_err(error.to_string()))?;
     content.set_item("summary", pythonize::pythonize(py, &summary)?)?;
-    content.set_item("notes", notes)?;
     content.set_item("variables", variables)?;
     content.set_item("arrays", arrays)?;
     content.set_item("nodes", PyArray1::from_vec(py, scene.recorded_nodes()))?;

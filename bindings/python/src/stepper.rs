@@ -115,7 +115,7 @@ impl Snapshot {
     }
 
     fn __bytes__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        Ok(PyBytes::new(py, &snapshot::seal(self.scene.fingerprint, &self.snapshot).or_raise(py)?))
+        Ok(PyBytes::new(py, &snapshot::seal(self.scene.fingerprint(), &self.snapshot).or_raise(py)?))
     }
 
     fn __repr__(&self) -> String {
@@ -366,7 +366,7 @@ impl Stepper {
             return stepper.restore(&snapshot).or_raise(py);
         }
         let snapshot = snapshot.cast::<Snapshot>()?.get();
-        if snapshot.scene.fingerprint != self.scene.get().scene.fingerprint {
+        if snapshot.scene.fingerprint() != self.scene.get().scene.fingerprint() {
             let other = format!("it was saved from another scene, {:?}", snapshot.scene.name);
             return Err(exception(py, &caudal::Error::Snapshot(other)));
         }
