@@ -395,7 +395,7 @@ impl Stepper {
         self.mover.settle(&mut self.dynamics, &mut self.newton, &mut self.state)?;
         if self.state.q != self.kick.before.q {
             self.reading.take(&mut self.dynamics, &self.state)?;
-            self.kick.measured = Some(Box::new((self.meter.clone(), self.cycles.clone())));
+            self.kick.measured = Some(Box::new((self.meter.clone(), self.cycles)));
             self.meter.count_jump(&mut self.reading);
             self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
         }

@@ -4,7 +4,7 @@ mod common;
 
 use std::path::Path;
 
-use caudal::integrator::METHODS;
+use caudal::integrator::{METHODS, Pace};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use caudal::variable::{Size, Variable};
@@ -99,7 +99,7 @@ fn readings_between_steps_are_as_good_as_those_at_their_ends_whatever_rod_head_m
     let mut cases = vec![
         ("the wire", WIRE.to_string(), vec![]),
         ("the wire, chain", WIRE.to_string(), vec!["solver.form=chain"]),
-        ("the wire, overdamped", WIRE.to_string(), vec!["solver.model=overdamped"]),
+        ("the wire, overdamped", WIRE.to_string(), vec!["solver.model=overdamped", "solver.tolerance=1e-4"]),
         ("driven head", model("driven-head.toml"), vec![]),
         ("driven head, chain", model("driven-head.toml"), vec!["solver.form=chain"]),
         ("cantilever", model("cantilever.toml"), vec![]),
@@ -116,30 +116,32 @@ fn readings_between_steps_are_as_good_as_those_at_their_ends_whatever_rod_head_m
     for (name, text, mut overrides) in cases {
         overrides.push("solver.duration_s=0.8");
         let scene = scene_of(&text, &overrides);
-        let mut fine = Stepper::of(&scene).unwrap();
-        let variables = recorded(&fine);
-        let (mut steps, mut from) = (0, fine.save());
+        // The same motion in small steps.
+        let mut truth = match scene.solver.model.as_str() {
+            "full" => Stepper::of(&scene.whole()).unwrap(),
+            _ => Stepper::of(&scene.with_pace(Pace::Adaptive(1e-7))).unwrap(),
+        };
+        let variables = recorded(&truth);
+        let (mut steps, mut looks, mut from) = (0, 0, 0.0);
         // Largest modulus, and the largest errors at the ends and between, of each variable.
         let mut found = vec![[0.0_f64; 3]; variables.len()];
         run_with(&scene, |stepper| {
-            let start = std::mem::replace(&mut from, stepper.save());
+            let start = std::mem::replace(&mut from, stepper.time());
             steps += 1;
             let end = values(&variables, &stepper.view());
             for (found, end) in found.iter_mut().zip(&end) {
                 found[0] = found[0].max(largest(end));
             }
-            if steps < 4 || steps % 5 != 0 {
+            if steps < 4 || steps % 4 != 0 {
                 return;
             }
-            let h = stepper.time() - start.time();
-            fine.restore(&start).unwrap();
+            looks += 1;
+            let h = stepper.time() - start;
             for i in 0..=PARTS.len() {
-                let t = PARTS.get(i).map_or(stepper.time(), |part| start.time() + part * h);
-                // The same method in eight steps on the way to each time.
-                let left = t - fine.time();
-                (0..8).for_each(|_| fine.do_step(left / 8.0).unwrap());
-                let exact = values(&variables, &fine.view());
-                let read = stepper.at(fine.time().min(stepper.time()), |view| values(&variables, view)).unwrap();
+                let t = PARTS.get(i).map_or(stepper.time(), |part| start + part * h);
+                truth.do_step(t - truth.time()).unwrap();
+                let exact = values(&variables, &truth.view());
+                let read = stepper.at(truth.time().min(stepper.time()), |view| values(&variables, view)).unwrap();
                 for (found, (read, exact)) in found.iter_mut().zip(read.iter().zip(&exact)) {
                     let error = &mut found[if i == PARTS.len() { 1 } else { 2 }];
                     *error = error.max(difference(read, exact));
@@ -148,12 +150,13 @@ fn readings_between_steps_are_as_good_as_those_at_their_ends_whatever_rod_head_m
         });
         for (variable, [size, end, between]) in variables.iter().zip(&found) {
             println!("{name:24} {:26} {size:10.3e} {:9.2e} {:9.2e}", variable.name, end / size, between / size);
-            // Three times the error at the ends, and 1 % of the variable: the line between the ends alone has more.
-            if *between > 3.0 * end + 1e-2 * size {
+            // Measured: at most 1.8 times the error at the ends, where the true motion rings in the energy of stretching and
+            // four times as many readings meet more of it; 1.7 times elsewhere, where errors pass 1 %.
+            if *between > 2.0 * end + 1e-2 * size {
                 bad.push(format!("{name}, {}: {between:e} where the ends have {end:e} of {size:e}", variable.name));
             }
         }
-        assert!(steps > 10, "{name}");
+        assert!(looks > 2, "{name}: {steps}");
     }
     assert!(bad.is_empty(), "{bad:#?}");
 }

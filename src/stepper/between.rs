@@ -3,8 +3,8 @@
 //! Motions are smooth, so cubics of values and rates say where the rod is. Forces are not read from such positions: the
 //! error of a cubic, however small, stretches and bends a stiff rod by far more than the forces that act on it. They are
 //! the line between the forces at the ends and what balance adds to it, from inertia, drag and loads alone: N and M of the
-//! edges and joints at which M a − F vanishes on all nodes beyond them. What a joint's own directions add to the line is as
-//! good where the rod is so soft that moments are small differences of large ones; the smaller of the two is taken. The
+//! edges and joints at which M a − F vanishes on all nodes beyond them. What a joint's own directions add to the line of its
+//! moment is as good where the rod is so soft that moments are small differences of large ones; the smaller is taken. The
 //! links of the state hold these forces, and its edges have the lengths that their tensions give them.
 
 use nalgebra::Vector2;
@@ -51,10 +51,12 @@ impl Place {
     }
 }
 
-/// Tension (N) of every edge and m_k (N m) of every joint.
+/// Tension and shear (N) of every edge and m_k (N m) of every joint.
 #[derive(Debug, Default)]
 struct Forces {
     tension: Vec<f64>,
+    /// F·n, to the left of the edge.
+    shear: Vec<f64>,
     moment: Vec<f64>,
 }
 
@@ -65,12 +67,13 @@ impl Forces {
         applied.resize(state.q.len(), 0.0);
         dynamics.write_applied(edges, &state.v, applied);
         self.tension.resize(edges.len(), 0.0);
+        self.shear.resize(edges.len(), 0.0);
         self.moment.resize(rod.nodes, 0.0);
         let (mut force, mut couple) = (Vector2::zeros(), 0.0);
         for k in (0..rod.nodes).rev() {
             if let Some(edge) = edges.get(k) {
-                self.tension[k] = edge.t.dot(&force);
-                couple += edge.length * edge.n().dot(&force);
+                (self.tension[k], self.shear[k]) = (edge.t.dot(&force), edge.n().dot(&force));
+                couple += edge.length * self.shear[k];
             }
             let joint = rod.joints().contains(&k);
             self.moment[k] = if joint { couple / bend::curvature_per_turning(bent[k]) } else { 0.0 };
@@ -108,6 +111,7 @@ impl Rod {
 #[derive(Debug, Default)]
 struct End {
     rod: Rod,
+    /// Of its state.
     forces: Forces,
 }
 
@@ -120,16 +124,24 @@ impl End {
         rod.edges.extend_from_slice(dynamics.edges());
         rod.bend(dynamics);
         let of = &dynamics.model.rod;
-        forces.tension.clear();
-        if state.links.is_empty() {
-            forces.tension.extend(rod.edges.iter().map(|edge| stretch::tension(edge, of.ea, of.spacing)));
-        } else {
-            let carried = rod.edges.iter().zip(&state.links);
-            forces.tension.extend(carried.map(|(edge, link)| edge.t.dot(&Vector2::from(link.force))));
-        }
-        let deviations = dynamics.kappa().iter().zip(&rod.natural).map(|(kappa, natural)| kappa - natural);
+        let kappa = dynamics.kappa();
+        let deviations = kappa.iter().zip(&rod.natural).map(|(kappa, natural)| kappa - natural);
         forces.moment.clear();
         forces.moment.extend(deviations.zip(&of.joint).map(|(deviation, stiffness)| stiffness * deviation));
+        let couple = |k: usize| forces.moment[k] * bend::curvature_per_turning(kappa[k]);
+        forces.tension.clear();
+        forces.shear.clear();
+        for (k, edge) in rod.edges.iter().enumerate() {
+            let [along, across] = match state.links.get(k) {
+                Some(link) => [edge.t, edge.n()].map(|axis| axis.dot(&Vector2::from(link.force))),
+                None => {
+                    let shear = (couple(k) - couple(k + 1)) * edge.per_length;
+                    [stretch::tension(edge, of.ea, of.spacing), shear]
+                }
+            };
+            forces.tension.push(along);
+            forces.shear.push(across);
+        }
         rod.balance.balance(dynamics, &rod.edges, &rod.bent, state, applied);
         Ok(())
     }
@@ -187,7 +199,8 @@ impl Between {
         now.balance.balance(dynamics, &now.edges, &now.bent, out, applied);
         let rod = &dynamics.model.rod;
         // What is added to the line is no larger than what there is at the ends.
-        let pulls = [&first.forces, &last.forces].map(|forces| super::largest(&forces.tension));
+        let pull = |forces: &Forces| super::largest(&forces.tension).max(super::largest(&forces.shear));
+        let pulls = [pull(&first.forces), pull(&last.forces)];
         let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));
         let [pull, couple] = [pulls, couples].map(|[a, b]| a.max(b));
         out.links.clear();
@@ -211,7 +224,8 @@ impl Between {
             let sum = sound + more.max(-pull).min(pull);
             let tension = if sum > -CRUSHED * rod.ea { sum } else { sound };
             *edge = Edge::along(edge.t, rod.spacing * (1.0 + tension / rod.ea));
-            let shear = (out.links[k].moment - out.links[k + 1].moment) * edge.per_length;
+            let more = now.balance.shear[k] - line(|end| &end.rod.balance.shear);
+            let shear = line(|end| &end.forces.shear) + more.max(-pull).min(pull);
             let link = &mut out.links[k];
             link.force = (edge.t * tension + edge.n() * shear).into();
             link.angle = edge.t.y.atan2(edge.t.x);

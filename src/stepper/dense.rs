@@ -73,7 +73,13 @@ impl Stepper {
         };
         let reading = placed.and_then(|()| meter.now.take(&mut self.dynamics, state));
         let outcome = reading.map(|()| {
-            meter.totals = totals.until(&self.meter.totals, [&self.reading, &self.meter.now], &meter.now);
+            let (last, ends) = (&self.meter, [&self.reading, &self.meter.now]);
+            meter.totals = totals.until(&last.totals, ends, &meter.now);
+            // What steps have lost is known at their ends; in between it is on the line.
+            let part = (t - from.t) / (self.state.t - from.t);
+            let before = totals.work.net() - (self.reading.energy.total() - last.first_energy);
+            let defect = before + part * (last.numerical_dissipation() - before);
+            meter.first_energy = defect - meter.totals.work.net() + meter.now.energy.total();
             look(&View {
                 dynamics: &self.dynamics,
                 state,
