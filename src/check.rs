@@ -3,7 +3,7 @@
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use crate::actuation::Wave;
-use crate::error::Result;
+use crate::error::{Error, Result, bytes};
 use crate::head::Signal;
 use crate::integrator::Pace;
 use crate::metrics::Energy;
@@ -11,7 +11,7 @@ use crate::model::{Model, chain};
 use crate::modes::Modes;
 use crate::reduced::RUNGS;
 use crate::rod::{Rod, bend};
-use crate::scene::{Fault, NodesTable, Scene, StartKind};
+use crate::scene::{Document, Fault, NodesTable, Scene, StartKind};
 use crate::start::Start;
 use crate::stepper::Stepper;
 use crate::system::{Form, State};
@@ -31,6 +31,26 @@ const WALL: [f64; 2] = [2e-4, 5e-5];
 /// True where Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
 pub fn contracts(rod: &Rod, time_step: f64) -> bool {
     rod.spacing >= WALL[0] * chain::bent_length(rod, time_step)
+}
+
+/// Usual length of a number in a table with what parts it from the next, bytes.
+const NUMBER: f64 = 20.0;
+
+/// The rows that a run of `scene` records, and about the size of its tables, bytes; `None` where that depends on the steps
+/// it takes.
+pub fn recorded(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
+    let rows = match (scene.record.interval_s, scene.steps()) {
+        (Some(interval), _) => scene.solver.duration_s.get() / interval.get(),
+        (None, Some(steps)) => steps as f64 / scene.record.every.map_or(1.0, |every| every.get() as f64),
+        (None, None) => return None,
+    };
+    let rows = rows.floor() + 1.0;
+    let columns = stepper.variables().iter().filter(|v| v.recorded).count();
+    let positions = match scene.nodes_table() {
+        NodesTable::Csv | NodesTable::Parquet => 2 * scene.recorded_nodes().len(),
+        NodesTable::None => 0,
+    };
+    Some((rows, rows * (columns + positions) as f64 * NUMBER))
 }
 
 /// A line of the assessment.
@@ -103,6 +123,11 @@ impl Assessment {
         Ok(assessment)
     }
 
+    /// Its refusal as an error of the document that says the scene.
+    pub fn refused(&self, document: &Document) -> Option<Error> {
+        self.refusal.as_ref().map(|fault| document.refuse(fault))
+    }
+
     /// The models that the scene could be run with, cheapest first, their estimated errors, and which is taken.
     ///
     /// # Errors
@@ -165,19 +190,16 @@ impl Assessment {
                 ),
             },
         );
-        let recorded = match (scene.record.interval_s, scene.steps()) {
-            (Some(interval), _) => format!("about {:.0} times", duration / interval.get() + 1.0),
-            (None, Some(steps)) => {
-                format!("about {} times", steps / scene.record.every.map_or(1, |every| every.get() as u64) + 1)
-            }
-            (None, None) => "as many times as there are steps".to_string(),
+        let rows = match recorded(scene, stepper) {
+            Some((rows, size)) => format!("about {rows} rows, {}", bytes(size)),
+            None => "as many rows as there are steps".to_string(),
         };
         let nodes = match scene.nodes_table() {
-            NodesTable::Csv => "; positions in nodes.csv",
-            NodesTable::Parquet => "; positions in nodes.parquet",
+            NodesTable::Csv => " and nodes.csv",
+            NodesTable::Parquet => " and nodes.parquet",
             NodesTable::None => "; no table of positions",
         };
-        fact("output", format!("{recorded} in trajectory.csv{nodes}"));
+        fact("output", format!("{rows}, of trajectory.csv{nodes}"));
         let Energy { stretching, bending, kinetic } = stepper.meter().now.energy;
         fact(
             "energy at the start",

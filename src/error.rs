@@ -37,6 +37,18 @@ pub enum Error {
         /// The operating system's reason.
         reason: String,
     },
+    /// What will be written does not fit on the disk.
+    #[error("{}: there is no room: {what} take about {}, and {} are free", path.display(), bytes(*needed), bytes(*free))]
+    Room {
+        /// The folder.
+        path: PathBuf,
+        /// What would be written, and the keys that say so.
+        what: String,
+        /// Its size, bytes.
+        needed: f64,
+        /// Room on the disk, bytes.
+        free: f64,
+    },
     /// A journal of results cannot be used.
     #[error("{}: {problem}", path.display())]
     Journal {
@@ -44,6 +56,16 @@ pub enum Error {
         path: PathBuf,
         /// What is wrong with it and what to do.
         problem: String,
+    },
+    /// The system gives fewer threads than were asked for.
+    #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with --jobs {}", (*started / 2).max(1))]
+    Threads {
+        /// How many were asked for.
+        wanted: usize,
+        /// How many there were.
+        started: usize,
+        /// The operating system's reason.
+        reason: String,
     },
     /// Newton's method did not converge, even after the step was halved.
     #[error(
@@ -103,14 +125,6 @@ pub enum Error {
         /// Size of the system.
         unknowns: usize,
         /// The solver's reason.
-        reason: String,
-    },
-    /// A figure cannot be drawn.
-    #[error("figure `{title}` cannot be drawn: {reason}")]
-    Chart {
-        /// Its title.
-        title: String,
-        /// The plotting library's reason.
         reason: String,
     },
     /// The report cannot be made.
@@ -218,9 +232,38 @@ impl Error {
         )
     }
 
+    /// The file that it is about.
+    pub fn path(&self) -> Option<&PathBuf> {
+        match self {
+            Self::Read { path, .. }
+            | Self::Write { path, .. }
+            | Self::Journal { path, .. }
+            | Self::Room { path, .. } => Some(path),
+            _ => None,
+        }
+    }
+
     /// True where the input is to blame, so that nothing was run or written.
     pub fn is_bad_input(&self) -> bool {
-        matches!(self, Self::Scene { .. } | Self::Read { .. } | Self::Study { .. } | Self::Journal { .. })
+        matches!(
+            self,
+            Self::Scene { .. }
+                | Self::Read { .. }
+                | Self::Study { .. }
+                | Self::Journal { .. }
+                | Self::Room { .. }
+                | Self::Threads { .. }
+        )
+    }
+}
+
+/// A number of bytes in words.
+pub fn bytes(count: f64) -> String {
+    let units = [(1e12, "TB"), (1e9, "GB"), (1e6, "MB"), (1e3, "kB")];
+    match units.into_iter().find(|(size, _)| count >= *size) {
+        Some((size, unit)) if count < 1000.0 * size => format!("{:.1} {unit}", count / size),
+        Some((size, unit)) => format!("{:.1e} {unit}", count / size),
+        None => format!("{count:.0} bytes"),
     }
 }
 

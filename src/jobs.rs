@@ -10,6 +10,7 @@ use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
+use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
 use std::time::{Duration, Instant};
@@ -104,26 +105,45 @@ impl Journal {
         match journal.scan()? {
             Some(found) => {
                 if let Some(difference) = job.difference(&found) {
-                    let remedy = "finish that one, choose another folder, or start anew";
+                    let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
                     return Err(refused(path, format!("it holds the results of another job: {difference}; {remedy}")));
                 }
             }
-            None if journal.file.metadata().map_err(failed)?.len() == 0 => journal.line(&job.clone())?,
-            None => return Err(refused(path, "it is no journal of results".to_string())),
+            None if journal.file.metadata().map_err(failed)?.len() == 0 => {
+                if let Err(error) = journal.line(&job.clone()) {
+                    let _ = std::fs::remove_file(path); // it is empty
+                    return Err(error);
+                }
+            }
+            None => {
+                let problem = "it is no journal of results, or its beginning is damaged; --restart begins anew";
+                return Err(refused(path, problem.to_string()));
+            }
         }
         let end = journal.end;
         journal.file.set_len(end).map_err(failed)?;
         Ok(journal)
     }
 
-    /// Removes the journal at `path`, so that the next one begins anew.
+    /// Removes the journal at `path`, damaged or not, so that the next one begins anew.
     ///
     /// # Errors
-    /// [`Error::Journal`] where it is none or another program is at work on it; [`Error::Read`], [`Error::Write`].
+    /// [`Error::Journal`] where it is another kind of file or another program is at work on it; [`Error::Read`],
+    /// [`Error::Write`].
     pub fn clear(path: &Path) -> Result<()> {
-        let journal = Self::read(path)?;
-        if let Err(TryLockError::WouldBlock) = journal.file.try_lock() {
+        let failed = |e: std::io::Error| Error::Read { path: path.to_path_buf(), reason: e.to_string() };
+        let file = File::open(path).map_err(failed)?;
+        if let Err(TryLockError::WouldBlock) = file.try_lock() {
             return Err(refused(path, "another program is at work on it".to_string()));
+        }
+        let mut lines = BufReader::new(&file).split(b'\n').peekable();
+        let empty = lines.peek().is_none();
+        // Of a damaged journal some line is whole, or the only one begins as one does.
+        let known = |line: std::io::Result<Vec<u8>>| {
+            line.is_ok_and(|line| whole(&line).is_some() || line.get(16..18) == Some(b" {"))
+        };
+        if !empty && !lines.any(known) {
+            return Err(refused(path, "it is no journal of results, and is not removed".to_string()));
         }
         std::fs::remove_file(path).map_err(|e| write_error(path, &e))
     }
@@ -247,9 +267,14 @@ impl Journal {
     }
 }
 
-/// The JSON of a whole line.
+/// The JSON of a line that was finished.
 fn content(line: &[u8]) -> Option<&[u8]> {
-    let (checksum, json) = line.strip_suffix(b"\n")?.split_at_checked(16)?;
+    whole(line.strip_suffix(b"\n")?)
+}
+
+/// The JSON of a line, without its end, whose checksum is right.
+fn whole(line: &[u8]) -> Option<&[u8]> {
+    let (checksum, json) = line.split_at_checked(16)?;
     let json = json.strip_prefix(b" ")?;
     let checksum = u64::from_str_radix(std::str::from_utf8(checksum).ok()?, 16).ok()?;
     (checksum == XxHash3_64::oneshot(json)).then_some(json)
@@ -312,7 +337,7 @@ pub fn cores() -> usize {
 /// when it ends: `work` should look at the same sign that made `done` break.
 ///
 /// # Errors
-/// Those of `done`.
+/// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.
 pub fn run<T: Send>(
     todo: &[usize],
     threads: usize,
@@ -322,18 +347,25 @@ pub fn run<T: Send>(
     let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
     let threads = threads.clamp(1, todo.len().max(1));
     let (sender, results) = sync_channel(2 * threads);
+    let gate = Mutex::new(());
     std::thread::scope(|scope| {
-        for _ in 0..threads {
+        let closed = gate.lock();
+        for started in 0..threads {
             let sender = sender.clone();
-            scope.spawn(|| {
+            let worker = || {
                 let sender = sender;
+                drop(gate.lock()); // until all threads are there
                 while !ended.load(Ordering::Relaxed)
                     && let Some(index) = todo.get(next.fetch_add(1, Ordering::Relaxed))
                     && sender.send((*index, work(*index))).is_ok()
                 {}
-            });
+            };
+            if let Err(error) = std::thread::Builder::new().spawn_scoped(scope, worker) {
+                ended.store(true, Ordering::Relaxed);
+                return Err(Error::Threads { wanted: threads, started, reason: error.to_string() });
+            }
         }
-        drop(sender);
+        drop((closed, sender));
         // Dropping the receiver lets a thread that waits to hand over its result end.
         for (index, result) in results {
             match done(index, result) {

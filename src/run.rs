@@ -40,7 +40,7 @@ pub enum Ending {
     Complete,
     /// The observer stopped it.
     Interrupted,
-    /// A step failed; the stepper shows the last good state.
+    /// A step failed, and the stepper shows the last good state; or the observer did.
     Failed(Error),
 }
 
@@ -53,37 +53,32 @@ pub struct Outcome {
     pub wall: Duration,
 }
 
-/// Drives `stepper` through the steps of `scene`; `observe` sees the state after every step, and may stop the run.
-///
-/// # Errors
-/// Those of `observe` only: a step that fails is an [`Ending`], so that what came before is kept.
+/// Drives `stepper` through the steps of `scene`; `observe` sees the state after every step, and may stop the run. A step
+/// that fails, and an observer that does, is an [`Ending`], so that what came before is kept.
 pub fn run(
     scene: &Scene,
     stepper: &mut Stepper,
     mut observe: impl FnMut(&mut Stepper) -> Result<ControlFlow<()>>,
-) -> Result<Outcome> {
+) -> Outcome {
     let start = Instant::now();
     let mut seen = Ok(ControlFlow::Continue(()));
     let mut ending = Ending::Complete;
     for span in scene.spans() {
         let outcome = stepper.do_step_with(span, |stepper| {
             seen = observe(stepper);
-            if matches!(seen, Ok(ControlFlow::Continue(()))) {
-                ControlFlow::Continue(())
-            } else {
-                ControlFlow::Break(())
+            match seen {
+                Ok(flow) => flow,
+                Err(_) => ControlFlow::Break(()),
             }
         });
-        if let Err(error) = outcome {
-            ending = Ending::Failed(error);
-            break;
-        }
-        if seen.clone()?.is_break() {
-            ending = Ending::Interrupted;
-            break;
-        }
+        ending = match (outcome, std::mem::replace(&mut seen, Ok(ControlFlow::Continue(())))) {
+            (Err(error), _) | (_, Err(error)) => Ending::Failed(error),
+            (Ok(_), Ok(ControlFlow::Break(()))) => Ending::Interrupted,
+            (Ok(_), Ok(ControlFlow::Continue(()))) => continue,
+        };
+        break;
     }
-    Ok(Outcome { ending, wall: start.elapsed() })
+    Outcome { ending, wall: start.elapsed() }
 }
 
 /// A run beside the whole model.

@@ -187,7 +187,7 @@ fn stiffness_is_recovered_from_clean_and_noisy_markers() {
     std::fs::write(folder.join("identification.csv"), table).unwrap();
     let title = "identified stiffness, 100 Hz for 8 s, joints from 0.2 L to 0.8 L";
     let chart = Chart::new(title, "noise of the markers (m)", "rms relative error of EI", Scale::LogLog, series);
-    std::fs::write(folder.join("identification.svg"), chart.svg().unwrap()).unwrap();
+    std::fs::write(folder.join("identification.svg"), chart.svg()).unwrap();
     println!("table and figure: {}", folder.display());
 }
 
@@ -306,7 +306,7 @@ fn a_designed_shape_is_rested_in_again() {
     let (before, after) = (rests("at rest, before:"), rests("at rest:"));
     println!("{before:e} m before, {after:e} m");
     assert!(before > 1e-3 && after <= 1e-9, "{before:e} {after:e}");
-    assert!(design.write(&folder.path().join("out")).unwrap().iter().any(|path| path.ends_with("shape.svg")));
+    assert!(design.write(&folder.path().join("out")).unwrap().files.iter().any(|path| path.ends_with("shape.svg")));
 }
 
 #[test]
@@ -463,7 +463,7 @@ fn stiffness_and_actuation_are_designed_together_for_distance_and_efficiency() {
             }
             // The scene it leaves has all of it.
             let folder = tempfile::tempdir().unwrap();
-            let files = design.write(folder.path()).unwrap();
+            let files = design.write(folder.path()).unwrap().complete().unwrap();
             let designed = files.iter().find(|path| path.to_string_lossy().ends_with("-designed.toml")).unwrap();
             let run = of_run(designed, goal);
             assert!((run / found.objective - 1.0).abs() <= 1e-6, "{goal} {variables}: {run:e} {:e}", found.objective);
@@ -542,7 +542,7 @@ fn searches_end_at_a_stationary_profile_that_holds_in_other_simulations() {
         println!("{name}: {:?}", design.lines);
         assert!(found.converged && found.stationarity <= 1e-6, "{name}: {:e}", found.stationarity);
         let folder = tempfile::tempdir().unwrap();
-        let files = design.write(folder.path()).unwrap();
+        let files = design.write(folder.path()).unwrap().complete().unwrap();
         let numbers: serde_json::Value =
             serde_json::from_str(&std::fs::read_to_string(folder.path().join("design.json")).unwrap()).unwrap();
         let gain = |i: usize| numbers["checks"][i]["gain_percent"].as_f64().unwrap();

@@ -574,6 +574,21 @@ fn a_bad_table_of_a_driven_head_is_told_with_its_own_file_and_line() {
             1,
             "found 4 columns; allowed: time_s and 1 value(s), or these and 1 rate(s)",
         ),
+        (
+            "angle_rad,time_s\n0,0\n1,1\n",
+            1,
+            "found \"angle_rad\" as column 1; allowed: the time there, in the order time, values, their rates",
+        ),
+        (
+            "time_s,time\n0,0\n1,1\n",
+            1,
+            "found \"time\" as column 2; allowed: a value there, in the order time, values, their rates",
+        ),
+        (
+            "time_s,spin_rad_s,angle_rad\n0,0,0\n1,1,0\n",
+            1,
+            "found \"spin_rad_s\" as column 2; allowed: a value, not a rate, there, in the order time, values, their rates",
+        ),
         ("# so\n\ntime_s\n", 3, "found 1 columns; allowed: time_s and 1 value(s), or these and 1 rate(s)"),
         ("0,1\n1,2\n", 1, "found 0 in the header; allowed: names, time_s first"),
         ("time_s,a\n", 1, "found no rows; allowed: at least one"),
@@ -608,6 +623,10 @@ fn a_bad_table_of_a_driven_head_is_told_with_its_own_file_and_line() {
             "{csv:?}"
         );
     }
+    let (folder, stepper) = with_table("position_m", b"time_s,y_m,x_m\n0,0,0\n1,1,0\n");
+    let problem = "found \"y_m\" as column 2; allowed: x there, in the order time, values, their rates";
+    let place = folder.path().join("head.csv");
+    assert_eq!(stepper.unwrap_err().to_string(), format!("{}:1: {problem}", place.display()));
     let (_folder, stepper) = with_table("angle_rad", b"time_s,a\n0,\xff\n1,2\n");
     assert!(matches!(stepper, Err(Error::Read { .. })), "{stepper:?}");
     for file in ["none.csv", "."] {

@@ -4,14 +4,12 @@ use std::process::ExitCode;
 
 use caudal::check::Assessment;
 use caudal::error::Result;
-use caudal::stepper::Stepper;
+use caudal::report::Output;
 
-use super::{SceneArguments, say};
+use super::{Prepared, SceneArguments, output_folder, refuse, say};
 
 pub fn check(arguments: &SceneArguments) -> Result<ExitCode> {
-    let (_, scene) = arguments.read()?;
-    let stepper = Stepper::of(&scene)?;
-    let assessment = Assessment::of(&scene, &stepper)?;
+    let Prepared { document, scene, stepper, assessment } = arguments.prepare()?;
     let facts = [&assessment.facts[..], &Assessment::ladder(&scene, &stepper)?].concat();
     let width = facts.iter().map(|fact| fact.name.chars().count()).max().unwrap_or(0);
     for fact in &facts {
@@ -21,5 +19,7 @@ pub fn check(arguments: &SceneArguments) -> Result<ExitCode> {
     for warning in &assessment.warnings {
         say(&format!("warning: {warning}"));
     }
-    Ok(ExitCode::SUCCESS)
+    let refused =
+        assessment.refused(&document).or_else(|| Output::fits(&output_folder(&scene), &scene, &stepper).err());
+    Ok(refused.map_or(ExitCode::SUCCESS, |error| refuse(&error)))
 }

@@ -10,11 +10,11 @@ use caudal::error::Result;
 use caudal::report::check_writable;
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, refuse, say};
+use super::{SceneArguments, complain, exit, output_folder, refuse, say, say_kept};
 
 pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
-    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let folder = out.unwrap_or_else(|| output_folder(&scene));
     if let Err(error) = check_writable(&folder) {
         return Ok(refuse(&error));
     }
@@ -34,8 +34,7 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCo
     for line in &design.lines {
         say(line);
     }
-    let files = design.write(&folder)?;
-    say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
+    let whole = say_kept(&design.write(&folder)?, &folder);
     Ok(match &design.answer {
         Answer::Found(found) if found.interrupted => {
             complain("interrupted: the files hold the best design so far");
@@ -45,6 +44,6 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCo
             complain("the search did not converge: the files hold its best design; try more design.iterations");
             ExitCode::from(exit::FAILED)
         }
-        _ => ExitCode::SUCCESS,
+        _ => whole,
     })
 }

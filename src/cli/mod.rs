@@ -10,11 +10,14 @@ mod sweep;
 mod variables;
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use caudal::check::Assessment;
 use caudal::error::{Error, Result};
+use caudal::report::Kept;
 use caudal::scene::{Document, Scene};
+use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
 
 /// Exit codes, as a user's scripts rely on them.
@@ -110,6 +113,44 @@ impl SceneArguments {
         let scene = document.scene()?;
         Ok((document, scene))
     }
+
+    /// The scene at its start, and what there is to say of it.
+    fn prepare(&self) -> Result<Prepared> {
+        let (document, scene) = self.read()?;
+        let stepper = Stepper::of(&scene)?;
+        let assessment = Assessment::of(&scene, &stepper)?;
+        Ok(Prepared { document, scene, stepper, assessment })
+    }
+}
+
+/// A scene before its first step.
+struct Prepared {
+    document: Document,
+    scene: Scene,
+    stepper: Stepper,
+    assessment: Assessment,
+}
+
+/// The folder of a run's results unless another one is asked for.
+fn output_folder(scene: &Scene) -> PathBuf {
+    PathBuf::from("out").join(&scene.name)
+}
+
+/// Says what files there are and what could not be written; the exit code of that.
+fn say_kept(kept: &Kept, folder: &Path) -> ExitCode {
+    if kept.lost.is_empty() {
+        say(&format!("{} files in {}: open report.html", kept.files.len(), folder.display()));
+        return ExitCode::SUCCESS;
+    }
+    // The first says why, and it is the same for the others.
+    kept.lost.iter().take(1).for_each(|error| complain(&error.to_string()));
+    let names = |paths: &mut dyn Iterator<Item = &PathBuf>| -> String {
+        let names = paths.filter_map(|path| path.file_name()).map(|name| name.to_string_lossy());
+        names.collect::<Vec<_>>().join(", ")
+    };
+    let lost = names(&mut kept.lost.iter().filter_map(Error::path));
+    complain(&format!("not written: {lost}; kept in {}: {}", folder.display(), names(&mut kept.files.iter())));
+    ExitCode::from(exit::FAILED)
 }
 
 pub fn main() -> ExitCode {

@@ -6,26 +6,22 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use caudal::check::Assessment;
 use caudal::error::Result;
 use caudal::report::Output;
 use caudal::run::{Ending, Summary, Verification, run as run_scene};
-use caudal::stepper::Stepper;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{SceneArguments, complain, exit, refuse, say};
+use super::{Prepared, SceneArguments, complain, exit, output_folder, refuse, say, say_kept};
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
 
 pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Result<ExitCode> {
-    let (document, scene) = arguments.read()?;
-    let mut stepper = Stepper::of(&scene)?;
-    let assessment = Assessment::of(&scene, &stepper)?;
-    if let Some(fault) = &assessment.refusal {
-        return Ok(refuse(&document.refuse(fault)));
+    let Prepared { document, scene, mut stepper, assessment } = arguments.prepare()?;
+    if let Some(error) = assessment.refused(&document) {
+        return Ok(refuse(&error));
     }
-    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let folder = out.unwrap_or_else(|| output_folder(&scene));
     let mut output = match Output::create(&folder, &scene, &stepper) {
         Ok(output) => output,
         Err(error) => return Ok(refuse(&error)),
@@ -34,26 +30,27 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
         say(&format!("note: {warning}"));
     }
     let interrupted = watch_for_interrupts();
+    let raised =
+        || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let bar = progress_bar();
     let duration = scene.solver.duration_s.get();
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
         bar.set_position((stepper.time() / duration * PROGRESS as f64) as u64);
-        output.step(stepper)?;
-        Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+        match output.step(stepper, &mut || raised())? {
+            ControlFlow::Continue(()) => Ok(raised()),
+            stop => Ok(stop),
+        }
     });
     bar.finish_and_clear();
-    let outcome = outcome?;
     let mut summary = Summary::of(&scene, &stepper, &outcome, &assessment.warnings);
     if verify && outcome.ending == Ending::Complete {
         // A comparison that fails, or is interrupted, takes nothing from the run.
-        let raised =
-            || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
         match Verification::of(&scene, &stepper, |_| raised()) {
             Ok(verification) => summary.verification = verification,
             Err(error) => summary.notes.push(format!("the whole model could not be run beside it: {error}")),
         }
     }
-    let files = output.finish(&stepper, &summary, &document, &summary.notes)?;
+    let kept = output.finish(&stepper, &summary, &document, &summary.notes);
     say(&format!(
         "{}: t = {} s in {} steps, {} Newton iterations, {:.3} s",
         summary.name, summary.end_time_s, summary.steps, summary.newton_iterations, summary.wall_s
@@ -78,9 +75,9 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
     if summary.step_halvings > 0 {
         say(&format!("{} steps did not converge at first and were halved", summary.step_halvings));
     }
-    say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
+    let whole = say_kept(&kept, &folder);
     Ok(match outcome.ending {
-        Ending::Complete => ExitCode::SUCCESS,
+        Ending::Complete => whole,
         Ending::Interrupted => {
             complain(&format!("interrupted: the files are complete and valid up to t = {} s", summary.end_time_s));
             ExitCode::from(exit::INTERRUPTED)

@@ -9,7 +9,7 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, say};
+use super::{SceneArguments, complain, exit, say, say_kept};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
@@ -122,12 +122,11 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
     bar.finish_and_clear();
     match made? {
         Studied::Complete(findings) => {
-            let files = study::keep(&findings, &folder, &scene.name, &document)?;
+            let kept = study::keep(&findings, &folder, &scene.name, &document)?;
             for answer in &findings.answers {
                 say(answer);
             }
-            say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
-            Ok(ExitCode::SUCCESS)
+            Ok(say_kept(&kept, &folder))
         }
         Studied::Interrupted(done, of) => {
             complain(&format!(

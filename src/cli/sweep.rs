@@ -7,12 +7,13 @@ use std::time::Duration;
 
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
+use caudal::report::Folder;
 use caudal::sweep::{Results, Sweep, run as run_sweep};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::run::watch_for_interrupts;
-use super::{complain, exit, refuse, say};
+use super::{complain, exit, refuse, say, say_kept};
 
 /// Names of journals end in this.
 const JOURNAL: &str = "journal";
@@ -111,17 +112,19 @@ fn threads(arguments: &Arguments) -> usize {
 fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
+    let mut cases = wanted(&sweep, arguments);
     let name =
         arguments.shard.map_or_else(|| "cases".to_string(), |Shard { number, of }| format!("shard-{number}-of-{of}"));
     let path = folder.join(format!("{name}.{JOURNAL}"));
-    if let Err(e) = std::fs::create_dir_all(&folder) {
-        return Ok(refuse(&Error::Write { path: folder, reason: e.to_string() }));
-    }
+    let room = sweep.fits(cases.len(), &folder).and_then(|()| Folder::open(&folder));
+    let _made = match room {
+        Ok(made) => made,
+        Err(error) => return Ok(refuse(&error)),
+    };
     if arguments.restart && path.exists() {
         Journal::clear(&path)?;
     }
     let mut journal = Journal::open(&path, &job)?;
-    let mut cases = wanted(&sweep, arguments);
     let all = cases.len();
     cases.retain(|index| !journal.has(*index));
     if cases.len() < all {
@@ -159,7 +162,7 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
 
 /// Table, figures and report, and a word on what failed.
 fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
-    let files = results.write(folder)?;
+    let kept = results.write(folder)?;
     let mut failed = 0;
     for row in results.rows() {
         let (index, row) = row?;
@@ -173,8 +176,8 @@ fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
     if failed > 0 {
         complain(&format!("{failed} cases failed; their rows in table.csv say why"));
     }
-    say(&format!("{} files in {}: open report.html", files.len(), folder.display()));
-    Ok(if failed > 0 { ExitCode::from(exit::FAILED) } else { ExitCode::SUCCESS })
+    let whole = say_kept(&kept, folder);
+    Ok(if failed > 0 { ExitCode::from(exit::FAILED) } else { whole })
 }
 
 fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
@@ -207,9 +210,6 @@ fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
             paths.len()
         ));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
-    }
-    if let Err(e) = std::fs::create_dir_all(&folder) {
-        return Ok(refuse(&Error::Write { path: folder, reason: e.to_string() }));
     }
     finish(&results, &folder)
 }

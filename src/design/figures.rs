@@ -7,7 +7,7 @@ use super::report::{Answer, Compared, Design, distances, gain_percent, objective
 use super::table::{Goal, Variable};
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::{Findings, Frame, Motion, Table};
+use crate::report::{Figure, Findings, Frame, Motion, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 
@@ -20,7 +20,7 @@ const POINTS: usize = 600;
 /// A stiffness that is uncertain by more than this part of itself is not known.
 const KNOWN: f64 = 0.1;
 
-type Figure = (&'static str, Chart);
+type Drawn = (&'static str, Chart);
 
 impl Design {
     /// All that the design's page shows.
@@ -31,7 +31,7 @@ impl Design {
         figures.extend(self.goal_figures(&rod));
         figures.extend(self.cycle_figures());
         figures.extend(self.search_figures());
-        let figures = figures.into_iter().map(|(name, chart)| Ok((name.to_string(), chart.svg()?)));
+        let figures = figures.into_iter().map(|(name, chart)| Figure::new(name, caption(name), chart.svg()));
         Ok(Findings {
             subject: match self.table.goal {
                 Goal::Identify => "identified stiffness",
@@ -41,7 +41,7 @@ impl Design {
                 Goal::Efficiency => "design for efficiency",
             },
             answers: self.answers(),
-            figures: figures.collect::<Result<_>>()?,
+            figures: figures.collect(),
             tables: self.tables(&rod),
             motion: self.motion(&rod).map(Box::new),
             ..Findings::default()
@@ -78,7 +78,7 @@ impl Design {
         if self.table.goal == Goal::Identify { "identified" } else { "design" }
     }
 
-    fn profile_figure(&self, rod: &Rod) -> Figure {
+    fn profile_figure(&self, rod: &Rod) -> Drawn {
         let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
         let line = |values: &[f64]| xi.iter().copied().zip(values.iter().map(|ei| ei / rod.ei)).collect::<Vec<_>>();
         let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
@@ -114,7 +114,7 @@ impl Design {
         ("profile.svg", self.chart(&title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
-    fn actuation_figures(&self, rod: &Rod) -> Vec<Figure> {
+    fn actuation_figures(&self, rod: &Rod) -> Vec<Drawn> {
         let Answer::Found(found) = &self.answer else { return Vec::new() };
         let line = |values: &[f64]| {
             let xi = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64);
@@ -146,7 +146,7 @@ impl Design {
     }
 
     /// What the goal is about, over time: the tip and its target, the way, or the markers.
-    fn goal_figures(&self, rod: &Rod) -> Vec<Figure> {
+    fn goal_figures(&self, rod: &Rod) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let target = self.evidence.target.as_ref();
         if let (Goal::StaticShape, Some(target)) = (self.table.goal, target) {
@@ -219,7 +219,7 @@ impl Design {
     }
 
     /// The shapes of the last cycle before and after, on the same axes.
-    fn cycle_figures(&self) -> Vec<Figure> {
+    fn cycle_figures(&self) -> Vec<Drawn> {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
         let all = [self.shapes(before), self.shapes(after)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
@@ -246,7 +246,7 @@ impl Design {
         series
     }
 
-    fn search_figures(&self) -> Vec<Figure> {
+    fn search_figures(&self) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let singular = match &self.answer {
             Answer::Identified(found) => &found.singular_values[..],
@@ -424,6 +424,29 @@ impl Design {
         let before_is = self.before();
         let shown = format!("In grey: the same with {before_is}.");
         Some((Motion::of(&frames(after)).beside(&frames(before)), shown))
+    }
+}
+
+/// What a figure shows, in a sentence.
+fn caption(file: &str) -> &'static str {
+    match file {
+        "profile.svg" => {
+            "The bending stiffness along the rod, over that of the scene, beside what it is compared with."
+        }
+        "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
+        "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",
+        "shape.svg" => "The shape that the rod is to rest in.",
+        "tip_x.svg" | "tip_y.svg" => "The tip as it should move, and as it does before and after.",
+        "error.svg" => "How far the simulation is from the data over time, by size on a logarithmic axis.",
+        "way.svg" => "How far the centre of mass comes before and after.",
+        "before.svg" => "Shapes before, the last one with its nodes, on the same axes as those after.",
+        "after.svg" => "Shapes after, the last one with its nodes, on the same axes as those before.",
+        "singular_values.svg" => {
+            "How much the data know of each independent combination of the unknowns; each is worth what its height says."
+        }
+        "objective.svg" => "The objective from iteration to iteration, one line a start.",
+        "convergence.svg" => "How far each iteration is from a stationary point, one line a start.",
+        _ => "",
     }
 }
 

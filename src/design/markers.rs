@@ -5,6 +5,7 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
+use crate::rod::Rod;
 
 /// Fewest samples that a motion can be made of.
 pub const LEAST: usize = 2 * DEGREE + 1;
@@ -21,6 +22,25 @@ const FITS: f64 = 4.0;
 /// A window that spans more than this many usual ones has a gap in it.
 const GAP: f64 = 1.5;
 
+/// Markers may be further apart than the rod between them by this part of the length, for noise.
+const SLACK: f64 = 0.1;
+
+/// A polyline through the markers of less than this part of the rod's length is none of this rod.
+const SHORTEST: f64 = 0.5;
+
+/// The length of the polyline through a row of positions, m.
+fn length(row: &[f64]) -> f64 {
+    let nodes = row.as_chunks::<2>().0;
+    nodes.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum()
+}
+
+/// The middle one of values; 0 of none.
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
+}
+
 /// Positions of nodes at rising times, as `nodes.csv` has them.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Markers {
@@ -33,12 +53,13 @@ pub struct Markers {
 }
 
 impl Markers {
-    /// Reads the columns time_s, x0_m, y0_m, … of `nodes` nodes, or of a `tip` alone time_s, tip_x_m, tip_y_m: at least `least`
-    /// samples. One with an empty or NaN entry is left out and named.
+    /// Reads the columns time_s, x0_m, y0_m, … of the nodes of `rod`, or of a `tip` alone time_s, tip_x_m, tip_y_m: at least
+    /// `least` samples. One with an empty or NaN entry is left out and named; one that no such rod can have is refused.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Scene`] with file and line where it is not such a table.
-    pub fn read(path: &Path, nodes: usize, tip: bool, least: usize) -> Result<Self> {
+    /// [`Error::Read`]; [`Error::Scene`] with file, line and column where it is not such a table.
+    pub fn read(path: &Path, rod: &Rod, tip: bool, least: usize) -> Result<Self> {
+        let nodes = rod.nodes;
         let refuse = |line: u64, problem: String| Error::Scene {
             place: format!("{}:{line}", path.display()),
             key: String::new(),
@@ -60,7 +81,7 @@ impl Markers {
             let allowed = format!("time_s, x0_m, y0_m, … y{}_m: one marker a node of the scene's rod", nodes - 1);
             return Err(refuse(1, format!("{found}; allowed: {allowed}")));
         }
-        let mut markers = Self::default();
+        let (mut markers, mut lines) = (Self::default(), Vec::new());
         let mut last = f64::NEG_INFINITY;
         for record in reader.records() {
             let record = record.map_err(|e| refuse(e.position().map_or(0, csv::Position::line), e.to_string()))?;
@@ -88,6 +109,7 @@ impl Markers {
                 Some(_) if tip => markers.missing.push(format!("the tip at t = {time} s")),
                 Some(i) => markers.missing.push(format!("node {} at t = {time} s", i / 2)),
                 None => {
+                    lines.push(line);
                     markers.times.push(time);
                     markers.positions.push(row);
                 }
@@ -97,7 +119,82 @@ impl Markers {
             let found = format!("found {} complete samples", markers.times.len());
             return Err(refuse(1, format!("{found}; allowed: at least {least}")));
         }
-        Ok(markers)
+        let impossible = if tip { markers.strayed(rod.length) } else { markers.impossible(rod) };
+        match impossible {
+            Some((sample, entry, problem)) => {
+                let column = header.get(1 + entry).unwrap_or_default();
+                Err(Error::Scene {
+                    place: format!("{}:{}", path.display(), lines[sample]),
+                    key: column.to_string(),
+                    problem: format!("found {}: {problem}", markers.positions[sample][entry]),
+                })
+            }
+            None => Ok(markers),
+        }
+    }
+
+    /// The first sample and entry that `rod` cannot have, and why: nodes are no further from each other than along the rod.
+    fn impossible(&self, rod: &Rod) -> Option<(usize, usize, String)> {
+        let reach = |i: usize, j: usize| rod.spacing * i.abs_diff(j) as f64 + SLACK * rod.length;
+        let far = |row: &[f64], i: usize, j: usize| {
+            (row[2 * i] - row[2 * j]).hypot(row[2 * i + 1] - row[2 * j + 1]) > reach(i, j)
+        };
+        let sizes: Vec<f64> = self.positions.iter().map(|row| length(row) / rod.length).collect();
+        let middle = median(&sizes);
+        if middle > 10.0 {
+            // All of them are so: it is no single marker that is wrong.
+            let problem = format!(
+                "the markers of a sample are {middle:.3e} times the rod's length along the rod; allowed: positions in metres of \
+                 a rod of {} m; are these millimetres?",
+                rod.length
+            );
+            return Some((0, 0, problem));
+        }
+        for (sample, row) in self.positions.iter().enumerate() {
+            let nodes = row.len() / 2;
+            if (1..nodes).all(|k| !far(row, k - 1, k)) {
+                continue;
+            }
+            // The one that is too far from most others.
+            let strangers = |k: &usize| (0..nodes).filter(|j| far(row, *k, *j)).count();
+            let node = (0..nodes).rev().max_by_key(strangers)?;
+            // And the coordinate that is further off.
+            let off = |axis: usize| {
+                let all: Vec<f64> = (0..nodes).map(|k| row[2 * k + axis]).collect();
+                (row[2 * node + axis] - median(&all)).abs()
+            };
+            let problem = format!(
+                "node {node} is off the rod: further from the others than along {} m of it; allowed: metres, and nothing where a \
+                 marker was not seen",
+                rod.length
+            );
+            return Some((sample, 2 * node + usize::from(off(1) > off(0)), problem));
+        }
+        let sample = sizes.iter().position(|size| *size < SHORTEST)?;
+        let problem = format!(
+            "the markers of this sample are {:.3e} times the rod's length along the rod; allowed: positions in metres of \
+             a rod of {} m, which hardly stretches",
+            sizes[sample], rod.length
+        );
+        Some((sample, 0, problem))
+    }
+
+    /// The first sample and entry of a tip that is further than the rod's `length` from the samples around it.
+    fn strayed(&self, length: f64) -> Option<(usize, usize, String)> {
+        let step = |i: usize| {
+            let [a, b] = [self.positions.get(i)?, self.positions.get(i + 1)?];
+            Some((a[0] - b[0]).hypot(a[1] - b[1]))
+        };
+        let jumps = |i: Option<usize>| i.and_then(step).is_none_or(|step| step > length);
+        let count = self.positions.len();
+        let sample = (0..count).find(|i| count > 2 && jumps(i.checked_sub(1)) && jumps(Some(*i)))?;
+        let other = &self.positions[if sample == 0 { 1 } else { sample - 1 }];
+        let off = |axis: usize| (self.positions[sample][axis] - other[axis]).abs();
+        let problem = format!(
+            "the tip jumps by more than the rod's length, {length} m, from one sample to the next; allowed: metres, and nothing \
+             where it was not seen"
+        );
+        Some((sample, usize::from(off(1) > off(0)), problem))
     }
 
     /// The smooth motion at all samples with a full window about them: `half` samples to either side, or as many as the

@@ -2,7 +2,7 @@
 //! profile.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -18,7 +18,7 @@ use crate::check::Assessment;
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
 use crate::newton::Newton;
-use crate::report::tables::write_all;
+use crate::report::tables::{Kept, write_all};
 use crate::rod::interpolated;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
@@ -111,11 +111,11 @@ impl Design {
         document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
-        let nodes = dynamics.nodes();
+        let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
             Some(file) => {
                 let tip = table.goal == Goal::TrackTip;
-                Markers::read(&scene.folder.join(file), nodes, tip, least).map(Some)
+                Markers::read(&scene.folder.join(file), &rod, tip, least).map(Some)
             }
             None => Ok(None),
         };
@@ -202,24 +202,24 @@ impl Design {
         Ok(Self { table, answer, stiffness, lines, evidence, scene, document: document.clone(), designed })
     }
 
-    /// Writes design.json, tables, figures, report.html and the scene with the designed profile to `folder`; returns their
-    /// paths.
+    /// Writes the scene with the designed profile, design.json, tables, figures and report.html to `folder`, in this order, each
+    /// put in place whole.
     ///
     /// # Errors
-    /// [`Error::Write`], [`Error::Chart`], [`Error::Page`]; files already in the folder are then as they were.
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
+    /// [`Error::Write`] for the folder, [`Error::Page`].
+    pub fn write(&self, folder: &Path) -> Result<Kept> {
         let failed = |reason: String| Error::Page { reason };
         let findings = self.findings()?;
         let numbers = serde_json::to_string_pretty(&self.numbers()?).map_err(|e| failed(e.to_string()))?;
         let mut texts = vec![
-            ("report.html".to_string(), findings.page(&self.scene.name, &self.document)?),
-            ("design.json".to_string(), numbers + "\n"),
             (format!("{}-designed.toml", self.scene.name), self.designed.text().to_string()),
+            ("design.json".to_string(), numbers + "\n"),
         ];
         for table in &findings.tables {
             texts.push((table.file.to_string(), table.csv().map_err(|e| failed(e.to_string()))?));
         }
-        texts.extend(findings.figures);
+        texts.extend(findings.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
+        texts.push(("report.html".to_string(), findings.page(&self.scene.name, &self.document)?));
         write_all(folder, texts.iter())
     }
 

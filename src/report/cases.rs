@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, HashMap};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::chart::{Chart, Effects, Mark, Scale, Series, number};
+use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series, number};
 use super::page::{Motion, render};
 use super::record::Frame;
 use crate::error::Result;
@@ -88,23 +88,15 @@ pub struct Axis {
 impl Axis {
     /// Where level `i` is drawn: at its number, or at its place in the list.
     fn at(&self, i: usize) -> f64 {
-        match &self.numbers {
-            Some(numbers) if self.logarithmic => numbers[i].log10(),
-            Some(numbers) => numbers[i],
-            None => i as f64,
-        }
+        self.numbers.as_ref().map_or(i as f64, |numbers| numbers[i])
     }
 
-    /// Its name as an axis of a figure shows it.
-    fn title(&self) -> String {
+    /// How it is drawn: levels that are no numbers are categories.
+    fn scale(&self) -> Scale {
         match &self.numbers {
-            Some(_) if self.logarithmic => format!("log10 of {}", self.name),
-            Some(_) => self.name.clone(),
-            None => {
-                let labels: Vec<_> =
-                    self.labels.iter().enumerate().map(|(i, label)| format!("{i} = {label}")).collect();
-                format!("{} ({})", self.name, labels.join(", "))
-            }
+            Some(numbers) if self.logarithmic && numbers.iter().all(|x| *x > 0.0) => Scale::LogX,
+            Some(_) => Scale::Linear,
+            None => Scale::Categories(self.labels.clone()),
         }
     }
 
@@ -118,16 +110,17 @@ impl Axis {
         order.sort_by(|a, b| at[*a].total_cmp(&at[*b]));
         let parts = PARTS.min(at.len());
         let mut group = vec![0; at.len()];
+        // On a logarithmic axis the middle is that of the logarithms.
+        let [onto, back]: [fn(f64) -> f64; 2] =
+            if self.scale() == Scale::LogX { [f64::log10, |x| 10_f64.powf(x)] } else { [|x| x, |x| x] };
         let mut sums = vec![(0.0, 0.0); parts];
         for (rank, level) in order.into_iter().enumerate() {
             let part = rank * parts / at.len();
             group[level] = part;
-            sums[part] = (sums[part].0 + at[level], sums[part].1 + 1.0);
+            sums[part] = (sums[part].0 + onto(at[level]), sums[part].1 + 1.0);
         }
-        let middles: Vec<f64> = sums.into_iter().map(|(sum, count)| sum / count).collect();
-        let text = |x: &f64| {
-            number(format!("{:.1e}", if self.logarithmic { 10_f64.powf(*x) } else { *x }).parse().unwrap_or(*x))
-        };
+        let middles: Vec<f64> = sums.into_iter().map(|(sum, count)| back(sum / count)).collect();
+        let text = |x: &f64| number(format!("{x:.1e}").parse().unwrap_or(*x));
         let labels = middles.iter().map(text).collect();
         Groups { of: group, at: middles, labels }
     }
@@ -183,7 +176,7 @@ struct Content<'a> {
     shown: usize,
     played: usize,
     text: &'a str,
-    figures: Vec<(&'a str, &'a str)>,
+    figures: &'a [Figure],
     data: Data<'a>,
 }
 
@@ -249,40 +242,55 @@ impl Cases {
         }
     }
 
-    /// The figures, as file names and SVG: each axis' effect on the displacement or thrust, main effects on every quantity, paths of
-    /// the centres of mass, and the split's levels against each other.
-    ///
-    /// # Errors
-    /// [`Error::Chart`](crate::Error::Chart).
-    pub fn figures(&self) -> Result<Vec<(String, String)>> {
-        let mut figures = Vec::new();
+    /// The figures: each axis' effect on the displacement or thrust, main effects on every quantity, paths of the centres of mass, and the
+    /// split's levels against each other.
+    pub fn figures(&self) -> Vec<Figure> {
+        let (mut figures, mut names) = (Vec::new(), Names::default());
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
         let shown: Vec<usize> =
             (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
         let parts = self.parts();
+        let of = |label: &str| if label.is_empty() { String::new() } else { format!(", {label}") };
         // The displacement, or where heads are held the thrust.
         if let Some((quantity, column)) = drawn().find(|(_, column)| known(column)) {
             let stem = if quantity.of_free_heads { "displacement" } else { "thrust" };
             for (label, cases) in &parts {
                 for axis in &shown {
                     let chart = self.against(*axis, quantity, column, label, cases);
-                    figures.push((file(&[stem, &self.axes[*axis].name, label]), chart.svg()?));
+                    let axis = &self.axes[*axis];
+                    let lines = match axis.scale() {
+                        Scale::Categories(_) => "Bars are means.",
+                        _ if axis.sampled => "The line joins means over equal parts of the sample.",
+                        _ => "Grey lines join cases that differ in nothing else, the line joins means.",
+                    };
+                    let caption =
+                        format!("The {} of every case against {}{}. {lines}", quantity.name, axis.name, of(label));
+                    let file = names.file(&[stem, &axis.name, label]);
+                    figures.push(Figure::new(file, caption, chart.svg()));
                 }
             }
             if let Some(chart) = self.compared(quantity, column) {
-                figures.push(("compared.svg".to_string(), chart.svg()?));
+                let caption = format!("The {} of each case with every level of the split side by side.", quantity.name);
+                figures.push(Figure::new(names.file(&["compared"]), caption, chart.svg()));
             }
         }
         for (label, cases) in &parts {
             if let Some(chart) = self.paths(label, cases) {
-                figures.push((file(&["paths", label]), chart.svg()?));
+                let caption = format!(
+                    "How far the centres of mass come in x over time{}: the cases that go least, furthest and the one in the middle, \
+                     others in grey.",
+                    of(label)
+                );
+                figures.push(Figure::new(names.file(&["paths", label]), caption, chart.svg()));
             }
         }
         for (quantity, column) in drawn().filter(|(_, column)| known(column)) {
-            figures.push((file(&["effects", quantity.key]), self.effects(&shown, quantity, column, &parts).svg()?));
+            let caption = format!("The mean {} at each level of an axis, over all other axes.", quantity.name);
+            let effects = self.effects(&shown, quantity, column, &parts);
+            figures.push(Figure::new(names.file(&["effects", quantity.key]), caption, effects.svg()));
         }
-        Ok(figures)
+        figures
     }
 
     fn titled(&self, what: &str, label: &str) -> String {
@@ -319,9 +327,9 @@ impl Cases {
         series.push(Series::new("mean", groups.at.into_iter().zip(means).collect(), Mark::Dotted));
         Chart {
             title: self.titled(&format!("{} against {}", quantity.name, of.name), label),
-            x: of.title(),
+            x: of.name.clone(),
             y: format!("{} ({})", quantity.name, quantity.unit),
-            scale: Scale::Linear,
+            scale: of.scale(),
             series,
         }
     }
@@ -347,7 +355,10 @@ impl Cases {
             axes: shown
                 .iter()
                 .zip(&groups)
-                .map(|(axis, group)| (self.axes[*axis].name.clone(), group.labels.clone()))
+                .map(|(axis, group)| {
+                    let Axis { name, numbers, .. } = &self.axes[*axis];
+                    EffectAxis { name: name.clone(), labels: group.labels.clone(), joined: numbers.is_some() }
+                })
                 .collect(),
             series: series.collect(),
         }
@@ -410,7 +421,7 @@ impl Cases {
     ///
     /// # Errors
     /// [`Error::Page`](crate::Error::Page).
-    pub fn page(&self, figures: &[(String, String)]) -> Result<String> {
+    pub fn page(&self, figures: &[Figure]) -> Result<String> {
         let stride = self.indices.len().div_ceil(ROWS).max(1);
         // Six digits are plenty to look at; the table has them all.
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
@@ -426,7 +437,7 @@ impl Cases {
             shown: shown.len(),
             played: self.motions.len(),
             text: &self.text,
-            figures: figures.iter().map(|(name, svg)| (name.as_str(), svg.as_str())).collect(),
+            figures,
             data: Data {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
                 quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
@@ -444,11 +455,25 @@ impl Cases {
     }
 }
 
-/// The name of a figure's file: letters, digits and few signs only.
-fn file(parts: &[&str]) -> String {
-    let clean = |part: &&str| {
-        part.chars().map(|c| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' }).collect::<String>()
-    };
-    let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
-    format!("{}.svg", parts.join("_"))
+/// Names of files, each given once.
+#[derive(Debug, Default)]
+struct Names(Vec<String>);
+
+/// At most so many letters of a part are in the name of a file.
+const PART: usize = 40;
+
+impl Names {
+    /// The name of a figure's file: letters, digits and few signs of its parts, with a number where that is taken already.
+    fn file(&mut self, parts: &[&str]) -> String {
+        let sign = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
+        let clean = |part: &&str| part.chars().take(PART).map(sign).collect::<String>();
+        let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
+        let stem = parts.join("_");
+        // Some file systems take A for a.
+        let taken = |name: &String| self.0.iter().any(|other| other.eq_ignore_ascii_case(name));
+        let numbered = (2..).map(|number| format!("{stem}_{number}.svg"));
+        let name = std::iter::once(format!("{stem}.svg")).chain(numbered).find(|name| !taken(name)).unwrap_or_default();
+        self.0.push(name.clone());
+        name
+    }
 }

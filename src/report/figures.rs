@@ -1,18 +1,37 @@
-//! The figures of a run: those of the source study (its Figures 3–9) and the energy balance.
+//! The figures of a run: those of the source study (its Figures 3–9), the energy balance, and what holds a held head.
 
-use super::chart::{Chart, Mark, Scale, Series};
+use super::chart::{Chart, Figure, Mark, Scale, Series};
 use super::record::{Frame, Record};
 
 /// Earlier shapes drawn behind the last one.
 const GHOSTS: usize = 8;
 
-/// The figures with their file names.
-pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<(&'static str, Chart)> {
+/// Names of all figures that a run may have.
+pub const FILES: [&str; 10] = [
+    "shape.svg",
+    "com_path.svg",
+    "com_x.svg",
+    "mid_y.svg",
+    "tip_y.svg",
+    "head_x.svg",
+    "mid_x.svg",
+    "head_force.svg",
+    "head_moment.svg",
+    "energy.svg",
+];
+
+/// The figures that a run has.
+pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
     let chart =
         |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
-    let in_time = |title: &str, y: &str, variable: &str| {
-        let series = vec![Series::new(title, record.curve("time_s", variable), Mark::Line)];
-        chart(title, "time (s)", y, Scale::Linear, series)
+    // Curves of one variable each; those of a quantity that never changes say nothing that a number does not.
+    let in_time = |file: &str, title: &str, y: &str, curves: &[(&str, &str)]| {
+        let series = curves.iter().map(|(label, variable)| (label, record.curve("time_s", variable)));
+        let series: Vec<_> = series.map(|(label, points)| Series::new(*label, points, Mark::Line)).collect();
+        let moves = |series: &Series| series.points.windows(2).any(|pair| pair[0].1 != pair[1].1);
+        let caption = format!("The {title} over time.");
+        let svg = || chart(title, "time (s)", y, Scale::Linear, series.clone()).svg();
+        series.iter().any(moves).then(|| Figure::new(file, caption, svg()))
     };
     let energies = [
         ("bending energy", "bending_energy_j"),
@@ -30,31 +49,51 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<(&'static st
     .filter(|series| series.points.iter().any(|point| point.1 != 0.0))
     .collect();
     let end = record.frames().last().map_or(0.0, |frame| frame.time);
-    vec![
-        (
+    let shape =
+        chart(&format!("shape at t = {end} s"), "x (m)", "y (m)", Scale::Equal, shapes(record.frames(), period));
+    let since = if period.is_some() { "the last period" } else { "the run" };
+    let path = vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)];
+    let path = chart("path of the centre of mass", "x (m)", "y (m)", Scale::Linear, path);
+    let balance = "energy and work, absolute value (J)";
+    let energy = chart("energy balance", "time (s)", balance, Scale::LogY(12), energies);
+    [
+        Some(Figure::new(
             "shape.svg",
-            chart(&format!("shape at t = {end} s"), "x (m)", "y (m)", Scale::Equal, shapes(record.frames(), period)),
-        ),
-        (
+            format!("The rod at t = {end} s with its centre of mass; in grey, shapes of {since}."),
+            shape.svg(),
+        )),
+        Some(Figure::new(
             "com_path.svg",
-            chart(
-                "path of the centre of mass",
-                "x (m)",
-                "y (m)",
-                Scale::Linear,
-                vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)],
-            ),
+            "The path of the centre of mass; the two axes have scales of their own.",
+            path.svg(),
+        )),
+        in_time("com_x.svg", "x coordinate of the centre of mass", "x (m)", &[("centre of mass", "x_com_m")]),
+        in_time("mid_y.svg", "y displacement of the middle node", "y displacement (m)", &[("middle", "mid_dy_m")]),
+        in_time("tip_y.svg", "y displacement of the tip", "y displacement (m)", &[("tip", "tip_dy_m")]),
+        in_time("head_x.svg", "x displacement of the head", "x displacement (m)", &[("head", "head_dx_m")]),
+        in_time("mid_x.svg", "x displacement of the middle node", "x displacement (m)", &[("middle", "mid_dx_m")]),
+        in_time(
+            "head_force.svg",
+            "force on the held head",
+            "force of the rod on what holds it (N)",
+            &[("x", "head_force_x_n"), ("y", "head_force_y_n")],
         ),
-        ("com_x.svg", in_time("centre of mass, x", "x of the centre of mass (m)", "x_com_m")),
-        ("mid_y.svg", in_time("middle node, y", "y displacement of the middle node (m)", "mid_dy_m")),
-        ("tip_y.svg", in_time("tip node, y", "y displacement of the tip (m)", "tip_dy_m")),
-        ("head_x.svg", in_time("head node, x", "x displacement of the head (m)", "head_dx_m")),
-        ("mid_x.svg", in_time("middle node, x", "x displacement of the middle node (m)", "mid_dx_m")),
-        (
+        in_time(
+            "head_moment.svg",
+            "moment on the held head",
+            "moment of the rod on what holds it (N m)",
+            &[("moment", "head_moment_n_m")],
+        ),
+        Some(Figure::new(
             "energy.svg",
-            chart("energy balance", "time (s)", "energy and work, absolute value (J)", Scale::LogY(12), energies),
-        ),
+            "Where energy was and which work was done, by size on a logarithmic axis. What the method itself takes is its numerical \
+             dissipation.",
+            energy.svg(),
+        )),
     ]
+    .into_iter()
+    .flatten()
+    .collect()
 }
 
 /// The last shape with its centre of mass, over earlier ones of the last period (or of the whole run without one).

@@ -1,13 +1,13 @@
 //! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::chart::number;
+use super::chart::{Figure, number};
 use super::page::{Motion, render};
-use super::tables::write_all;
+use super::tables::{Kept, write_all};
 use crate::error::{Error, Result};
 use crate::scene::Document;
 
@@ -36,8 +36,8 @@ pub struct Findings {
     pub answers: Vec<String>,
     /// The numbers behind it, for summary.json.
     pub numbers: Map<String, Value>,
-    /// Figures: file name and SVG.
-    pub figures: Vec<(String, String)>,
+    /// Figures.
+    pub figures: Vec<Figure>,
     /// Tables.
     pub tables: Vec<Table>,
     /// Other files: name and text.
@@ -56,12 +56,11 @@ struct PageTable {
 }
 
 impl Findings {
-    /// Writes report.html, summary.json, the tables, figures and other files to `folder`, each put in place whole;
-    /// returns their paths.
+    /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each put in place whole.
     ///
     /// # Errors
-    /// [`Error::Write`], [`Error::Page`]; files already in the folder are then as they were.
-    pub fn write(&self, folder: &Path, name: &str, document: &Document) -> Result<Vec<PathBuf>> {
+    /// [`Error::Write`] for the folder, [`Error::Page`].
+    pub fn write(&self, folder: &Path, name: &str, document: &Document) -> Result<Kept> {
         let summary = json!({
             "name": name,
             "caudal_version": env!("CARGO_PKG_VERSION"),
@@ -70,12 +69,14 @@ impl Findings {
             "numbers": self.numbers,
         });
         let summary = serde_json::to_string_pretty(&summary).map_err(|e| Error::Page { reason: e.to_string() })?;
-        let mut texts =
-            vec![("report.html".to_string(), self.page(name, document)?), ("summary.json".to_string(), summary + "\n")];
+        let mut texts = vec![("summary.json".to_string(), summary + "\n")];
         for table in &self.tables {
             texts.push((table.file.to_string(), table.csv().map_err(|e| Error::Page { reason: e.to_string() })?));
         }
-        write_all(folder, texts.iter().chain(&self.figures).chain(&self.files))
+        texts.extend(self.files.iter().cloned());
+        texts.extend(self.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
+        texts.push(("report.html".to_string(), self.page(name, document)?));
+        write_all(folder, texts.iter())
     }
 
     /// The page's HTML.

@@ -1,16 +1,13 @@
 //! Maps of outcomes: for every panel a field of coloured cells over two logarithmic or linear axes, one legend for all.
 
-use plotters::coord::Shift;
-use plotters::prelude::*;
+use super::axis::Axis;
+use super::svg::{Anchor, Colour, Svg, cut, width};
 
-use super::chart::{Axis, DARK, number};
-use crate::error::{Error, Result};
-
-/// Size of a panel and of the strip for the legend, px.
-const PANEL: (u32, u32) = (390, 300);
-const LEGEND: u32 = 50;
-/// About the width of a letter in the legend, px.
-const PER_LETTER: f64 = 6.4;
+/// Size of a panel and height of the strip for the legend, px.
+const PANEL: (f64, f64) = (360.0, 290.0);
+const LEGEND: f64 = 54.0;
+/// Of what theory says.
+const BOUNDARY: Colour = Colour::INK;
 
 /// What a cell may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -51,95 +48,80 @@ pub struct Map {
     pub panels: Vec<Panel>,
 }
 
-type Drawn = std::result::Result<(), String>;
-
 impl Map {
     /// The map as an SVG document.
-    ///
-    /// # Errors
-    /// [`Error::Chart`] where the plotting library fails.
-    pub fn svg(&self) -> Result<String> {
-        let rows = self.panels.len().div_ceil(2).max(1);
-        let size = (2 * PANEL.0, rows as u32 * PANEL.1 + LEGEND + 40);
-        let mut text = String::new();
-        {
-            let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
-            self.draw(&area, rows).map_err(|reason| Error::Chart { title: self.title.clone(), reason })?;
+    pub fn svg(&self) -> String {
+        let rows = self.panels.len().div_ceil(2).max(1) as f64;
+        let (width_all, top) = (2.0 * PANEL.0 + 10.0, 40.0);
+        let mut svg = Svg::new(width_all, top + rows * PANEL.1 + LEGEND, &self.title);
+        svg.text((width_all / 2.0, 24.0), &cut(&self.title, 17.0, width_all - 20.0), 17.0, Anchor::Middle, Colour::INK);
+        for (i, panel) in self.panels.iter().enumerate() {
+            let at = ((i % 2) as f64 * PANEL.0, top + (i / 2) as f64 * PANEL.1);
+            self.panel(&mut svg, panel, at);
         }
-        Ok(text)
+        self.legend(&mut svg, top + rows * PANEL.1 + 8.0, width_all);
+        svg.finish()
     }
 
-    fn draw(&self, area: &DrawingArea<SVGBackend<'_>, Shift>, rows: usize) -> Drawn {
-        area.fill(&WHITE).map_err(|e| e.to_string())?;
-        let area = area.titled(&self.title, ("sans-serif", 20)).map_err(|e| e.to_string())?;
-        let height = area.dim_in_pixel().1;
-        let (fields, legend) = area.split_vertically(height - LEGEND);
-        for (panel, area) in self.panels.iter().zip(fields.split_evenly((rows, 2))) {
-            let x = edges(&self.x.1, self.linear);
-            let y = edges(&self.y.1, false);
-            let ([x0, x1], [y0, y1]) = [&x, &y].map(|e| [e[0], e[e.len() - 1]]).into();
-            let mut builder = ChartBuilder::on(&area);
-            builder.caption(&panel.title, ("sans-serif", 15)).margin(8).x_label_area_size(40).y_label_area_size(62);
-            let y_axis = (y0..y1).log_scale();
-            if self.linear {
-                let mut chart = builder.build_cartesian_2d(x0..x1, y_axis).map_err(|e| e.to_string())?;
-                self.panel(&mut chart, panel, &x, &y)?;
-            } else {
-                let mut chart = builder.build_cartesian_2d((x0..x1).log_scale(), y_axis).map_err(|e| e.to_string())?;
-                self.panel(&mut chart, panel, &x, &y)?;
+    fn panel(&self, svg: &mut Svg, panel: &Panel, (left, top): (f64, f64)) {
+        let [x, y] = [edges(&self.x.1, self.linear), edges(&self.y.1, false)];
+        let (left, top, width, height) = (left + 66.0, top + 24.0, PANEL.0 - 82.0, PANEL.1 - 70.0);
+        let axis = |edges: &[f64], linear: bool| {
+            let ends = [edges[0], edges[edges.len() - 1]];
+            if linear { Axis::linear(ends.into_iter()) } else { Axis::logarithmic(ends.into_iter()) }
+        };
+        let (across, up) = (axis(&x, self.linear), axis(&y, false));
+        let at = |px: f64, py: f64| Some((left + width * across.place(px)?, top + height * (1.0 - up.place(py)?)));
+        svg.text((left + width / 2.0, top - 7.0), &cut(&panel.title, 14.0, width), 14.0, Anchor::Middle, Colour::INK);
+        for (column, x) in panel.cells.iter().zip(x.windows(2)) {
+            // One field for each run of equal cells.
+            let mut low = 0;
+            for same in column.chunk_by(|a, b| a == b) {
+                let high = low + same.len();
+                if let (Some(from), Some(to)) = (at(x[0], y[low]), at(x[1], y[high])) {
+                    svg.cell(
+                        [from.0, to.1],
+                        [to.0 - from.0 + 0.3, from.1 - to.1 + 0.3],
+                        self.categories[same[0]].colour,
+                    );
+                }
+                low = high;
             }
         }
-        self.legend(&legend)
+        let boundary: Vec<_> = panel.boundary.iter().filter_map(|(x, y)| at(*x, *y)).collect();
+        svg.line(&boundary, BOUNDARY, 2.0, "");
+        for (place, label) in across.ticks.iter().filter(|(_, label)| !label.is_empty()) {
+            svg.text((left + width * place, top + height + 15.0), label, 11.0, Anchor::Middle, Colour::SOFT);
+        }
+        for (place, label) in up.ticks.iter().filter(|(_, label)| !label.is_empty()) {
+            svg.text((left - 6.0, top + height * (1.0 - place) + 4.0), label, 11.0, Anchor::End, Colour::SOFT);
+        }
+        svg.text(
+            (left + width / 2.0, top + height + 33.0),
+            &cut(&self.x.0, 13.0, width),
+            13.0,
+            Anchor::Middle,
+            Colour::INK,
+        );
+        svg.upright((left - 48.0, top + height / 2.0), &cut(&self.y.0, 13.0, height), 13.0, Colour::INK);
     }
 
-    fn panel<X: Axis, Y: Axis>(
-        &self,
-        chart: &mut ChartContext<'_, SVGBackend<'_>, Cartesian2d<X, Y>>,
-        panel: &Panel,
-        x: &[f64],
-        y: &[f64],
-    ) -> Drawn {
-        let cells = panel.cells.iter().zip(x.windows(2)).flat_map(|(column, x)| {
-            column.iter().zip(y.windows(2)).map(move |(category, y)| {
-                let [r, g, b] = self.categories[*category].colour;
-                Rectangle::new([(x[0], y[0]), (x[1], y[1])], RGBColor(r, g, b).filled())
-            })
-        });
-        chart.draw_series(cells).map_err(|e| e.to_string())?;
-        let inside = panel.boundary.iter().copied().filter(|p| (y[0]..=y[y.len() - 1]).contains(&p.1));
-        chart.draw_series(LineSeries::new(inside, BLACK.stroke_width(2))).map_err(|e| e.to_string())?;
-        chart
-            .configure_mesh()
-            .disable_mesh()
-            .x_desc(&self.x.0)
-            .y_desc(&self.y.0)
-            .x_label_formatter(&|value| number(*value))
-            .y_label_formatter(&|value| number(*value))
-            .axis_desc_style(("sans-serif", 13))
-            .label_style(("sans-serif", 11))
-            .draw()
-            .map_err(|e| e.to_string())
-    }
-
-    fn legend(&self, area: &DrawingArea<SVGBackend<'_>, Shift>) -> Drawn {
+    fn legend(&self, svg: &mut Svg, top: f64, right: f64) {
         let bounded = self.panels.iter().any(|panel| !panel.boundary.is_empty());
-        let colours =
-            self.categories.iter().map(|Category { label, colour: [r, g, b] }| (*label, RGBColor(*r, *g, *b)));
-        let entries = colours.chain(bounded.then_some((self.boundary.as_str(), BLACK)));
-        let (mut left, mut top) = (14, 4);
-        for (label, colour) in entries {
-            let width = 34 + (PER_LETTER * label.chars().count() as f64) as i32;
-            if left + width > area.dim_in_pixel().0 as i32 {
-                (left, top) = (14, top + 20);
+        let colours = self.categories.iter().map(|category| (category.label, Some(category.colour)));
+        let (mut left, mut top) = (14.0, top);
+        for (label, colour) in colours.chain(bounded.then_some((self.boundary.as_str(), None))) {
+            let room = 36.0 + width(label, 13.0);
+            if left > 14.0 && left + room > right {
+                (left, top) = (14.0, top + 20.0);
             }
-            let height = if colour == BLACK { [6, 8] } else { [0, 14] }; // of a line, of a field
-            let corners = [(left, top + height[0]), (left + 14, top + height[1])];
-            area.draw(&Rectangle::new(corners, colour.filled())).map_err(|e| e.to_string())?;
-            let style = ("sans-serif", 13).into_font().color(&DARK);
-            area.draw(&Text::new(label.to_string(), (left + 20, top), style)).map_err(|e| e.to_string())?;
-            left += width;
+            match colour {
+                Some(colour) => svg.cell([left, top], [14.0, 14.0], colour),
+                None => svg.line(&[(left, top + 7.0), (left + 14.0, top + 7.0)], BOUNDARY, 2.0, ""),
+            }
+            svg.text((left + 20.0, top + 12.0), label, 13.0, Anchor::Start, Colour::SOFT);
+            left += room;
         }
-        Ok(())
     }
 }
 

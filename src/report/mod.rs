@@ -1,5 +1,6 @@
 //! What a run or a study leaves behind: tables, figures, numbers and a page, in one folder.
 
+mod axis;
 pub mod cases;
 pub mod chart;
 mod figures;
@@ -8,11 +9,13 @@ pub mod map;
 mod output;
 mod page;
 mod record;
+mod svg;
 pub(crate) mod tables;
 pub mod trajectory;
 
+pub use chart::Figure;
 pub use findings::{Findings, Table};
 pub use output::Output;
 pub use page::Motion;
 pub use record::Frame;
-pub use tables::check_writable;
+pub use tables::{Folder, Kept, check_writable, room};

@@ -1,11 +1,16 @@
 //! The files of a run: each is written beside its place and put there whole.
 
-use std::path::{Path, PathBuf};
+use std::ops::ControlFlow;
+use std::path::Path;
 
+use tempfile::NamedTempFile;
+
+use super::chart::Figure;
 use super::figures;
 use super::page::Page;
 use super::record::{Record, Times};
-use super::tables::{Csv, Parquet, put_in_place, text_file, write_error};
+use super::tables::{Csv, Folder, Kept, Parquet, room, text_file};
+use crate::check::recorded;
 use crate::error::{Error, Result};
 use crate::run::Summary;
 use crate::scene::{Document, NodesTable, Scene};
@@ -16,49 +21,82 @@ use crate::variable::{Variable, View};
 /// The output folder of a run in progress.
 #[derive(Debug)]
 pub struct Output {
-    folder: PathBuf,
     trajectory: Csv,
     nodes: Nodes,
     record: Record,
     columns: Vec<&'static Variable>,
     times: Times,
     period: Option<f64>,
+    /// Room for the summary, so that a disk that the tables fill still takes it.
+    reserve: NamedTempFile,
+    folder: Folder, // the last one to be dropped: it goes where it is empty
 }
 
+/// The summary's size, bytes: of its numbers, of each final position, and at most what is reserved for it.
+const SUMMARY: [usize; 3] = [8192, 90, 1 << 20];
+
 impl Output {
+    /// Whether the tables of a run of `scene` fit into `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Room`] where they do not.
+    pub fn fits(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<()> {
+        match (recorded(scene, stepper), room(folder)) {
+            (Some((rows, needed)), Some(free)) if needed > free as f64 => {
+                let what = format!(
+                    "{rows:.3e} rows of trajectory.csv and the table of nodes (record.every, record.interval_s)"
+                );
+                Err(Error::Room { path: folder.to_path_buf(), what, needed, free: free as f64 })
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// Opens `folder` for a run of `scene` and records its first state.
     ///
     /// # Errors
-    /// [`Error::Write`].
+    /// [`Error::Room`]; [`Error::Write`]. There is no folder then where there was none.
     pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<Self> {
-        std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
+        Self::fits(folder, scene, stepper)?;
+        let opened = Folder::open(folder)?;
+        let nodes = stepper.model().rod.nodes;
+        let [numbers, position, most] = SUMMARY;
+        let reserve = text_file(&folder.join("summary.json"), &" ".repeat((numbers + position * nodes).min(most)))?;
         let columns: Vec<_> = stepper.variables().iter().copied().filter(|v| v.recorded).collect();
         let header = columns.iter().map(|v| v.name.to_string());
         let trajectory = Csv::create(folder.join("trajectory.csv"), header)?;
         let nodes = Nodes::create(folder, scene)?;
         let period = scene.actuation.as_ref().map(|a| a.frequency_hz.get()).filter(|f| *f > 0.0).map(|f| 1.0 / f);
         let mut output = Self {
-            folder: folder.to_path_buf(),
             trajectory,
             nodes,
             record: Record::start(stepper),
             columns,
             times: Times::of(scene),
             period,
+            reserve,
+            folder: opened,
         };
         output.row(&stepper.view())?;
         Ok(output)
     }
 
-    /// Sees the state after a step.
+    /// Sees the state after a step; `watch` is asked at every time that is recorded, and may end it.
     ///
     /// # Errors
     /// [`Error::Write`]; those of [`Stepper::at`].
-    pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
+    pub fn step(
+        &mut self,
+        stepper: &mut Stepper,
+        watch: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
         let mut times = self.times;
         let outcome = times.pass(stepper, |view, recorded| {
             self.record.step(view);
-            if recorded { self.row(view) } else { Ok(()) }
+            if recorded {
+                self.row(view)?;
+            }
+            Ok(watch())
         });
         self.times = times;
         outcome
@@ -70,48 +108,37 @@ impl Output {
         self.nodes.row(view.state)
     }
 
-    /// Completes every file with the state at the end and puts them in place; returns their paths.
-    ///
-    /// # Errors
-    /// [`Error::Write`], [`Error::Chart`], [`Error::Page`]; files already in the folder are then as they were.
-    pub fn finish(
-        mut self,
-        stepper: &Stepper,
-        summary: &Summary,
-        document: &Document,
-        notes: &[String],
-    ) -> Result<Vec<PathBuf>> {
-        if self.trajectory.last != Some(stepper.time()) {
-            self.row(&stepper.view())?;
-        }
-        self.record.finish(&stepper.view());
-        let figures = figures::all(&summary.name, &self.record, self.period)
-            .into_iter()
-            .map(|(file, chart)| Ok((file, chart.svg()?)))
-            .collect::<Result<Vec<_>>>()?;
-        let page = Page {
-            summary,
-            scene: (document.text(), document.overrides()),
-            notes,
-            frames: self.record.frames(),
-            figures: &figures,
+    /// Completes every file with the state at the end and puts it in place: first the summary, then tables, figures, and the
+    /// page, each of them whatever happens to those after it.
+    pub fn finish(mut self, stepper: &Stepper, summary: &Summary, document: &Document, notes: &[String]) -> Kept {
+        let mut kept = Kept::default();
+        let last = match self.trajectory.last == Some(stepper.time()) {
+            true => Ok(()),
+            false => self.row(&stepper.view()),
         };
-        let json = serde_json::to_string_pretty(summary).map_err(|e| Error::Page { reason: e.to_string() })?;
-        let html = page.html()?;
-        let texts = [("summary.json", json + "\n"), ("report.html", html)].into_iter().chain(figures);
-        let mut files = vec![self.trajectory.complete()?];
-        files.extend(self.nodes.complete()?);
-        for (name, text) in texts {
-            let path = self.folder.join(name);
-            files.push(text_file(path, &text)?);
+        kept.lost.extend(last.err());
+        self.record.finish(&stepper.view());
+        let Self { trajectory, nodes, record, period, reserve, folder, .. } = self;
+        let place = |name: &str| folder.path().join(name);
+        drop(reserve);
+        let json = serde_json::to_string_pretty(summary).map_err(|e| Error::Page { reason: e.to_string() });
+        kept.put_text(place("summary.json"), json.map(|json| json + "\n"));
+        kept.put_table(trajectory);
+        nodes.keep(&mut kept);
+        let figures = figures::all(&summary.name, &record, period);
+        for Figure { file, svg, .. } in &figures {
+            kept.put_text(place(file), Ok(svg.clone()));
         }
-        for stale in NODES_FILES.map(|name| self.folder.join(name)) {
+        let scene = (document.text(), document.overrides());
+        let page = Page { summary, scene, notes, frames: record.frames(), figures: &figures }.html();
+        kept.put_text(place("report.html"), page);
+        for stale in NODES_FILES.into_iter().chain(figures::FILES).map(place) {
             // One left by an earlier run would not belong to this one.
-            if !files.iter().any(|(_, path)| *path == stale) {
+            if !kept.files.contains(&stale) {
                 let _ = std::fs::remove_file(stale);
             }
         }
-        files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+        kept
     }
 }
 
@@ -163,11 +190,12 @@ impl Nodes {
         }
     }
 
-    fn complete(self) -> Result<Option<(tempfile::NamedTempFile, PathBuf)>> {
+    /// Puts it in place.
+    fn keep(self, kept: &mut Kept) {
         match self.table {
-            Form::Csv(table) => table.complete().map(Some),
-            Form::Parquet(table) => table.complete().map(Some),
-            Form::None => Ok(None),
+            Form::Csv(table) => kept.put_table(table),
+            Form::Parquet(table) => kept.put(table.path(), table.complete()),
+            Form::None => {}
         }
     }
 }

@@ -4,6 +4,7 @@ use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment};
 use serde::Serialize;
 
+use super::chart::Figure;
 use super::record::Frame;
 use crate::error::{Error, Result};
 use crate::run::Summary;
@@ -18,8 +19,8 @@ pub struct Page<'a> {
     pub notes: &'a [String],
     /// Frames of the animation.
     pub frames: &'a [Frame],
-    /// Figures: file name and SVG.
-    pub figures: &'a [(&'static str, String)],
+    /// Figures.
+    pub figures: &'a [Figure],
 }
 
 /// What the template sees.
@@ -29,17 +30,11 @@ struct Content<'a> {
     displacement: String,
     cycles: String,
     rows: Vec<(String, String)>,
-    figures: Vec<Figure<'a>>,
+    figures: &'a [Figure],
     notes: &'a [String],
     scene: &'a str,
     overrides: &'a [String],
     motion: Motion,
-}
-
-#[derive(Serialize)]
-struct Figure<'a> {
-    file: &'a str,
-    svg: &'a str,
 }
 
 /// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
@@ -62,6 +57,7 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
     for (name, text) in [
         ("style.css", include_str!("style.css")),
+        ("figures.html", include_str!("figures.html")),
         ("player.html", include_str!("player.html")),
         ("motion.html", include_str!("motion.html")),
         ("player.js", include_str!("player.js")),
@@ -90,7 +86,7 @@ impl Page<'_> {
             displacement: format!("{:.6e}", self.summary.net_displacement_m),
             cycles: self.summary.cycles.to_string(),
             rows,
-            figures: self.figures.iter().map(|(file, svg)| Figure { file, svg }).collect(),
+            figures: self.figures,
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,

@@ -1,44 +1,77 @@
 // Plays a motion: { times, points: flat x, y of the nodes at each time, com, beside: points of another rod, if any }. Call start
 // once, play for every motion.
-let motion = null, playing = true, now = 0, last = null;
+let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 const part = (id) => document.getElementById(id);
 const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += flat[i] + "," + -flat[i + 1] + " "; return text; };
+const empty = () => ({ left: Infinity, right: -Infinity, low: Infinity, high: -Infinity });
+function widen(box, x, y) {
+  box.left = Math.min(box.left, x); box.right = Math.max(box.right, x); box.low = Math.min(box.low, y); box.high = Math.max(box.high, y);
+}
+// A window that holds a box with a margin, and is not too narrow.
+function framed(box) {
+  const size = Math.max(box.right - box.left, box.high - box.low, 1e-12), edge = 0.06 * size, least = 0.15 * size;
+  const middle = (box.low + box.high) / 2, half = Math.max((box.high - box.low) / 2, least) + edge;
+  return { left: box.left - edge, right: box.right + edge, low: middle - half, high: middle + half, size };
+}
+// A length in the unit that suits it.
+function length(x) {
+  const unit = [[0.1, "m", 1], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]].find(([size]) => x >= 0.999 * size) ?? [1e-9, "nm"];
+  return Number((x / (unit[2] ?? unit[0])).toPrecision(1)) + " " + unit[1];
+}
 function play(wanted) {
   motion = wanted;
-  // The window that holds every frame, y upwards.
-  let [left, right, low, high] = [Infinity, -Infinity, Infinity, -Infinity];
-  for (const frame of motion.points.concat(motion.beside ?? [])) for (let k = 0; k < frame.length; k += 2) {
-    left = Math.min(left, frame[k]); right = Math.max(right, frame[k]);
-    low = Math.min(low, frame[k + 1]); high = Math.max(high, frame[k + 1]);
-  }
-  const size = Math.max(right - left, high - low, 1e-9), edge = 0.06 * size;
-  left -= edge; right += edge; low -= edge; high += edge;
-  if (high - low < 0.3 * size) { const middle = (high + low) / 2; low = middle - 0.15 * size; high = middle + 0.15 * size; }
-  part("stage").setAttribute("viewBox", [left, -high, right - left, high - low].join(" "));
-  const square = Math.pow(10, Math.floor(Math.log10(size / 2)));
-  part("square").textContent = String(Number(square.toPrecision(1)));
-  part("grid").replaceChildren();
-  const line = (x1, y1, x2, y2) => {
-    const node = document.createElementNS("http://www.w3.org/2000/svg", "line");
-    for (const [name, value] of Object.entries({ x1, y1, x2, y2, "vector-effect": "non-scaling-stroke" })) node.setAttribute(name, value);
-    part("grid").append(node);
-  };
-  for (let x = Math.ceil(left / square) * square; x <= right; x += square) line(x, -low, x, -high);
-  for (let y = Math.ceil(low / square) * square; y <= high; y += square) line(left, -y, right, -y);
-  part("head").setAttribute("r", 0.011 * size); part("com").setAttribute("r", 0.008 * size);
+  // What holds every frame, y upwards; and what holds each about its centre of mass.
+  world = empty(); near = empty();
+  motion.points.forEach((frame, k) => {
+    for (const points of motion.beside ? [frame, motion.beside[k]] : [frame]) for (let i = 0; i < points.length; i += 2) {
+      widen(world, points[i], points[i + 1]); widen(near, points[i] - motion.com[k][0], points[i + 1] - motion.com[k][1]);
+    }
+  });
+  world = framed(world); near = framed(near);
+  // To follow is worth while where the rod comes far; and a run is shown in about ten seconds.
+  part("follow").checked = world.size > 2.5 * near.size;
+  const [first, end] = [motion.times[0], motion.times[motion.times.length - 1]];
+  const speeds = [...part("speed").options].map((option) => Number(option.value));
+  const apart = (speed) => Math.abs(Math.log(speed * 10 / Math.max(end - first, 1e-12)));
+  const usual = end - first > 2 && end - first < 40 ? 1 : speeds.reduce((a, b) => apart(b) < apart(a) ? b : a);
+  part("speed").value = String(usual);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
-  now = motion.times[0]; playing = motion.times.length > 1; part("play").textContent = playing ? "Pause" : "Play";
+  now = first; playing = motion.times.length > 1; part("play").textContent = playing ? "Pause" : "Play";
   show(0);
+}
+// Moves the camera to the whole way, or along with the centre of mass; the grid stands still in the world.
+function look(com) {
+  const follow = part("follow").checked, box = follow ? near : world, [x, y] = follow ? com : [0, 0];
+  const view = { left: box.left + x, right: box.right + x, low: box.low + y, high: box.high + y };
+  part("stage").setAttribute("viewBox", [view.left, -view.high, view.right - view.left, view.high - view.low].join(" "));
+  part("stage").dataset.follow = follow;
+  const square = Math.pow(10, Math.floor(Math.log10(box.size / 2)));
+  part("square").textContent = length(square);
+  const lines = [];
+  const line = (x1, y1, x2, y2) => lines.push("M" + x1 + " " + -y1 + "L" + x2 + " " + -y2);
+  // Over the sides of the window, too, where the picture is wider or higher than it.
+  const [wide, high] = [view.right - view.left, view.high - view.low].map((size) => 2 * size);
+  for (let x = Math.ceil((view.left - wide) / square); x <= (view.right + wide) / square; x += 1) line(x * square, view.low - high, x * square, view.high + high);
+  for (let y = Math.ceil((view.low - high) / square); y <= (view.high + high) / square; y += 1) line(view.left - wide, y * square, view.right + wide, y * square);
+  let path = part("grid").firstChild;
+  if (!path) {
+    path = document.createElementNS("http://www.w3.org/2000/svg", "path");
+    path.setAttribute("vector-effect", "non-scaling-stroke"); part("grid").append(path);
+  }
+  path.setAttribute("d", lines.join(""));
+  part("head").setAttribute("r", 0.011 * box.size); part("com").setAttribute("r", 0.008 * box.size);
 }
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
+  look(com);
   part("rod").setAttribute("points", pairs(frame));
   part("beside").setAttribute("points", motion.beside ? pairs(motion.beside[k]) : "");
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
   part("head").setAttribute("cx", frame[0]); part("head").setAttribute("cy", -frame[1]);
   part("com").setAttribute("cx", com[0]); part("com").setAttribute("cy", -com[1]);
-  part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(3) + " s";
+  const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));
+  part("time").value = k; part("clock").textContent = "t = " + motion.times[k].toFixed(digits) + " s";
   part("stage").dataset.frame = k;
 }
 function at(time) { let a = 0, b = motion.times.length - 1; while (a < b) { const m = (a + b + 1) >> 1; if (motion.times[m] <= time) a = m; else b = m - 1; } return a; }
@@ -52,4 +85,5 @@ function tick(stamp) {
 }
 part("play").onclick = () => { playing = !playing; part("play").textContent = playing ? "Pause" : "Play"; };
 part("time").oninput = () => { playing = false; part("play").textContent = "Play"; const k = Number(part("time").value); now = motion.times[k]; show(k); };
+part("follow").onchange = () => show(Number(part("time").value));
 function start() { requestAnimationFrame(tick); }

@@ -1,5 +1,7 @@
 //! What figures and the page need of a run, thinned so that its size does not grow with the run's.
 
+use std::ops::ControlFlow;
+
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
@@ -11,8 +13,6 @@ use crate::variable::{Variable, View};
 const SAMPLES: usize = 2500;
 /// The same for frames of the animation.
 const FRAMES: usize = 1200;
-/// At most about this many nodes of a frame are kept.
-const POINTS: usize = 120;
 
 /// Which times are recorded.
 #[derive(Debug, Clone, Copy)]
@@ -32,25 +32,33 @@ impl Times {
         }
     }
 
-    /// Shows what the step just made has passed, and whether it is recorded: its end, or the multiples within it.
+    /// Shows what the step just made has passed, and whether it is recorded: its end, or the multiples within it, which may
+    /// be many, so that `look` may end it.
     ///
     /// # Errors
     /// Those of `look` and of [`Stepper::at`].
-    pub fn pass(&mut self, stepper: &mut Stepper, mut look: impl FnMut(&View<'_>, bool) -> Result<()>) -> Result<()> {
+    pub fn pass(
+        &mut self,
+        stepper: &mut Stepper,
+        mut look: impl FnMut(&View<'_>, bool) -> Result<ControlFlow<()>>,
+    ) -> Result<ControlFlow<()>> {
         match self {
             Self::Steps(every, last) => {
                 let step = stepper.meter().totals.steps;
                 if std::mem::replace(last, step) == step {
-                    return Ok(()); // half a step
+                    return Ok(ControlFlow::Continue(())); // half a step
                 }
                 look(&stepper.view(), step.is_multiple_of(*every))
             }
             Self::Every(interval, next) => {
                 while *next as f64 * *interval <= stepper.time() {
-                    stepper.at(*next as f64 * *interval, |view| look(view, true))??;
+                    let flow = stepper.at(*next as f64 * *interval, |view| look(view, true))??;
                     *next += 1;
+                    if flow.is_break() {
+                        return Ok(flow);
+                    }
                 }
-                Ok(())
+                Ok(ControlFlow::Continue(()))
             }
         }
     }
@@ -68,10 +76,13 @@ pub struct Frame {
 }
 
 impl Frame {
+    /// At most about this many nodes of it are kept.
+    pub const POINTS: usize = 120;
+
     /// The rod now.
     pub fn of(view: &View<'_>) -> Self {
         let nodes = view.state.q.len() / 2;
-        let points = POINTS.min(nodes);
+        let points = Self::POINTS.min(nodes);
         let point = |i: usize| {
             let k = i * (nodes - 1) / (points - 1);
             [view.state.q[2 * k], view.state.q[2 * k + 1]]

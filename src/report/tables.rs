@@ -1,6 +1,7 @@
-//! Tables in the making: each grows beside its place and is put there whole.
+//! Files in the making: each grows beside its place and is put there whole, and none is lost because a later one fails.
 
-use std::io::{BufWriter, Write};
+use std::fs::{File, TryLockError};
+use std::io::{BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -20,16 +21,91 @@ pub fn write_error(path: &Path, error: &std::io::Error) -> Error {
     Error::Write { path: path.to_path_buf(), reason: error.to_string() }
 }
 
-/// A file beside `path`, which disappears unless it is put in place.
+/// A file beside `path`, which disappears unless it is put in place. It is locked while its program lives, so that others
+/// can tell it from one that a killed program left.
 pub fn beside(path: &Path) -> Result<NamedTempFile> {
     let folder = path.parent().unwrap_or(Path::new("."));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let prefix = format!(".{name}.");
     let mut builder = Builder::new();
-    builder.prefix(&prefix).suffix(".partial");
+    builder.prefix(&prefix).suffix(PARTIAL);
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666)); // less the user's mask, as any file
-    builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))
+    let file = builder.tempfile_in(folder).map_err(|e| write_error(folder, &e))?;
+    let _ = file.as_file().try_lock(); // a file system without locks is no reason not to write
+    Ok(file)
+}
+
+/// What the names of files in the making end with; they begin with a dot.
+const PARTIAL: &str = ".partial";
+
+/// Removes what killed programs left in `folder`: files in the making that no program holds.
+fn clear_leftovers(folder: &Path) {
+    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
+        let name = entry.file_name();
+        let name = name.to_string_lossy();
+        let held =
+            || File::open(entry.path()).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)));
+        if name.starts_with('.') && name.ends_with(PARTIAL) && !held() {
+            let _ = std::fs::remove_file(entry.path());
+        }
+    }
+}
+
+/// A folder for results: made where there was none, and gone again with what was made around it where nothing came into it.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    /// The folders that were made, the innermost first.
+    made: Vec<PathBuf>,
+}
+
+impl Folder {
+    /// Opens or makes the folder at `path`, and removes what killed programs left in it.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn open(path: &Path) -> Result<Self> {
+        let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
+        let made = path.ancestors().take_while(missing).map(Path::to_path_buf).collect();
+        let folder = Self { path: path.to_path_buf(), made };
+        std::fs::create_dir_all(path).map_err(|e| write_error(path, &e))?;
+        clear_leftovers(path);
+        Ok(folder)
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        for folder in &self.made {
+            let _ = std::fs::remove_dir(folder); // which takes none that holds anything
+        }
+    }
+}
+
+/// Room on the disk of `folder`, or of what it would be made in, bytes; `None` where the system does not say.
+pub fn room(folder: &Path) -> Option<u64> {
+    #[cfg(unix)]
+    {
+        let disk = rustix::fs::statvfs(existing(folder)).ok()?;
+        Some(disk.f_bavail.saturating_mul(disk.f_frsize))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = folder;
+        None
+    }
+}
+
+/// The innermost folder on the way to `folder` that there is.
+fn existing(folder: &Path) -> &Path {
+    let found = folder.ancestors().find(|folder| folder.as_os_str().is_empty() || folder.exists());
+    found.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
 /// Fails where no file can be written to `folder`, or to what it would be made in: to be asked before a long computation.
@@ -37,19 +113,77 @@ pub fn beside(path: &Path) -> Result<NamedTempFile> {
 /// # Errors
 /// [`Error::Write`].
 pub fn check_writable(folder: &Path) -> Result<()> {
-    let exists = |folder: &&Path| folder.as_os_str().is_empty() || folder.exists();
-    let first = folder.ancestors().find(exists).unwrap_or(folder);
-    beside(&first.join("file")).map(|_| ())
+    beside(&existing(folder).join("file")).map(|_| ())
 }
 
-/// Writes files, names and texts, to `folder`, and puts them in place when all of them are there; returns their paths.
+/// The files of a result as far as they could be written.
+#[derive(Debug, Default)]
+pub struct Kept {
+    /// What is there.
+    pub files: Vec<PathBuf>,
+    /// What could not be written, and why.
+    pub lost: Vec<Error>,
+}
+
+impl Kept {
+    /// Puts a file in place, or notes why it cannot be there. One of that name from an earlier result goes then: it would not
+    /// belong to the others.
+    pub fn put(&mut self, path: PathBuf, file: Result<NamedTempFile>) {
+        match file.and_then(|file| put_in_place(file, path.clone())) {
+            Ok(path) => self.files.push(path),
+            Err(error) => {
+                self.lost.push(error);
+                let _ = std::fs::remove_file(path);
+            }
+        }
+    }
+
+    /// The same for a table in the making.
+    pub fn put_table(&mut self, table: Csv) {
+        let place = table.path();
+        match table.complete() {
+            Ok((file, path, lost)) => {
+                self.put(path, Ok(file));
+                self.lost.extend(lost);
+            }
+            Err(error) => self.put(place, Err(error)),
+        }
+    }
+
+    /// The same for a file with `text`.
+    pub fn put_text(&mut self, path: PathBuf, text: Result<String>) {
+        let file = text.and_then(|text| text_file(&path, &text));
+        self.put(path, file);
+    }
+
+    /// One error of all that is lost, if any is.
+    ///
+    /// # Errors
+    /// The first, with the number of others.
+    pub fn complete(self) -> Result<Vec<PathBuf>> {
+        let others = self.lost.len().saturating_sub(1);
+        match self.lost.into_iter().next() {
+            None => Ok(self.files),
+            Some(Error::Write { path, reason }) if others > 0 => {
+                Err(Error::Write { path, reason: format!("{reason}; nor can {others} other files") })
+            }
+            Some(error) => Err(error),
+        }
+    }
+}
+
+/// Writes files, names and texts, to `folder`, one after the other, so that those that come first are there whatever happens to
+/// the others.
 ///
 /// # Errors
-/// [`Error::Write`]; files already in the folder are then as they were.
-pub fn write_all<'a>(folder: &Path, files: impl Iterator<Item = &'a (String, String)>) -> Result<Vec<PathBuf>> {
-    std::fs::create_dir_all(folder).map_err(|e| write_error(folder, &e))?;
-    let files = files.map(|(name, text)| text_file(folder.join(name), text)).collect::<Result<Vec<_>>>()?;
-    files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+/// [`Error::Write`] for the folder.
+pub fn write_all<'a>(folder: &Path, files: impl Iterator<Item = &'a (String, String)>) -> Result<Kept> {
+    let folder = Folder::open(folder)?;
+    let mut kept = Kept::default();
+    for (name, text) in files {
+        kept.put_text(folder.path().join(name), Ok(text.clone()));
+    }
+    Ok(kept)
 }
 
 /// Gives a finished file its name.
@@ -62,44 +196,81 @@ pub fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
 #[derive(Debug)]
 pub struct Csv {
     path: PathBuf,
-    writer: csv::Writer<BufWriter<NamedTempFile>>,
+    file: NamedTempFile,
+    writer: csv::Writer<File>,
     /// Time of the last row, s.
     pub last: Option<f64>,
+    /// Where the file ended when a write failed: nothing that comes after it counts.
+    broken: Option<u64>,
     values: Vec<f64>,
 }
 
 impl Csv {
     /// Begins the file with a header.
     pub fn create(path: PathBuf, columns: impl Iterator<Item = String>) -> Result<Self> {
-        let writer = csv::Writer::from_writer(BufWriter::new(beside(&path)?));
-        let mut table = Self { path, writer, last: None, values: Vec::new() };
+        let file = beside(&path)?;
+        let writer = csv::Writer::from_writer(file.as_file().try_clone().map_err(|e| write_error(&path, &e))?);
+        let mut table = Self { path, file, writer, last: None, broken: None, values: Vec::new() };
         let header: Vec<String> = columns.collect();
-        table.writer.write_record(&header).map_err(|e| table.failed(e))?;
+        table.writer.write_record(&header).map_err(|e| table.failed(e.into()))?;
         Ok(table)
     }
 
-    /// Adds a row.
+    /// Adds a row; nothing after a row that failed.
     pub fn row(&mut self, time: f64, values: impl Iterator<Item = f64>) -> Result<()> {
-        self.last = Some(time);
+        if self.broken.is_some() {
+            return Ok(());
+        }
         self.values.clear();
         self.values.extend(values);
-        self.writer.serialize(&self.values).map_err(|e| self.failed(e))
+        self.writer.serialize(&self.values).map_err(|e| self.failed(e.into()))?;
+        self.last = Some(time);
+        Ok(())
     }
 
-    fn failed(&self, error: csv::Error) -> Error {
-        match error.into_kind() {
-            csv::ErrorKind::Io(error) => write_error(&self.path, &error),
-            other => Error::Write { path: self.path.clone(), reason: format!("{other:?}") },
+    fn failed(&mut self, error: std::io::Error) -> Error {
+        self.broken = Some(self.file.as_file().metadata().map_or(0, |file| file.len()));
+        write_error(&self.path, &error)
+    }
+
+    /// Where it belongs.
+    pub fn path(&self) -> PathBuf {
+        self.path.clone()
+    }
+
+    /// The finished file, its place, and what kept its last rows out of it, unless that was said before.
+    ///
+    /// # Errors
+    /// [`Error::Write`] where not even that can be had.
+    pub fn complete(mut self) -> Result<(NamedTempFile, PathBuf, Option<Error>)> {
+        let lost = match self.broken {
+            None => self.writer.flush().err().map(|e| self.failed(e)),
+            Some(_) => None,
+        };
+        drop(self.writer); // which may write once more
+        if let Some(end) = self.broken {
+            let file = self.file.as_file_mut();
+            file.set_len(end).and_then(|()| cut_to_whole_lines(file)).map_err(|e| write_error(&self.path, &e))?;
         }
+        Ok((self.file, self.path, lost))
     }
+}
 
-    /// The finished file, and its place.
-    pub fn complete(self) -> Result<(NamedTempFile, PathBuf)> {
-        let path = self.path;
-        let buffer = self.writer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-        let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-        Ok((file, path))
+/// Takes half a line from the end of a file.
+fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
+    let mut end = file.metadata()?.len();
+    let mut block = [0; 4096];
+    while end > 0 {
+        let start = end.saturating_sub(block.len() as u64);
+        let size = (end - start) as usize; // at most that of a block
+        file.seek(SeekFrom::Start(start))?;
+        file.read_exact(&mut block[..size])?;
+        if let Some(last) = block[..size].iter().rposition(|byte| *byte == b'\n') {
+            return file.set_len(start + last as u64 + 1);
+        }
+        end = start;
     }
+    file.set_len(0)
 }
 
 /// Rows of a Parquet file that are kept in memory before they are written as one group.
@@ -163,15 +334,18 @@ impl Parquet {
         Ok(())
     }
 
-    /// The finished file, and its place.
-    pub fn complete(mut self) -> Result<(NamedTempFile, PathBuf)> {
+    /// The finished file.
+    pub fn complete(mut self) -> Result<NamedTempFile> {
         if !self.times.is_empty() {
             self.write_group()?;
         }
-        let path = self.path;
-        let buffer = self.writer.into_inner().map_err(|e| parquet_error(&path, &e))?;
-        let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-        Ok((file, path))
+        let buffer = self.writer.into_inner().map_err(|e| parquet_error(&self.path, &e))?;
+        buffer.into_inner().map_err(|e| write_error(&self.path, e.error()))
+    }
+
+    /// Where it belongs.
+    pub fn path(&self) -> PathBuf {
+        self.path.clone()
     }
 }
 
@@ -198,24 +372,20 @@ fn parquet_error(path: &Path, error: &parquet::errors::ParquetError) -> Error {
     Error::Write { path: path.to_path_buf(), reason: error.to_string() }
 }
 
-/// A file with `text`, and its place.
-pub fn text_file(path: PathBuf, text: &str) -> Result<(NamedTempFile, PathBuf)> {
-    let mut file = beside(&path)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.flush()).map_err(|e| write_error(&path, &e))?;
-    Ok((file, path))
+/// A file with `text` beside `path`.
+pub fn text_file(path: &Path, text: &str) -> Result<NamedTempFile> {
+    let mut file = beside(path)?;
+    file.as_file_mut().write_all(text.as_bytes()).map_err(|e| write_error(path, &e))?;
+    Ok(file)
 }
 
 /// A CSV file of `rows` of any JSON values under `header`; what is null is empty.
 ///
 /// # Errors
 /// Those of `rows`; [`Error::Write`].
-pub fn csv_of(
-    path: PathBuf,
-    header: &[String],
-    rows: impl Iterator<Item = Result<Vec<Value>>>,
-) -> Result<(NamedTempFile, PathBuf)> {
-    let mut writer = csv::Writer::from_writer(BufWriter::new(beside(&path)?));
-    let failed = |e: csv::Error| Error::Write { path: path.clone(), reason: e.to_string() };
+pub fn csv_of(path: &Path, header: &[String], rows: impl Iterator<Item = Result<Vec<Value>>>) -> Result<NamedTempFile> {
+    let mut writer = csv::Writer::from_writer(beside(path)?);
+    let failed = |e: csv::Error| Error::Write { path: path.to_path_buf(), reason: e.to_string() };
     writer.write_record(header).map_err(failed)?;
     for row in rows {
         for cell in row? {
@@ -228,9 +398,7 @@ pub fn csv_of(
         }
         writer.write_record(None::<&[u8]>).map_err(failed)?;
     }
-    let buffer = writer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-    let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-    Ok((file, path))
+    writer.into_inner().map_err(|e| write_error(path, e.error()))
 }
 
 /// The type of a Parquet column.
@@ -262,11 +430,11 @@ impl ColumnType {
 /// # Errors
 /// Those of `rows`; [`Error::Write`].
 pub fn parquet_of(
-    path: PathBuf,
+    path: &Path,
     header: &[(String, ColumnType)],
     rows: impl Iterator<Item = Result<Vec<Value>>>,
-) -> Result<(NamedTempFile, PathBuf)> {
-    let failed = |e: parquet::errors::ParquetError| parquet_error(&path, &e);
+) -> Result<NamedTempFile> {
+    let failed = |e: parquet::errors::ParquetError| parquet_error(path, &e);
     let column = |(name, kind): &(String, ColumnType)| {
         let (physical, logical) = match kind {
             ColumnType::Number => (PhysicalType::DOUBLE, None),
@@ -278,7 +446,7 @@ pub fn parquet_of(
     };
     let columns: Vec<_> = header.iter().map(column).collect::<parquet::errors::Result<_>>().map_err(failed)?;
     let schema = SchemaType::group_type_builder("cases").with_fields(columns).build().map_err(failed)?;
-    let mut writer = parquet_writer(&path, schema)?;
+    let mut writer = parquet_writer(path, schema)?;
     let mut rows = rows.peekable();
     while rows.peek().is_some() {
         let group: Vec<Vec<Value>> = rows.by_ref().take(GROUP / 16).collect::<Result<_>>()?;
@@ -302,8 +470,7 @@ pub fn parquet_of(
         out.close().map_err(failed)?;
     }
     let buffer = writer.into_inner().map_err(failed)?;
-    let file = buffer.into_inner().map_err(|e| write_error(&path, e.error()))?;
-    Ok((file, path))
+    buffer.into_inner().map_err(|e| write_error(path, e.error()))
 }
 
 /// Writes the next column of a group, in which some values are missing.

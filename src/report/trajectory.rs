@@ -1,5 +1,7 @@
 //! A run's trajectory in memory, for faces that hand it on as arrays, and the page that plays it.
 
+use std::ops::ControlFlow;
+
 use serde::Serialize;
 
 use super::page::{Motion, render};
@@ -62,18 +64,22 @@ impl Trajectory {
         Ok(trajectory)
     }
 
-    /// Sees the state after a step.
+    /// Sees the state after a step; `watch` is asked at every time that is recorded, and may end it.
     ///
     /// # Errors
     /// Those of [`Stepper::at`].
-    pub fn step(&mut self, stepper: &mut Stepper) -> Result<()> {
+    pub fn step(
+        &mut self,
+        stepper: &mut Stepper,
+        watch: &mut dyn FnMut() -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
         let mut times = self.times;
         let outcome = times.pass(stepper, |view, recorded| {
             self.record.step(view);
             if recorded {
                 self.row(view);
             }
-            Ok(())
+            Ok(watch())
         });
         self.times = times;
         outcome

@@ -38,6 +38,9 @@ const MOST_STEPS: f64 = 1e15;
 /// Masses, lengths and stiffnesses of a rod, in SI units: products of a few of them are numbers still.
 const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
 
+/// Most rows that `record.interval_s` may ask for.
+const MOST_ROWS: f64 = 1e9;
+
 /// A scene: everything there is to say about a run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -501,6 +504,11 @@ impl Scene {
         }
         if self.record.every.is_some() && self.record.interval_s.is_some() {
             return fault("record.interval_s", "found beside every; allowed: one of the two".into());
+        }
+        if let Some(interval) = self.record.interval_s.map(Positive::get).filter(|x| duration > MOST_ROWS * x) {
+            let allowed = format!("at least {:e}, so that there are at most {MOST_ROWS:e} rows", duration / MOST_ROWS);
+            let found = format_args!("{interval:e}, which makes {:.1e} rows", duration / interval);
+            return fault("record.interval_s", value::refused(found, allowed));
         }
         let rung = self.rung()?;
         if rung.is_some_and(|rung| rung.needs_drag) && self.drag.is_none() {

@@ -37,6 +37,14 @@ pub fn read(path: &Path, column: usize, columns: usize, duration: f64) -> Result
         let allowed = format!("time_s and {columns} value(s), or these and {columns} rate(s)");
         return Err(refuse(first_line, format!("found {width} columns; allowed: {allowed}")));
     }
+    let names: Vec<String> = header.iter().map(str::to_lowercase).collect();
+    if let Some((i, wanted)) = misplaced(&names, columns) {
+        let found = format!("found {:?} as column {}", &header[i], i + 1);
+        return Err(refuse(
+            first_line,
+            format!("{found}; allowed: {wanted} there, in the order time, values, their rates"),
+        ));
+    }
     let mut rows: Vec<Row> = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|e| refuse(line_of(e.position()), e.to_string()))?;
@@ -76,4 +84,22 @@ pub fn read(path: &Path, column: usize, columns: usize, duration: f64) -> Result
     }
     let points: Vec<[f64; 2]> = rows.iter().map(|row| [row.time, row.value]).collect();
     Ok(Signal::table_without_rates(&points))
+}
+
+/// The first column whose name says that it is another one, and what belongs there: time is first, x before y, values before
+/// rates. A name that says nothing is taken as it comes.
+fn misplaced(names: &[String], values: usize) -> Option<(usize, &'static str)> {
+    let is_time = |name: &str| name == "t" || name.starts_with("t_") || name.starts_with("time");
+    let is_rate = |name: &str| name.ends_with("_s") || name.contains("rate") || name.contains("spin");
+    let is_value = |name: &str| name.ends_with("_m") || name.ends_with("_rad");
+    let wrong = |(i, name): (usize, &String)| match i {
+        0 => (!is_time(name)).then_some("the time"),
+        _ if is_time(name) => Some("a value"),
+        _ if i <= values && is_rate(name) => Some("a value, not a rate,"),
+        _ if i > values && is_value(name) => Some("a rate"),
+        1 if values == 2 && name.starts_with('y') => Some("x"),
+        2 if values == 2 && name.starts_with('x') => Some("y"),
+        _ => None,
+    };
+    names.iter().enumerate().find_map(|column| wrong(column).map(|wanted| (column.0, wanted)))
 }

@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::integrator::Pace;
 use crate::jobs;
 use crate::modes::Modes;
-use crate::report::chart::{Chart, Mark, Scale, Series, number};
+use crate::report::chart::{Chart, Figure, Mark, Scale, Series, number};
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 
@@ -336,7 +336,9 @@ fn without_reference(
         scale: Scale::LogLog,
         series,
     };
-    findings.figures.push(("separation.svg".into(), chart.svg()?));
+    let caption =
+        "How fast two runs part that begin almost together: where that has no end, no run can be called accurate.";
+    findings.figures.push(Figure::new("separation.svg", caption, chart.svg()));
     Ok(findings)
 }
 
@@ -771,11 +773,16 @@ impl Report<'_> {
                     scale: Scale::LogLog,
                     series,
                 };
-                findings.figures.push((format!("{}-{file}.svg", FILES[i]), chart.svg()?));
+                let caption = format!(
+                    "Error of the {quantity} against {label}, one line a method; the triangles show the slopes of whole orders."
+                );
+                findings.figures.push(Figure::new(format!("{}-{file}.svg", FILES[i]), caption, chart.svg()));
             }
         }
         if let Some((limit, ..)) = limit {
-            findings.figures.push(("decomposition.svg".into(), self.decomposition(rows, limit).svg()?));
+            let caption = "Error of the displacement that the steps make, one line a method, and what each mesh makes, as levels.";
+            let chart = self.decomposition(rows, limit);
+            findings.figures.push(Figure::new("decomposition.svg", caption, chart.svg()));
         }
         Ok(())
     }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
-use crate::report::Findings;
+use crate::report::{Findings, Kept};
 use crate::scene::{Document, NODES, Scene};
 pub use accuracy::Accuracy;
 pub use modes::Spectrum;
@@ -185,19 +185,21 @@ impl Desk<'_> {
     }
 }
 
-/// Writes what the study of scene `name` found to its `folder` and forgets the runs that are kept there; returns the
-/// files' paths.
+/// Writes what the study of scene `name` found to its `folder`, and forgets the runs that are kept there once all is written.
 ///
 /// # Errors
 /// Those of [`Findings::write`].
-pub fn keep(findings: &Findings, folder: &Path, name: &str, document: &Document) -> Result<Vec<PathBuf>> {
-    let files = findings.write(folder, name, document)?;
+pub fn keep(findings: &Findings, folder: &Path, name: &str, document: &Document) -> Result<Kept> {
+    let kept = findings.write(folder, name, document)?;
+    if !kept.lost.is_empty() {
+        return Ok(kept);
+    }
     for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
         if entry.file_name().to_string_lossy().ends_with(JOURNAL) {
             let _ = std::fs::remove_file(entry.path()); // of use to nobody, and of no harm
         }
     }
-    Ok(files)
+    Ok(kept)
 }
 
 /// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.

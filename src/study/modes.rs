@@ -8,7 +8,7 @@ use serde_json::json;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::modes::{Axis, Matrices, Mode, Modes, lowest};
-use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 
@@ -124,8 +124,10 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         scale: Scale::LogLog,
         series: frequencies(&found, all.as_ref(), drive, step.map(|step| 1.0 / (TAU * step))),
     };
-    findings.figures.push(("shapes.svg".into(), shapes.svg()?));
-    findings.figures.push(("frequencies.svg".into(), frequencies.svg()?));
+    let caption = "The shapes of the lowest modes of bending along the rod, with their frequencies.";
+    findings.figures.push(Figure::new("shapes.svg", caption, shapes.svg()));
+    let caption = "The natural frequencies, beside that of the drive and what the time step resolves.";
+    findings.figures.push(Figure::new("frequencies.svg", caption, frequencies.svg()));
     if rod.nodes <= MATRICES_UP_TO {
         findings.files.extend(matrices.matrix_market().into_iter().map(|(file, text)| (file.to_string(), text)));
     }

@@ -10,7 +10,7 @@ use crate::check::contracts;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::model::chain;
-use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::scene::{FormKey, Scene};
 use crate::stepper::Stepper;
@@ -326,13 +326,25 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     memory.extend(memory.iter().find_map(|series| series.points.first()).map(|p| (p.0, 0.0)).map(|zero| {
         Series::new("zero", vec![zero], Mark::Unseen) // the axis starts there
     }));
-    for (file, chart) in [
-        ("time.svg", chart("time a node", "time a node (ns)", Scale::LogLog, times)),
-        ("error.svg", chart("error against the finest mesh", "relative error", Scale::LogLog, accuracy)),
-        ("memory.svg", chart("peak memory", "bytes a node", Scale::Linear, memory)),
+    for (file, caption, chart) in [
+        (
+            "time.svg",
+            "Time for each node of a step on meshes from coarse to fine: a level line is a cost in proportion to the nodes.",
+            chart("time a node", "time a node (ns)", Scale::LogLog, times),
+        ),
+        (
+            "error.svg",
+            "Difference from the finest mesh; the triangle shows second order.",
+            chart("error against the finest mesh", "relative error", Scale::LogLog, accuracy),
+        ),
+        (
+            "memory.svg",
+            "Most memory that a run takes, for each node.",
+            chart("peak memory", "bytes a node", Scale::Linear, memory),
+        ),
     ] {
         if !chart.series.is_empty() {
-            findings.figures.push((file.into(), chart.svg()?));
+            findings.figures.push(Figure::new(file, caption, chart.svg()));
         }
     }
     Ok(findings)

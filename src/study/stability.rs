@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::integrator::{Pace, stability_limit};
 use crate::jobs;
 use crate::modes::Modes;
+use crate::report::Figure;
 use crate::report::map::{Category, Map, Panel};
 use crate::report::{Findings, Table};
 use crate::scene::{HeadKind, NODES, Scene};
@@ -313,7 +314,8 @@ impl Report<'_> {
             categories: Outcome::ALL.map(Outcome::category).to_vec(),
             panels,
         };
-        findings.figures.push(("stability.svg".into(), map.svg()?));
+        let caption = "What every method does at every step: accurate, wrong, growing or failing.";
+        findings.figures.push(Figure::new("stability.svg", caption, map.svg()));
         findings.tables.push(self.table());
         Ok(findings)
     }

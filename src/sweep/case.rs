@@ -108,7 +108,7 @@ fn fill(row: &mut Row, sweep: &Sweep, index: usize, interrupted: &AtomicBool) ->
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
         keep(row, stepper)?;
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-    })?;
+    });
     if outcome.ending != Ending::Interrupted {
         row.quantities = quantities(&Summary::of(&scene, &stepper, &outcome, &warnings));
     }

@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Value;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, bytes};
 use crate::jobs::{self, Job};
+use crate::report::{Frame, room};
 use crate::scene::{Document, Fault, Scene};
 
 pub use axis::{Axis, Kind, Samples};
@@ -23,6 +24,16 @@ pub use results::Results;
 
 /// Most cases of a sweep.
 const MOST_CASES: usize = 1_000_000;
+
+/// Most times of a motion or a path that are kept of a case.
+const MOST_TIMES: usize = 1_000_000;
+
+/// A larger report is more than browsers open, bytes.
+const LARGEST_PAGE: f64 = 5e8;
+
+/// About the size of a coordinate and of a case's row, in journal and table together, bytes.
+const COORDINATE: f64 = 22.0;
+const ROW: f64 = 5000.0;
 
 /// A sweep's file.
 #[derive(Deserialize)]
@@ -161,8 +172,22 @@ impl Sweep {
             let sizes = sizes.map(|size| size.to_string()).collect::<Vec<_>>().join(" × ");
             return fault("axes", format!("found {sizes} cases; allowed: up to {MOST_CASES}"));
         }
-        if self.record.frames == 1 {
-            return fault("record.frames", "found 1; allowed: 0 or at least 2".to_string());
+        let RecordTable { played, frames, traces } = self.record;
+        if frames == 1 || frames > MOST_TIMES {
+            return fault("record.frames", format!("found {frames}; allowed: 0, or 2 to {MOST_TIMES}"));
+        }
+        if traces > MOST_TIMES {
+            return fault("record.traces", format!("found {traces}; allowed: up to {MOST_TIMES} of a case"));
+        }
+        let page = played.min(size.unwrap_or(0)) as f64 * self.motion_bytes();
+        if page > LARGEST_PAGE {
+            let problem = format!(
+                "the motions of {played} cases at {frames} times make a report of {}; allowed: up to {}, which browsers open; \
+                 keep fewer record.frames or record.played",
+                bytes(page),
+                bytes(LARGEST_PAGE)
+            );
+            return fault("record.frames", problem);
         }
         let mut moved: Vec<(&str, Kind)> = Vec::new();
         for (i, axis) in self.axes.iter().enumerate() {
@@ -196,6 +221,31 @@ impl Sweep {
             return fault("report.split", format!("found {split:?}; allowed: an axis with listed levels: {names}"));
         }
         Ok(())
+    }
+
+    /// About the size of the motion that is kept of a case, bytes.
+    fn motion_bytes(&self) -> f64 {
+        let nodes = axis::look_up(&self.tables, "rod.nodes").and_then(axis::number).unwrap_or(f64::INFINITY);
+        self.record.frames as f64 * (nodes.min(Frame::POINTS as f64) + 1.5) * 2.0 * COORDINATE
+    }
+
+    /// Whether the results of `cases` of its cases fit into `folder`.
+    ///
+    /// # Errors
+    /// [`Error::Room`] where they do not.
+    pub fn fits(&self, cases: usize, folder: &Path) -> Result<()> {
+        let rows = cases as f64 * self.record.traces as f64;
+        let played = cases.min(self.record.played) as f64;
+        let needed = cases as f64 * ROW + 2.0 * rows * 3.0 * COORDINATE + 2.0 * played * self.motion_bytes();
+        match room(folder) {
+            Some(free) if needed > free as f64 => {
+                let what = format!(
+                    "the rows of {cases} cases, {rows:.3e} rows of traces (record.traces) and {played} motions (record.frames)"
+                );
+                Err(Error::Room { path: folder.to_path_buf(), what, needed, free: free as f64 })
+            }
+            _ => Ok(()),
+        }
     }
 
     /// Number of its cases.

@@ -1,14 +1,15 @@
 //! What a sweep's journals hold, as table, figures and report.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde_json::Value;
 
 use super::{Row, Sweep};
 use crate::error::{Error, Result};
 use crate::jobs::{Job, Journal};
+use crate::report::Figure;
 use crate::report::cases::{Axis, Cases};
-use crate::report::tables::{ColumnType, csv_of, parquet_of, put_in_place, text_file};
+use crate::report::tables::{ColumnType, Folder, Kept, csv_of, parquet_of};
 
 /// From this number of cases on the table is there as Parquet too.
 const PARQUET_FROM: usize = 1000;
@@ -55,11 +56,12 @@ impl<'a> Results<'a> {
         self.holder.iter().enumerate().filter_map(row)
     }
 
-    /// Writes table, figures and report into `folder`, each put in place whole; returns their paths.
+    /// Writes table, figures and report into `folder`, in this order, each put in place whole.
     ///
     /// # Errors
-    /// [`Error::Write`], [`Error::Journal`], [`Error::Chart`], [`Error::Page`].
-    pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>> {
+    /// [`Error::Write`] for the folder, [`Error::Journal`], [`Error::Read`].
+    pub fn write(&self, folder: &Path) -> Result<Kept> {
+        let folder = Folder::open(folder)?;
         let sweep = self.sweep;
         // A first pass learns the columns and keeps what figures and page need.
         let mut names: Vec<(String, Option<ColumnType>)> = Vec::new();
@@ -101,24 +103,30 @@ impl<'a> Results<'a> {
             Ok(cells)
         };
         let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
-        let mut files = vec![csv_of(folder.join("table.csv"), &columns, self.rows().map(cells))?];
+        let mut kept = Kept::default();
+        let path = folder.path().join("table.csv");
+        let table = csv_of(&path, &columns, self.rows().map(cells));
+        kept.put(path, table);
         if sweep.size() >= PARQUET_FROM {
-            files.push(parquet_of(folder.join("table.parquet"), &header, self.rows().map(cells))?);
+            let path = folder.path().join("table.parquet");
+            let table = parquet_of(&path, &header, self.rows().map(cells));
+            kept.put(path, table);
         }
         if sweep.record.traces > 0 {
-            files.push(self.traces(folder.join("traces.csv"))?);
+            let path = folder.path().join("traces.csv");
+            let table = self.traces(&path);
+            kept.put(path, table);
         }
-        let figures = cases.figures()?;
-        let page = cases.page(&figures)?;
-        for (name, svg) in &figures {
-            files.push(text_file(folder.join(name), svg)?);
+        let figures = cases.figures();
+        for Figure { file, svg, .. } in &figures {
+            kept.put_text(folder.path().join(file), Ok(svg.clone()));
         }
-        files.push(text_file(folder.join("report.html"), &page)?);
-        files.into_iter().map(|(file, path)| put_in_place(file, path)).collect()
+        kept.put_text(folder.path().join("report.html"), cases.page(&figures));
+        Ok(kept)
     }
 
     /// The paths of the centres of mass: one row a case and time.
-    fn traces(&self, path: PathBuf) -> Result<(tempfile::NamedTempFile, PathBuf)> {
+    fn traces(&self, path: &Path) -> Result<tempfile::NamedTempFile> {
         let header = ["case", "time_s", "x_com_m", "y_com_m"].map(str::to_string);
         let rows = self.rows().flat_map(|row| match row {
             Ok((index, row)) => {

@@ -36,7 +36,7 @@ pub fn design<'py>(
                 }
             }
         })?;
-        design.write(&folder)?;
+        design.write(&folder)?.complete()?;
         design.numbers()
     });
     let numbers = pythonize::pythonize(py, &designed.or_raise(py)?)?.cast_into::<PyDict>()?;

@@ -52,18 +52,23 @@ pub fn run<'py>(
     let mut attention = Attention::new();
     let finished = py.detach(|| {
         let outcome = caudal::run::run(scene, &mut stepper, |stepper| {
-            trajectory.step(stepper)?;
-            if let Some(output) = &mut output {
-                output.step(stepper)?;
-            }
             let time = stepper.time();
-            Ok(attention.pay(|py| tell(py, time)))
-        })?;
+            let mut watch = || attention.pay(|py| tell(py, time));
+            if trajectory.step(stepper, &mut watch)?.is_break() {
+                return Ok(ControlFlow::Break(()));
+            }
+            if let Some(output) = &mut output
+                && output.step(stepper, &mut watch)?.is_break()
+            {
+                return Ok(ControlFlow::Break(()));
+            }
+            Ok(watch())
+        });
         trajectory.finish(&stepper);
         let summary = Summary::of(scene, &stepper, &outcome, &assessment.warnings);
         let html = trajectory.player(&summary)?;
         if let Some(output) = output {
-            output.finish(&stepper, &summary, document, &summary.notes)?;
+            output.finish(&stepper, &summary, document, &summary.notes).complete()?;
         }
         Ok((outcome.ending, summary, html))
     });

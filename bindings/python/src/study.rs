@@ -34,7 +34,7 @@ pub fn study<'py>(
             return Err(PyRuntimeError::new_err(format!("interrupted after {done} of {of} runs")));
         }
     };
-    py.detach(|| keep(&findings, &folder, &scene.name, document)).or_raise(py)?;
+    py.detach(|| keep(&findings, &folder, &scene.name, document)?.complete()).or_raise(py)?;
     told.tell(py, progress.as_ref())?;
     let Findings { subject, answers, numbers, figures, tables, .. } = findings;
     let content = PyDict::new(py);
@@ -42,7 +42,10 @@ pub fn study<'py>(
     content.set_item("subject", subject)?;
     content.set_item("answers", answers)?;
     content.set_item("numbers", pythonize::pythonize(py, &numbers)?)?;
-    content.set_item("figures", figures.into_iter().collect::<std::collections::BTreeMap<_, _>>())?;
+    content.set_item(
+        "figures",
+        figures.into_iter().map(|figure| (figure.file, figure.svg)).collect::<std::collections::BTreeMap<_, _>>(),
+    )?;
     let all = PyDict::new(py);
     for table in tables {
         let columns = PyDict::new(py);

@@ -49,7 +49,7 @@ pub fn sweep<'py>(
     told.watch(py, progress.as_ref(), cases)?.or_raise(py)?;
     let finished = py.detach(|| {
         let results = Results::new(&sweep, &job, vec![journal])?;
-        results.write(&folder)?;
+        results.write(&folder)?.complete()?;
         results.rows().collect::<caudal::Result<Vec<_>>>()
     });
     let rows = PyList::empty(py);

@@ -1,0 +1,172 @@
+//! Axes of charts: a range that holds the data, whatever they are, and a handful of ticks.
+
+/// Numbers beyond these are not told from infinity and from zero: no range or tick can leave what numbers can say.
+const LARGEST: f64 = 1e300;
+const SMALLEST: f64 = 1e-290;
+
+/// Ticks of an axis, about.
+const TICKS: f64 = 7.0;
+
+/// An axis from 0 to 1.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Axis {
+    /// What 0 and 1 are: numbers, or their logarithms to base ten.
+    range: [f64; 2],
+    logarithmic: bool,
+    /// Places from 0 to 1 with their labels; those without one are minor.
+    pub ticks: Vec<(f64, String)>,
+    /// The power of ten that all labels are to be multiplied with.
+    pub power: i32,
+}
+
+impl Axis {
+    /// A linear axis that holds the finite ones of `values`, with a margin.
+    pub fn linear(values: impl Iterator<Item = f64>) -> Self {
+        Self::from(range(values))
+    }
+
+    /// A linear axis over a range.
+    pub fn from([low, high]: [f64; 2]) -> Self {
+        let step = round_step((high - low) / TICKS);
+        let size = low.abs().max(high.abs());
+        let power = if (1e-3..1e5).contains(&size) { 0 } else { 3 * (size.log10() / 3.0).floor() as i32 };
+        let unit = 10.0_f64.powi(power);
+        let decimals = (-(step / unit).log10() - 1e-9).ceil().clamp(0.0, 12.0) as usize;
+        let first = (low / step).ceil();
+        let tick = |i: u32| {
+            let x = (first + f64::from(i)) * step;
+            let label = format!("{:.decimals$}", x / unit);
+            let label = if label.trim_matches(['-', '0', '.']).is_empty() { "0".to_string() } else { label };
+            ((x - low) / (high - low), label)
+        };
+        let ticks = (0..20).map(tick).take_while(|(place, _)| *place <= 1.0 + 1e-9).collect();
+        Self { range: [low, high], logarithmic: false, ticks, power }
+    }
+
+    /// A logarithmic axis that holds the positive ones of `values`, with a margin.
+    pub fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
+        let logs = values.filter(|x| *x > 0.0 && x.is_finite()).map(|x| x.clamp(SMALLEST, LARGEST).log10());
+        let [low, high] = extent(logs).unwrap_or([-1.0, 0.0]);
+        let margin = (0.04 * (high - low)).max(0.04);
+        Self::from_logs([low - margin, high + margin])
+    }
+
+    /// A logarithmic axis for the moduli of `values`: `decades` of them, down from the largest.
+    pub fn decades(values: impl Iterator<Item = f64>, decades: i32) -> Self {
+        let largest = values.filter(|x| x.is_finite()).fold(0.0, |max: f64, x| max.max(x.abs())).min(LARGEST);
+        let top = if largest < SMALLEST { 0.0 } else { largest.log10() };
+        Self::from_logs([(top.ceil() - f64::from(decades)).max(SMALLEST.log10()), top + 0.15])
+    }
+
+    fn from_logs([low, high]: [f64; 2]) -> Self {
+        let place = |log: f64| (log - low) / (high - low);
+        let (first, last) = (low.ceil() as i32, high.floor() as i32);
+        let every = ((last - first) as usize / 8 + 1).max(1);
+        let decades = (first..=last).step_by(every).map(|power| (place(f64::from(power)), power_of_ten(power)));
+        let mut ticks: Vec<_> = decades.collect();
+        let inside = |log: f64| (low..=high).contains(&log);
+        if high - low < 0.6 {
+            // Less than a factor of four: as on a linear axis.
+            let linear = Self::from([low, high].map(|log| 10.0_f64.powf(log)));
+            let [bottom, top] = linear.range;
+            let number = |(at, _): &(f64, String)| bottom + at * (top - bottom);
+            ticks = linear.ticks.iter().map(|tick| (place(number(tick).log10()), short(number(tick)))).collect();
+        } else if high - low < 12.0 {
+            for (power, digit) in (first - 1..=last).flat_map(|power| (2..10).map(move |digit| (power, digit))) {
+                let log = f64::from(power) + f64::from(digit).log10();
+                if inside(log) {
+                    let shown = high - low < 2.5 && [2, 5].contains(&digit);
+                    let label = if shown { short(f64::from(digit) * 10.0_f64.powi(power)) } else { String::new() };
+                    ticks.push((place(log), label));
+                }
+            }
+        }
+        Self { range: [low, high], logarithmic: true, ticks, power: 0 }
+    }
+
+    /// An axis of categories, each with as much room as another, at 0, 1, 2 …
+    pub fn categories(labels: &[String]) -> Self {
+        let range = [-0.5, labels.len().max(1) as f64 - 0.5];
+        let place = |i: usize| (i as f64 - range[0]) / (range[1] - range[0]);
+        let ticks = labels.iter().enumerate().map(|(i, label)| (place(i), label.clone())).collect();
+        Self { range, logarithmic: false, ticks, power: 0 }
+    }
+
+    /// The same range about its middle, `factor` times as long.
+    pub fn widened(&self, factor: f64) -> Self {
+        let [low, high] = self.range;
+        let (middle, half) = (0.5 * low + 0.5 * high, 0.5 * factor * (high - low));
+        Self::from([(middle - half).max(-LARGEST), (middle + half).min(LARGEST)])
+    }
+
+    /// Length of its range.
+    pub fn size(&self) -> f64 {
+        self.range[1] - self.range[0]
+    }
+
+    /// Its lower end, as a number.
+    pub fn low(&self) -> f64 {
+        if self.logarithmic { 10.0_f64.powf(self.range[0]) } else { self.range[0] }
+    }
+
+    /// Where a number is, 0 at the lower end and 1 at the upper; none off the axis.
+    pub fn place(&self, x: f64) -> Option<f64> {
+        let x = if self.logarithmic { x.log10() } else { x };
+        let place = (x - self.range[0]) / self.size();
+        (-1e-6..=1.0 + 1e-6).contains(&place).then_some(place)
+    }
+}
+
+/// Least and largest of values; none of none.
+fn extent(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
+    values.fold(None, |extent, x| {
+        let [low, high] = extent.unwrap_or([x, x]);
+        Some([x.min(low), x.max(high)])
+    })
+}
+
+/// A range that holds the finite ones of `values` with a margin; never empty.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    let finite = values.filter(|x| x.is_finite()).map(|x| x.clamp(-LARGEST, LARGEST));
+    let [low, high] = extent(finite).unwrap_or([0.0, 1.0]);
+    let size = low.abs().max(high.abs());
+    if size < SMALLEST {
+        return [-1.0, 1.0];
+    }
+    let margin = (0.04 * (high - low)).max(1e-6 * size);
+    [low - margin, high + margin]
+}
+
+/// The next larger of 1, 2, 5, 10 … times a power of ten.
+fn round_step(step: f64) -> f64 {
+    let power = 10.0_f64.powf(step.log10().floor());
+    power * [1.0, 2.0, 5.0].into_iter().find(|digit| step <= digit * power * (1.0 + 1e-9)).unwrap_or(10.0)
+}
+
+/// A power of ten as an axis shows it.
+fn power_of_ten(power: i32) -> String {
+    if (-3..=4).contains(&power) {
+        return short(10.0_f64.powi(power));
+    }
+    format!("10{}", superscript(power))
+}
+
+/// A whole number in superscript digits.
+pub fn superscript(power: i32) -> String {
+    let raised = |c: char| match c.to_digit(10) {
+        Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],
+        None => '⁻',
+    };
+    power.to_string().chars().map(raised).collect()
+}
+
+/// A number of few digits as an axis shows it: with an exponent where it is very large or small.
+pub fn short(x: f64) -> String {
+    let size = x.abs();
+    if size != 0.0 && !(1e-3..1e5).contains(&size) {
+        return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");
+    }
+    let text = format!("{x:.4}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_string() } else { text.to_string() }
+}

@@ -1,0 +1,194 @@
+//! SVG text: shapes at coordinates with decimals, in colours that follow the reader's choice of a light or a dark page.
+
+use std::fmt::Write;
+
+/// A colour on a light page and on a dark one.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Colour(usize);
+
+/// The colours of the series, which people with any kind of colour vision tell apart (Okabe and Ito 2008), and those of the
+/// chart itself.
+const PALETTE: [[&str; 2]; 13] = [
+    ["#0072b2", "#4fa8e0"],
+    ["#d55e00", "#f08a3c"],
+    ["#009e73", "#2cc196"],
+    ["#cc79a7", "#dd93bb"],
+    ["#e69f00", "#f0b73a"],
+    ["#56b4e9", "#8fd0f5"],
+    ["#8a8a8a", "#a5a5a5"],
+    ["#000000", "#f0f0f0"],
+    ["#b4bcc4", "#5c6670"], // ghosts
+    ["#1c2733", "#dfe6ec"], // ink
+    ["#505a64", "#aab4be"], // labels
+    ["#e2e7ec", "#333c46"], // grid
+    ["#ffffff", "#161b21"], // paper
+];
+
+/// Number of colours of series.
+pub const SERIES: usize = 8;
+
+impl Colour {
+    /// Of earlier shapes and single cases in the background.
+    pub const GHOST: Self = Self(8);
+    /// Of titles and axes.
+    pub const INK: Self = Self(9);
+    /// Of labels.
+    pub const SOFT: Self = Self(10);
+    /// Of grid lines.
+    pub const GRID: Self = Self(11);
+    /// Of the page.
+    pub const PAPER: Self = Self(12);
+
+    /// That of series number `k`; from [`SERIES`] on they come again.
+    pub fn series(k: usize) -> Self {
+        Self(k % SERIES)
+    }
+
+    fn light(self) -> &'static str {
+        PALETTE[self.0][0]
+    }
+}
+
+/// Where a text stands about its point.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Anchor {
+    /// It begins there.
+    Start,
+    /// Its middle is there.
+    Middle,
+    /// It ends there.
+    End,
+}
+
+/// About the width of a text of a size, px.
+pub fn width(text: &str, size: f64) -> f64 {
+    text.chars().map(|c| if c.is_ascii() { 0.56 } else { 0.9 }).sum::<f64>() * size
+}
+
+/// A text of a size cut to a width, px.
+pub fn cut(text: &str, size: f64, room: f64) -> String {
+    if width(text, size) <= room {
+        return text.to_string();
+    }
+    let mut used = width("…", size);
+    let fits = |c: &char| {
+        used += width(c.encode_utf8(&mut [0; 4]), size);
+        used <= room
+    };
+    text.chars().take_while(fits).chain(['…']).collect()
+}
+
+/// An SVG document in the making.
+#[derive(Debug)]
+pub struct Svg(String);
+
+impl Svg {
+    /// A document of a size in px.
+    pub fn new(width: f64, height: f64, title: &str) -> Self {
+        let mut dark = String::new();
+        for (i, [_, colour]) in PALETTE.iter().enumerate() {
+            let _ = write!(dark, ".chart .s{i}{{stroke:{colour}}}.chart .f{i}{{fill:{colour}}}");
+        }
+        let mut svg = Self(format!(
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" class=\"chart\" role=\"img\" width=\"{w}\" height=\"{h}\" \
+             viewBox=\"0 0 {w} {h}\" font-family=\"system-ui, sans-serif\">\n<title>{}</title>\n\
+             <style>@media (prefers-color-scheme:dark){{{dark}}}</style>\n",
+            escaped(title),
+            w = decimal(width),
+            h = decimal(height),
+        ));
+        svg.rectangle([0.0, 0.0], [width, height], Colour::PAPER);
+        svg
+    }
+
+    /// A line through points; nothing through less than two.
+    pub fn line(&mut self, points: &[(f64, f64)], colour: Colour, width: f64, dashes: &str) {
+        if points.len() < 2 {
+            return;
+        }
+        self.0 += "<polyline fill=\"none\" points=\"";
+        for (x, y) in points {
+            let _ = write!(self.0, "{},{} ", decimal(*x), decimal(*y));
+        }
+        let dashes = if dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{dashes}\"") };
+        let _ = writeln!(
+            self.0,
+            "\" class=\"s{}\" stroke=\"{}\" stroke-width=\"{width}\" stroke-linejoin=\"round\"{dashes}/>",
+            colour.0,
+            colour.light()
+        );
+    }
+
+    /// A dot.
+    pub fn dot(&mut self, (x, y): (f64, f64), radius: f64, colour: Colour) {
+        let (x, y) = (decimal(x), decimal(y));
+        let _ = writeln!(
+            self.0,
+            "<circle cx=\"{x}\" cy=\"{y}\" r=\"{radius}\" class=\"f{}\" fill=\"{}\"/>",
+            colour.0,
+            colour.light()
+        );
+    }
+
+    /// A filled rectangle.
+    pub fn rectangle(&mut self, at: [f64; 2], size: [f64; 2], colour: Colour) {
+        self.field(at, size, colour.light(), &format!(" class=\"f{}\"", colour.0));
+    }
+
+    /// The same in a colour that is the same on any page.
+    pub fn cell(&mut self, at: [f64; 2], size: [f64; 2], [r, g, b]: [u8; 3]) {
+        self.field(at, size, &format!("#{r:02x}{g:02x}{b:02x}"), "");
+    }
+
+    fn field(&mut self, at: [f64; 2], size: [f64; 2], fill: &str, class: &str) {
+        let ([x, y], [width, height]) = (at.map(decimal), size.map(decimal));
+        let _ = writeln!(
+            self.0,
+            "<rect x=\"{x}\" y=\"{y}\" width=\"{width}\" height=\"{height}\"{class} fill=\"{fill}\"/>"
+        );
+    }
+
+    /// A text whose base line goes through a point.
+    pub fn text(&mut self, (x, y): (f64, f64), text: &str, size: f64, anchor: Anchor, colour: Colour) {
+        self.words(&format!("x=\"{}\" y=\"{}\"", decimal(x), decimal(y)), text, size, anchor, colour);
+    }
+
+    /// A text that runs upwards, about a point.
+    pub fn upright(&mut self, (x, y): (f64, f64), text: &str, size: f64, colour: Colour) {
+        let place = format!("transform=\"translate({} {}) rotate(-90)\"", decimal(x), decimal(y));
+        self.words(&place, text, size, Anchor::Middle, colour);
+    }
+
+    fn words(&mut self, place: &str, text: &str, size: f64, anchor: Anchor, colour: Colour) {
+        let anchor = match anchor {
+            Anchor::Start => "start",
+            Anchor::Middle => "middle",
+            Anchor::End => "end",
+        };
+        let _ = writeln!(
+            self.0,
+            "<text {place} font-size=\"{size}\" text-anchor=\"{anchor}\" class=\"f{}\" fill=\"{}\">{}</text>",
+            colour.0,
+            colour.light(),
+            escaped(text)
+        );
+    }
+
+    /// The document.
+    pub fn finish(mut self) -> String {
+        self.0 += "</svg>\n";
+        self.0
+    }
+}
+
+/// A coordinate, to a hundredth of a pixel.
+fn decimal(x: f64) -> String {
+    let text = format!("{x:.2}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_string() } else { text.to_string() }
+}
+
+fn escaped(text: &str) -> String {
+    let clean: String = text.chars().filter(|c| !c.is_control()).collect();
+    quick_xml::escape::escape(clean.as_str()).into_owned()
+}
