@@ -151,7 +151,7 @@ fn without_its_abrupt_start_the_study_s_tail_does_not_feel_its_stiffness_and_eve
         // Measured: at most 2.3 % of the energy that the rod starts with.
         let part = number(row, "numerical_dissipation_j") / number(row, "initial_energy_j");
         assert!((0.0..0.03).contains(&part), "{part}");
-        assert_eq!(row["notes"], "");
+        assert!(!row["notes"].contains("energy balance"), "{}", row["notes"]);
     }
     let effects: Vec<f64> = pairs(&rows, "rod.youngs_modulus_pa.factor", "0.7", "1.0")
         .iter()

@@ -590,14 +590,29 @@ impl Scene {
 
     /// Why a run of it cannot begin, as `error` says, with the key that is most likely to blame.
     pub(crate) fn cannot_start(&self, error: &Error) -> Error {
-        let key = match error {
-            Error::Scene { .. } | Error::Read { .. } | Error::Linear { .. } => return error.clone(),
-            Error::FoldOver { node: 0, .. } if self.head.angle_rad.is_some() => "head.angle_rad",
-            Error::FoldOver { .. } | Error::EdgeCollapse { .. } if self.actuation.is_some() => "actuation.kappa_amp",
-            // The most extreme number.
-            _ => self.extreme(),
+        let bent = |what: String| format!("{what} in the first shape; allowed: a weaker one, or more nodes");
+        let (key, problem) = match error {
+            Error::FoldOver { node, .. } => {
+                let turned = *node == 0 && self.head.angle_rad.is_some() || self.actuation.is_none();
+                let key = if turned { "head.angle_rad" } else { "actuation.kappa_amp" };
+                (key, bent(format!("the rod folds over at node {node}")))
+            }
+            Error::EdgeCollapse { node, .. } => {
+                ("actuation.kappa_amp", bent(format!("the edge after node {node} collapses")))
+            }
+            Error::NotFinite { node, what, .. } => {
+                let problem = format!("{what} is not finite at node {node} at the start; try a less extreme number");
+                (self.extreme(), problem)
+            }
+            Error::NotConverged { residual_n, node, .. } => {
+                let problem = format!(
+                    "no accelerations at the start balance the forces: {residual_n:e} N are left at node {node}; try a less extreme number"
+                );
+                (self.extreme(), problem)
+            }
+            other => return other.clone(),
         };
-        self.error(key, format!("the run cannot begin: {error}"))
+        self.error(key, problem)
     }
 
     /// The key of the number that is the furthest from 1 of those that make forces.
