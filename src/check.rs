@@ -4,6 +4,7 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
+use crate::fluid::Force;
 use crate::head::Signal;
 use crate::integrator::Pace;
 use crate::metrics::Energy;
@@ -100,12 +101,12 @@ impl Assessment {
         let tip_amplitude = drive.map(|(_, amplitude)| amplitude);
         let density = scene.medium.as_ref().map(|medium| medium.density_kg_m3.get());
         let viscosity = scene.medium.as_ref().map(|medium| medium.viscosity_pa_s.get());
-        let across = model.drag.as_ref().map(|(drag, fluid)| drag.coefficients(*fluid)[1]);
+        let across = model.forces.resistance(&model.rod, model.fluid).map(|[_, across]| across);
         let rod = &model.rod;
-        let line_density = scene.rod.density_kg_m3.get() * rod.section.area();
+        let line_density = rod.sections.line_density(0.5);
         let reynolds =
             omega.zip(tip_amplitude).zip(density.zip(viscosity)).map(|((omega, amplitude), (density, viscosity))| {
-                density * omega * amplitude * 2.0 * rod.section.outer / viscosity
+                density * omega * amplitude * 2.0 * rod.sections.outer.largest() / viscosity
             });
         let mut assessment = Self {
             first_frequency,
@@ -200,12 +201,12 @@ impl Assessment {
             NodesTable::None => "; no table of positions",
         };
         fact("output", format!("{rows}, of trajectory.csv{nodes}"));
-        let Energy { stretching, bending, kinetic } = stepper.meter().now.energy;
+        let Energy { stretching, bending, kinetic, fluid } = stepper.meter().now.energy;
         fact(
             "energy at the start",
             format!(
-                "{:.4e} J: bending {bending:.4e}, kinetic {kinetic:.4e}, stretching {stretching:.4e}",
-                stretching + bending + kinetic
+                "{:.4e} J: bending {bending:.4e}, kinetic {kinetic:.4e}, stretching {stretching:.4e}, fluid {fluid:.4e}",
+                stretching + bending + kinetic + fluid
             ),
         );
         let on = if coarse { format!(" (on {MODES_UP_TO} nodes)") } else { String::new() };
@@ -228,7 +229,9 @@ impl Assessment {
         let rod = &stepper.model().rod;
         let step = scene.typical_step();
         let warnings = &mut self.warnings;
-        if let Some(reynolds) = self.reynolds.filter(|reynolds| scene.drag.is_some() && *reynolds > CREEPING) {
+        if let Some(reynolds) = self.reynolds.filter(|reynolds| {
+            scene.drag.is_some() && stepper.model().forces.iter().any(Force::is_linear) && *reynolds > CREEPING
+        }) {
             warnings.push(format!(
                 "the drag law is outside its range: it is linear in velocity, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}"
             ));
@@ -283,7 +286,7 @@ impl Assessment {
         } else if rounding > chain::ACCURACY {
             warnings.push(format!("the mesh is so fine that one solve in positions may be off by {rounding:.1e} relative: Newton's method takes more iterations, and moments lose digits"));
         }
-        if rod.spacing < rod.section.outer {
+        if rod.spacing < rod.sections.outer.largest() {
             warnings.push(format!(
                 "the node spacing ({:.2e} m) is below the rod's radius: a beam has no more to say there",
                 rod.spacing

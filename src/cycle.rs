@@ -43,7 +43,7 @@ const LONGER: f64 = 4.0;
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
 
-/// Places of the integrals in [`Integrals`]; vectors take two, the work five.
+/// Places of the integrals in [`Integrals`]; vectors take two, the work seven.
 mod place {
     pub(super) const POSITION: usize = 0;
     pub(super) const FLOW: usize = 2;
@@ -54,7 +54,7 @@ mod place {
     pub(super) const FORCE_MODULUS: usize = 10;
     pub(super) const MOMENT_MODULUS: usize = 11;
     pub(super) const WORK: usize = 12;
-    pub(super) const ALL: usize = 17;
+    pub(super) const ALL: usize = 19;
 }
 
 /// Integrals over time since the start, or their rates.
@@ -68,8 +68,8 @@ fn put(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
     (of[at], of[at + 1]) = (vector.x, vector.y);
 }
 
-fn put_work(of: &mut Integrals, Power { actuation, viscous, load, head, flow }: Power) {
-    for (i, part) in [actuation, viscous, load, head, flow].into_iter().enumerate() {
+fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, load, head, flow, other }: Power) {
+    for (i, part) in [actuation, viscous, load, head, flow, wake, other].into_iter().enumerate() {
         of[place::WORK + i] = part;
     }
 }

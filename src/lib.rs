@@ -63,7 +63,7 @@ pub mod newton;
 pub mod rod;
 
 pub mod actuation;
-pub mod drag;
+pub mod fluid;
 pub mod head;
 pub mod start;
 

@@ -4,9 +4,11 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::fluid::force::{self, Powers};
+use crate::fluid::{Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
-use crate::rod::{Edge, bend, node, stretch};
+use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
 
 /// Energies, J.
@@ -18,48 +20,76 @@ pub struct Energy {
     pub bending: f64,
     /// Kinetic energy E_k.
     pub kinetic: f64,
+    /// What forces from outside store: the energy of the fluid that the rod accelerates.
+    pub fluid: f64,
 }
 
 impl Energy {
-    /// E_s + E_b + E_k.
+    /// The sum of all.
     pub fn total(&self) -> f64 {
-        self.stretching + self.bending + self.kinetic
+        self.stretching + self.bending + self.kinetic + self.fluid
     }
 
     fn add(&mut self, other: &Self, factor: f64) {
         self.stretching += factor * other.stretching;
         self.bending += factor * other.bending;
         self.kinetic += factor * other.kinetic;
+        self.fluid += factor * other.fluid;
     }
 }
 
-/// Powers (W), or work (J): dE/dt = actuation − viscous + load + head + flow.
+/// Powers (W), or work (J): dE/dt = actuation − viscous − wake + load + head + flow + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Power {
     /// Put in by the moving natural curvature: −Σ m_k dκ̄_k/dt.
     pub actuation: f64,
-    /// Taken by viscosity: (v−u)ᵀC(v−u) ≥ 0.
+    /// Taken by drag: F·(v−u) ≥ 0.
     pub viscous: f64,
+    /// Taken by the wake that leaves the tail.
+    pub wake: f64,
     /// Put in by gravity, point loads and a host's forces.
     pub load: f64,
     /// Put in by a held head.
     pub head: f64,
-    /// Put in by the background flow: uᵀC(u−v).
+    /// Put in by the background flow: −F·u.
     pub flow: f64,
+    /// Put in by other forces.
+    pub other: f64,
 }
 
 impl Power {
     /// What goes into the rod, net.
     pub fn net(&self) -> f64 {
-        self.actuation - self.viscous + self.load + self.head + self.flow
+        self.actuation - self.viscous - self.wake + self.load + self.head + self.flow + self.other
     }
 
     fn add(&mut self, other: &Self) {
         self.actuation += other.actuation;
         self.viscous += other.viscous;
+        self.wake += other.wake;
         self.load += other.load;
         self.head += other.head;
         self.flow += other.flow;
+        self.other += other.other;
+    }
+
+    /// What every force in `forces` stores, J, and its part of the powers, added to `self`.
+    fn add_forces(&mut self, forces: &Forces, rod: &Kinematics<'_>) -> f64 {
+        let mut stored = 0.0;
+        for force in forces.iter() {
+            let Powers { against_fluid, of_flow } = force::powers(force, rod);
+            self.flow += of_flow;
+            match force.sink() {
+                Some(Sink::Drag) => self.viscous += against_fluid,
+                Some(Sink::Wake) => self.wake += against_fluid,
+                Some(Sink::Other) => self.other -= against_fluid,
+                None => {
+                    stored += force.energy(rod, 0.0, None);
+                    self.other += force.energy_by_time(rod, 0.0, None);
+                }
+            }
+        }
+        stored
     }
 }
 
@@ -84,9 +114,9 @@ pub struct Reading {
     head_angle: [f64; 2],
     /// Force (N) that a held head exerts beyond the inertia of node 0.
     head_push: Vector2<f64>,
-    /// Curvature κ_k, dimensionless, one entry a node.
+    /// Curvature κ_k, dimensionless, one entry per node.
     pub kappa: Vec<f64>,
-    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry a node.
+    /// m_k = (EI_k/ΔL)(κ_k − κ̄_k), N m, conjugate to κ_k, one entry per node.
     pub moment: Vec<f64>,
     /// Largest |ℓ/ΔL − 1| of an edge.
     pub strain: f64,
@@ -146,21 +176,20 @@ impl Reading {
         }
         let edges = dynamics.edges();
         let mut stretch: f64 = 0.0;
-        for (tangent, edge) in self.tangent.iter_mut().zip(edges) {
+        for ((tangent, edge), cell) in self.tangent.iter_mut().zip(edges).zip(&rod.cells) {
             *tangent = edge.t;
-            let excess = edge.length - rod.spacing;
-            stretch = stretch.max(excess.abs());
-            energy.stretching += stretch::energy(edge, rod.ea, rod.spacing);
+            stretch = stretch.max((edge.length / cell.rest - 1.0).abs());
+            energy.stretching += cell.energy(edge);
         }
-        self.strain = stretch / rod.spacing;
+        self.strain = stretch;
         if !state.links.is_empty() {
-            let tension = |(edge, link): (&Edge, &Link)| edge.t.dot(&Vector2::from(link.force));
-            energy.stretching =
-                0.5 * rod.spacing / rod.ea * edges.iter().zip(&state.links).map(tension).map(|f| f * f).sum::<f64>();
+            let stored = |((edge, link), cell): ((&Edge, &Link), &Cell)| {
+                let tension = edge.t.dot(&Vector2::from(link.force));
+                0.5 * tension * tension / cell.axial
+            };
+            energy.stretching = edges.iter().zip(&state.links).zip(&rod.cells).map(stored).sum();
         }
-        if let Some((drag, fluid)) = dynamics.drag() {
-            [power.viscous, power.flow] = drag.power(edges, &state.v, fluid);
-        }
+        energy.fluid = power.add_forces(&dynamics.model.forces, &dynamics.kinematics(state));
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
             let held = holding.unwrap_or_else(|| dynamics.reaction(state));
@@ -206,9 +235,11 @@ impl Reading {
         Power {
             actuation: work(|p| p.actuation),
             viscous: work(|p| p.viscous),
+            wake: work(|p| p.wake),
             load,
             head: work(|p| p.head),
             flow: work(|p| p.flow),
+            other: work(|p| p.other),
         }
     }
 
@@ -216,6 +247,7 @@ impl Reading {
     /// κ̄ for the actuation, in the head's position and angle for the head.
     fn work_since(&self, before: &Self, load: f64, head_mass: f64) -> Power {
         let half_time = 0.5 * (self.time - before.time);
+        let trapezoid = |of: fn(&Power) -> f64| half_time * (of(&self.power) + of(&before.power));
         let actuation = (self.natural.iter().zip(&before.natural))
             .zip(self.moment.iter().zip(&before.moment))
             .map(|((now, old), (m_now, m_old))| -0.5 * (m_now + m_old) * (now - old))
@@ -225,10 +257,12 @@ impl Reading {
         let twist = 0.5 * (self.head_moment + before.head_moment) * (self.head_angle[0] - before.head_angle[0]);
         Power {
             actuation,
-            viscous: half_time * (self.power.viscous + before.power.viscous),
+            viscous: trapezoid(|p| p.viscous),
+            wake: trapezoid(|p| p.wake),
             load,
             head: push + inertia - twist,
-            flow: half_time * (self.power.flow + before.power.flow),
+            flow: trapezoid(|p| p.flow),
+            other: trapezoid(|p| p.other),
         }
     }
 }
@@ -273,9 +307,11 @@ impl Totals {
             work: Power {
                 actuation: work(|p| p.actuation),
                 viscous: work(|p| p.viscous),
+                wake: work(|p| p.wake),
                 load: work(|p| p.load),
                 head: work(|p| p.head),
                 flow: work(|p| p.flow),
+                other: work(|p| p.other),
             },
             max_lateral: self.max_lateral.max(now.com.y.abs()),
             path: self.path + (now.com - from.com).norm(),
@@ -299,7 +335,7 @@ pub struct Meter {
     pub first_energy: f64,
     /// Time (s) and centre of mass (m) at the start.
     pub first: (f64, Vector2<f64>),
-    /// Positions at the start, m, two entries a node.
+    /// Positions at the start, m, two entries per node.
     pub first_positions: Vec<f64>,
 }
 

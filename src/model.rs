@@ -1,4 +1,4 @@
-//! The model: rod, actuation, drag, loads and head together are one [`System`].
+//! The model: rod, actuation, forces, loads and head together are one [`System`].
 //!
 //! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
 
@@ -14,12 +14,13 @@ use serde::{Deserialize, Serialize};
 pub use course::Course;
 
 use crate::actuation::{Actuation, Wave};
-use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
+use crate::fluid::force::{ActingOn, OnEdge, TOGETHER};
+use crate::fluid::{Fluid, Forces, Kinematics};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
 use crate::rod::bend::{self, Joint};
-use crate::rod::elastic::{self, Deformed};
-use crate::rod::{Edge, Rod, node, stretch};
+use crate::rod::elastic::{self, Alone, Deformed};
+use crate::rod::{Edge, Rod, add, node};
 use crate::start::{Start, add_spin};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
@@ -60,10 +61,14 @@ pub struct Model {
     pub actuation: Option<(Box<dyn Actuation>, Drive)>,
     /// How the run starts.
     pub start: Start,
-    /// Drag and the fluid as the scene has it.
-    pub drag: Option<(Box<dyn Drag>, Fluid)>,
-    /// Constant force of gravity and point loads (N), two entries a node.
+    /// What acts on the rod from outside, beside constant loads.
+    pub forces: Forces,
+    /// The fluid as the scene has it.
+    pub fluid: Fluid,
+    /// Constant force of gravity and point loads (N), two entries per node.
     pub load: Option<Vec<f64>>,
+    /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` where the scene has none.
+    pub buoyancy: Option<Vec<f64>>,
     /// Motion of a held head; `None` is a free head.
     pub head: Option<Motion>,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
@@ -79,9 +84,9 @@ pub struct Inputs {
     pub phase_offset: f64,
     /// Time (s) and phase (rad) at which the frequency last changed: the phase goes on without a jump.
     phase_origin: [f64; 2],
-    /// A host's own natural curvature at each joint (1/m), one entry a node.
+    /// A host's own natural curvature at each joint (1/m), one entry per node.
     pub natural: Option<Vec<f64>>,
-    /// A host's forces (N), two entries a node.
+    /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
     /// The fluid.
     pub fluid: Fluid,
@@ -148,7 +153,7 @@ impl Inputs {
             phase_origin: [0.0; 2],
             natural: None,
             force: None,
-            fluid: model.drag.as_ref().map_or(Fluid { viscosity: 0.0, flow: Vector2::zeros() }, |(_, fluid)| *fluid),
+            fluid: model.fluid,
             head: None,
         }
     }
@@ -207,7 +212,7 @@ pub struct Dynamics {
     pub inputs: Inputs,
     /// How they go on by themselves, where the host has said so.
     pub course: Option<Box<Course>>,
-    /// Natural curvature κ̄_k at the time last moved to, one entry a node; zero where there is no joint.
+    /// Natural curvature κ̄_k at the time last moved to, one entry per node; zero where there is no joint.
     pub natural: Vec<f64>,
     /// dκ̄_k/dt, 1/s.
     pub natural_rate: Vec<f64>,
@@ -216,8 +221,9 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
-    /// Room for drag and loads.
+    /// Room for forces and loads.
     applied: Vec<f64>,
+    room: Vec<OnEdge>,
 }
 
 impl Dynamics {
@@ -235,6 +241,7 @@ impl Dynamics {
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
             applied: Vec::new(),
+            room: vec![OnEdge::ZERO; TOGETHER],
             model,
         };
         dynamics.evaluate(0.0);
@@ -275,7 +282,7 @@ impl Dynamics {
         self.evaluate(t);
     }
 
-    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry a node, when the inputs change by `by`.
+    /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry per node, when the inputs change by `by`.
     pub(crate) fn natural_change(&self, by: &Inputs, t: f64, natural: &mut [f64], rate: &mut [f64]) {
         let Model { rod, actuation, start, head, .. } = &*self.model;
         natural.fill(0.0);
@@ -320,7 +327,7 @@ impl Dynamics {
         }
     }
 
-    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry a node.
+    /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node.
     pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64]) {
         out.fill(0.0);
         let Model { rod, actuation, start, head, .. } = &*self.model;
@@ -398,7 +405,7 @@ impl Dynamics {
         &self.edges
     }
 
-    /// Curvature κ_k, dimensionless, of the last [`shape`](Self::shape); one entry a node, zero where there is no joint.
+    /// Curvature κ_k, dimensionless, of the last [`shape`](Self::shape); one entry per node, zero where there is no joint.
     pub fn kappa(&self) -> &[f64] {
         &self.kappa
     }
@@ -444,15 +451,23 @@ impl Dynamics {
         folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: t, node }))
     }
 
-    /// Constant and host forces on node `k`, N.
+    /// Constant and host forces and buoyancy on node `k`, N.
     pub fn load(&self, k: usize) -> Vector2<f64> {
-        let of = |force: &Option<Vec<f64>>| force.as_ref().map_or(Vector2::zeros(), |f| node(f, k));
-        of(&self.model.load) + of(&self.inputs.force)
+        self.loads().map(|(force, factor)| node(force, k) * factor).sum()
+    }
+
+    /// The loads, two entries per node, with their factors.
+    fn loads(&self) -> impl Iterator<Item = (&[f64], f64)> {
+        fn with(force: &Option<Vec<f64>>, factor: f64) -> Option<(&[f64], f64)> {
+            force.as_deref().map(|force| (force, factor))
+        }
+        let buoyancy = with(&self.model.buoyancy, self.inputs.fluid.density);
+        [with(&self.model.load, 1.0), with(&self.inputs.force, 1.0), buoyancy].into_iter().flatten()
     }
 
     /// True where any constant or host force acts.
     pub fn is_loaded(&self) -> bool {
-        self.model.load.is_some() || self.inputs.force.is_some()
+        self.loads().next().is_some()
     }
 
     /// Work (J) of the constant and host forces on the way from positions `from` to `to` over the `times` (s); forces that
@@ -484,27 +499,23 @@ impl Dynamics {
         let edge = &self.edges[0];
         let carried = match state.links.first() {
             Some(link) => Vector2::from(link.force),
-            None => elastic::force(edge, stretch::tension(edge, rod.ea, rod.spacing), &self.joints[0], &self.joints[1]),
+            None => elastic::force(edge, rod.cells[0].tension(edge), &self.joints[0], &self.joints[1]),
         };
         let mut force = node(&state.a, 0) * rod.mass[0] - self.load(0) - carried;
-        if let Some((drag, fluid)) = self.drag() {
-            drag.for_half_edges(0..1, &self.edges, &state.v, fluid, &mut |k, _, half| {
-                if k == 0 {
-                    force += half.force;
-                }
-            });
-        }
+        self.model.forces.on_edges(&self.kinematics(state), None, 0..1, |_, on| force += on.force(0));
         force
     }
 
-    /// Drag and the fluid it is in now.
-    pub fn drag(&self) -> Option<(&dyn Drag, Fluid)> {
-        self.model.drag.as_ref().map(|(drag, _)| (&**drag, self.inputs.fluid))
+    /// How the rod moves in `state`, whose [`shape`](Self::shape) was taken last, and in which fluid.
+    pub fn kinematics<'a>(&'a self, state: &'a State) -> Kinematics<'a> {
+        let State { t, q, v, a, .. } = state;
+        Kinematics { t: *t, edges: &self.edges, q, v, a, fluid: self.inputs.fluid }
     }
 
     /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s).
     pub fn towing_force(&self, speed: f64) -> Option<f64> {
-        self.drag().map(|(drag, fluid)| drag.coefficients(fluid)[0] * drag.weighted_length() * speed)
+        let Model { rod, forces, .. } = &*self.model;
+        (!forces.is_empty()).then(|| forces.towing(rod, self.inputs.fluid, speed))
     }
 
     /// The kinetic energy that node 0 has at unit speed, times 2, kg.
@@ -513,13 +524,13 @@ impl Dynamics {
     }
 
     /// The moments m_k (N m) that hold the rod in the shape it has, from balance alone: the nodes j beyond joint k need
-    /// m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F drag and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
+    /// m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F forces and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
     /// the force (N) that a held head must exert, zero for a free one. Edges and curvatures are those of the last
     /// [`shape`](Self::shape).
     pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Vector2<f64> {
         let mut applied = std::mem::take(&mut self.applied);
         applied.resize(state.q.len(), 0.0);
-        self.write_applied(&self.edges, &state.v, &mut applied);
+        self.write_applied(&self.kinematics(state), &mut applied);
         let rod = &self.model.rod;
         let (mut force, mut turning) = (Vector2::zeros(), 0.0);
         for k in (0..rod.nodes).rev() {
@@ -534,14 +545,16 @@ impl Dynamics {
         force
     }
 
-    /// Writes the forces (N) that oppose the motion, drag less loads, to `out`, two entries a node.
-    pub fn write_applied(&self, edges: &[Edge], v: &[f64], out: &mut [f64]) {
+    /// Writes the forces (N) that oppose the motion `rod`, less loads, to `out`, two entries per node.
+    pub fn write_applied(&self, rod: &Kinematics<'_>, out: &mut [f64]) {
         out.fill(0.0);
-        for force in [&self.model.load, &self.inputs.force].into_iter().flatten() {
-            out.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
-        }
-        if let Some((drag, fluid)) = self.drag() {
-            drag.add_force(edges, v, fluid, out);
+        self.subtract_loads(out);
+        self.model.forces.add(rod, out);
+    }
+
+    fn subtract_loads(&self, out: &mut [f64]) {
+        for (force, factor) in self.loads() {
+            out.iter_mut().zip(force).for_each(|(r, w)| *r -= factor * w);
         }
     }
 
@@ -553,18 +566,34 @@ impl Dynamics {
         &mut self,
         state: &State,
         residual: &mut [f64],
-        jacobian: Option<Linearisation<'_>>,
+        mut jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.shape(state)?;
-        let Model { rod, load, .. } = &*self.model;
-        let deformed = Deformed { rod, edges: &self.edges, joints: &self.joints, a: &state.a };
-        match self.drag() {
-            Some((drag, fluid)) => drag.assemble(deformed, &state.v, fluid, residual, jacobian),
-            None => deformed.assemble(std::iter::repeat(None), residual, jacobian),
+        let Self { model, edges, joints, inputs, room, .. } = self;
+        let Model { rod, forces, .. } = &**model;
+        let deformed = Deformed { rod, edges, joints, a: &state.a };
+        let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
+        if forces.is_empty() {
+            deformed.assemble(Alone, residual, part);
+        } else {
+            let State { t, q, v, a, .. } = state;
+            let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid };
+            let along = part.as_ref().map(|part| part.direction);
+            deformed.assemble(ActingOn { forces, rod: moving, along, room }, residual, part);
+            for tip in forces.on_tip(&moving, along) {
+                add(residual, rod.nodes - 1, tip.force);
+                if let Some([.., row]) = jacobian.as_mut().map(|j| j.matrix.rows_mut()) {
+                    let [before, last] = tip.edges;
+                    let blocks = [-before, before - last, tip.own + last];
+                    for (entry, block) in row.iter_mut().zip(blocks) {
+                        for (x, y) in entry.iter_mut().zip(block.transpose().iter()) {
+                            *x += y;
+                        }
+                    }
+                }
+            }
         }
-        for force in [load, &self.inputs.force].into_iter().flatten() {
-            residual.iter_mut().zip(force).for_each(|(r, w)| *r -= w);
-        }
+        self.subtract_loads(residual);
         Ok(())
     }
 }
@@ -574,8 +603,8 @@ impl System for Dynamics {
         self.model.rod.nodes
     }
 
-    fn masses(&self) -> &[f64] {
-        &self.model.rod.mass
+    fn lumped_masses(&self) -> Option<&[f64]> {
+        (!self.model.forces.are_inertial()).then_some(&self.model.rod.mass)
     }
 
     fn length(&self) -> f64 {

@@ -16,8 +16,8 @@ use faer::matrix_free::LinOp;
 use faer::matrix_free::eigen::{PartialEigenParams, partial_eigen_scratch, partial_self_adjoint_eigen};
 use faer::{Col, Mat, MatMut, MatRef, Par, Side};
 
-use crate::drag::{Drag, Fluid};
 use crate::error::{Error, Result};
+use crate::fluid::{Fluid, Forces};
 use crate::head::Signal;
 use crate::linear::BandMatrix;
 use crate::model::{Dynamics, Model};
@@ -118,7 +118,7 @@ impl Modes {
 /// The rod linearised about its straight rest: M q̈ + C q̇ + K q = 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrices {
-    /// Mass of each node, kg.
+    /// Inertia of each unknown, x and y of every node, kg: that of the fluid around a straight rod included.
     pub mass: Vec<f64>,
     /// Drag C, N s/m; `None` without.
     pub damping: Option<BandMatrix>,
@@ -129,36 +129,46 @@ pub struct Matrices {
 }
 
 impl Matrices {
-    /// The matrices of `rod` and its drag.
+    /// The matrices of `rod` in a fluid at rest, and of the forces there.
     ///
     /// # Errors
     /// Those of [`System::assemble`].
-    pub fn of(rod: &Rod, drag: Option<(Box<dyn Drag>, Fluid)>) -> Result<Self> {
-        let damped = drag.is_some();
-        let mut dynamics = at_rest(rod, drag);
+    pub fn of(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Result<Self> {
+        let damped = outside.as_ref().is_some_and(|(forces, _)| !forces.is_empty());
+        let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
-        let mut along = |q: f64, v: f64| {
+        let mut along = |direction: Direction| {
             let mut matrix = BandMatrix::new(rod.nodes);
-            let linearisation = Linearisation { matrix: &mut matrix, direction: Direction { q, v, a: 0.0 } };
-            dynamics.assemble(&straight, &mut vec![0.0; 2 * rod.nodes], Some(linearisation))?;
+            let linearisation = Linearisation { matrix: &mut matrix, direction };
+            dynamics.unconstrained(&straight, &mut vec![0.0; 2 * rod.nodes], Some(linearisation))?;
             Ok::<_, Error>(matrix)
         };
+        let inertia = along(Direction::ACCELERATIONS)?;
         Ok(Self {
-            mass: rod.mass.clone(),
-            stiffness: along(1.0, 0.0)?,
-            damping: if damped { Some(along(0.0, 1.0)?) } else { None },
+            mass: (0..2 * rod.nodes).map(|i| inertia.entry(i, i)).collect(),
+            stiffness: along(Direction::POSITIONS)?,
+            damping: if damped { Some(along(Direction::VELOCITIES)?) } else { None },
             first: usize::from(is_held(rod)),
         })
+    }
+
+    /// Inertia of node `k` along `axis`, kg.
+    fn inertia(&self, axis: Axis, k: usize) -> f64 {
+        self.mass[2 * k + axis.entry()]
+    }
+
+    fn nodes(&self) -> usize {
+        self.mass.len() / 2
     }
 
     /// Damping ratio ζ = φᵀCφ / (2ω φᵀMφ) of a mode in the drag; `None` without.
     pub fn damping_ratio(&self, mode: &Mode) -> Option<f64> {
         let damping = self.damping.as_ref()?;
         let i = mode.axis.entry();
-        let products = self.mass.iter().zip(&mode.shape).enumerate().skip(self.first).map(|(k, (mass, x))| {
+        let products = mode.shape.iter().enumerate().skip(self.first).map(|(k, x)| {
             let near = damping.coupled(k).filter(|j| *j >= self.first);
             let force: f64 = near.map(|j| damping.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum();
-            [x * force, x * mass * x]
+            [x * force, x * self.inertia(mode.axis, k) * x]
         });
         let [lost, moved] = products.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
         Some(lost / (2.0 * mode.frequency * moved))
@@ -169,15 +179,16 @@ impl Matrices {
     }
 
     fn failed(&self, reason: &impl std::fmt::Debug) -> Error {
-        Error::Linear { unknowns: self.mass.len() - self.first, reason: format!("its eigenvalues: {reason:?}") }
+        Error::Linear { unknowns: self.nodes() - self.first, reason: format!("its eigenvalues: {reason:?}") }
     }
 
     /// The symmetric M^(−½) K M^(−½) along `axis`.
     fn scaled(&self, axis: Axis) -> Mat<f64> {
-        let free = self.mass.len() - self.first;
+        let free = self.nodes() - self.first;
         Mat::from_fn(free, free, |i, j| {
             let (i, j) = (i + self.first, j + self.first);
-            self.stiffness.entry(2 * i + axis.entry(), 2 * j + axis.entry()) / (self.mass[i] * self.mass[j]).sqrt()
+            let inertia = self.inertia(axis, i) * self.inertia(axis, j);
+            self.stiffness.entry(2 * i + axis.entry(), 2 * j + axis.entry()) / inertia.sqrt()
         })
     }
 
@@ -187,9 +198,9 @@ impl Matrices {
         let squares = found.S().column_vector();
         Ok((self.rigid(axis)..squares.nrows())
             .map(|j| {
-                let mut shape = vec![0.0; self.mass.len()];
+                let mut shape = vec![0.0; self.nodes()];
                 for (k, x) in shape.iter_mut().enumerate().skip(self.first) {
-                    *x = found.U()[(k - self.first, j)] / self.mass[k].sqrt();
+                    *x = found.U()[(k - self.first, j)] / self.inertia(axis, k).sqrt();
                 }
                 Mode { axis, frequency: squares[j].max(0.0).sqrt(), shape: normed(shape) }
             })
@@ -199,7 +210,7 @@ impl Matrices {
     /// M, C and K as texts in the Matrix Market exchange format, symmetric, each with a name; the unknowns are x and y of
     /// every node that is free to move. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935 (1996).
     pub fn matrix_market(&self) -> Vec<(&'static str, String)> {
-        let mass = |i: usize, j: usize| if i == j { self.mass[i / 2] } else { 0.0 };
+        let mass = |i: usize, j: usize| if i == j { self.mass[i] } else { 0.0 };
         let mut texts = vec![
             ("mass.mtx", self.market("mass M, kg", &mass)),
             ("stiffness.mtx", self.market("stiffness K, N/m", &|i, j| self.stiffness.entry(i, j))),
@@ -211,7 +222,7 @@ impl Matrices {
     }
 
     fn market(&self, what: &str, entry: &dyn Fn(usize, usize) -> f64) -> String {
-        let (first, last) = (2 * self.first, 2 * self.mass.len());
+        let (first, last) = (2 * self.first, self.mass.len());
         let (mut lines, mut count) = (String::new(), 0);
         for j in first..last {
             for i in j..last.min(2 * self.stiffness.coupled(j / 2).end) {
@@ -251,14 +262,17 @@ fn is_held(rod: &Rod) -> bool {
     rod.first_joint == 0
 }
 
-/// The rod and its drag alone, straight.
-fn at_rest(rod: &Rod, drag: Option<(Box<dyn Drag>, Fluid)>) -> Dynamics {
+/// The rod and the forces on it alone, straight, in a fluid at rest.
+fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Dynamics {
+    let (forces, fluid) = outside.unwrap_or((Forces::default(), Fluid::NONE));
     Dynamics::new(Arc::new(Model {
         rod: rod.clone(),
         actuation: None,
         start: Start::Jump,
-        drag: drag.map(|(drag, fluid)| (drag, Fluid { flow: nalgebra::Vector2::zeros(), ..fluid })),
+        forces,
+        fluid: Fluid { flow: nalgebra::Vector2::zeros(), ..fluid },
         load: None,
+        buoyancy: None,
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
         spin: 0.0,
     }))

@@ -154,16 +154,20 @@ pub struct Summary {
     pub stretching_energy_j: f64,
     pub bending_energy_j: f64,
     pub kinetic_energy_j: f64,
+    pub fluid_energy_j: f64,
     pub mean_stretching_energy_j: f64,
     pub mean_bending_energy_j: f64,
     pub mean_kinetic_energy_j: f64,
     pub actuation_work_j: f64,
     pub viscous_work_j: f64,
+    pub wake_work_j: f64,
+    pub other_work_j: f64,
     pub load_work_j: f64,
     pub head_work_j: f64,
     pub flow_work_j: f64,
     pub mean_actuation_power_w: f64,
     pub mean_viscous_power_w: f64,
+    pub mean_wake_power_w: f64,
     pub mean_load_power_w: f64,
     pub mean_head_power_w: f64,
     pub mean_flow_power_w: f64,
@@ -202,8 +206,8 @@ fn rounding(stepper: &Stepper) -> f64 {
 /// What to say of an energy balance that does not close, beyond `rounding` (J): the mark of steps that are too coarse, or of
 /// a wrong root.
 fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
-    let Power { actuation, viscous, load, head, flow } = meter.totals.work;
-    let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, load, head, flow]
+    let Power { actuation, viscous, wake, load, head, flow, other } = meter.totals.work;
+    let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, wake, load, head, flow, other]
         .into_iter()
         .fold(0.0, |max: f64, x| max.max(x.abs()));
     let defect = meter.numerical_dissipation();
@@ -245,7 +249,7 @@ impl Summary {
         let (now, model) = (&meter.now, stepper.model());
         let elapsed = meter.elapsed();
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
-        let Power { actuation, viscous, load, head, flow } = meter.totals.work;
+        let Power { actuation, viscous, wake, load, head, flow, other } = meter.totals.work;
         let displacement = meter.net_displacement();
         let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
@@ -300,16 +304,20 @@ impl Summary {
             stretching_energy_j: now.energy.stretching,
             bending_energy_j: now.energy.bending,
             kinetic_energy_j: now.energy.kinetic,
+            fluid_energy_j: now.energy.fluid,
             mean_stretching_energy_j: mean(meter.totals.energy_time.stretching),
             mean_bending_energy_j: mean(meter.totals.energy_time.bending),
             mean_kinetic_energy_j: mean(meter.totals.energy_time.kinetic),
             actuation_work_j: actuation,
             viscous_work_j: viscous,
+            wake_work_j: wake,
+            other_work_j: other,
             load_work_j: load,
             head_work_j: head,
             flow_work_j: flow,
             mean_actuation_power_w: mean(actuation),
             mean_viscous_power_w: mean(viscous),
+            mean_wake_power_w: mean(wake),
             mean_load_power_w: mean(load),
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),

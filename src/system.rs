@@ -130,6 +130,15 @@ pub struct Direction {
     pub a: f64,
 }
 
+impl Direction {
+    /// Moves positions alone.
+    pub const POSITIONS: Self = Self { q: 1.0, v: 0.0, a: 0.0 };
+    /// Moves velocities alone.
+    pub const VELOCITIES: Self = Self { q: 0.0, v: 1.0, a: 0.0 };
+    /// Moves accelerations alone.
+    pub const ACCELERATIONS: Self = Self { q: 0.0, v: 0.0, a: 1.0 };
+}
+
 /// The matrix q ∂f/∂q + v ∂f/∂v + a ∂f/∂a to be written.
 #[derive(Debug)]
 pub struct Linearisation<'a> {
@@ -141,11 +150,11 @@ pub struct Linearisation<'a> {
 
 /// A system f(t, q, v, a) = 0 of second order in time.
 pub trait System {
-    /// Number of nodes; there are two unknowns a node.
+    /// Number of nodes; there are two unknowns per node.
     fn nodes(&self) -> usize;
 
-    /// The mass of each node, kg.
-    fn masses(&self) -> &[f64];
+    /// The mass of each node, kg, where that is all of the inertia.
+    fn lumped_masses(&self) -> Option<&[f64]>;
 
     /// The length that displacements are measured against, m.
     fn length(&self) -> f64;

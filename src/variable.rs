@@ -3,6 +3,7 @@
 //! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
 
 use crate::cycle::{self, Cycles, Measure};
+use crate::fluid::{DENSITY, Force};
 use crate::metrics::Meter;
 use crate::model::{Dynamics, Model};
 use crate::newton::Work;
@@ -117,8 +118,12 @@ const fn bent(input: &'static str, reach: Reach) -> Feed {
     Feed { input, reach, in_positions_only: true }
 }
 
-const FLUID: [Feed; 3] =
-    [feed("viscosity_pa_s", Reach::All), feed("flow_x_m_s", Reach::All), feed("flow_y_m_s", Reach::All)];
+const FLUID: [Feed; 4] = [
+    feed("viscosity_pa_s", Reach::All),
+    feed("flow_x_m_s", Reach::All),
+    feed("flow_y_m_s", Reach::All),
+    feed("density_kg_m3", Reach::All),
+];
 const WAVE: [Feed; 2] = [feed("actuation_amplitude", Reach::All), feed("actuation_phase_rad", Reach::All)];
 const NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::All)];
 const NATURAL_RATE: &[Feed] = &[NATURAL[0], NATURAL[1], NATURAL[2], feed("actuation_frequency_hz", Reach::All)];
@@ -344,8 +349,20 @@ fn has_actuation(model: &Model) -> bool {
     model.actuation.is_some()
 }
 
-fn has_drag(model: &Model) -> bool {
-    model.drag.is_some()
+fn has_fluid(model: &Model) -> bool {
+    model.forces.iter().any(Force::is_of_fluid)
+}
+
+fn has_dense_fluid(model: &Model) -> bool {
+    model.buoyancy.is_some() || model.forces.iter().any(|force| force.parameters().contains(&DENSITY))
+}
+
+fn has_inertial_fluid(model: &Model) -> bool {
+    model.forces.are_inertial()
+}
+
+fn has_other_forces(model: &Model) -> bool {
+    model.forces.iter().any(|force| !force.is_of_fluid())
 }
 
 fn is_free(model: &Model) -> bool {
@@ -408,8 +425,11 @@ pub static VARIABLES: &[Variable] = &[
     output("stretching_energy_j", "J", "stretching energy", |v, _| v.meter.now.energy.stretching).recorded(),
     output("bending_energy_j", "J", "bending energy", |v, _| v.meter.now.energy.bending).fed(NATURAL).recorded(),
     output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.meter.now.energy.kinetic).recorded(),
+    output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.meter.now.energy.fluid).when(has_inertial_fluid).fed(&FLUID).recorded(),
     output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).fed(NATURAL_RATE).recorded(),
     output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).fed(&FLUID).recorded(),
+    output("wake_power_w", "W", "power taken by the wake", |v, _| v.meter.now.power.wake).when(has_inertial_fluid).fed(&FLUID).recorded(),
+    output("other_power_w", "W", "power put in by other forces", |v, _| v.meter.now.power.other).when(has_other_forces).recorded(),
     output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(FORCES).recorded(),
     output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(HEAD_POWER).fed_in(has_held_head).recorded(),
     output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).fed(&FLUID).recorded(),
@@ -428,6 +448,8 @@ pub static VARIABLES: &[Variable] = &[
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.meter.totals.max_lateral),
     output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.totals.work.actuation).fed(NATURAL).recorded(),
     output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.meter.totals.work.viscous).recorded(),
+    output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.meter.totals.work.wake).when(has_inertial_fluid).recorded(),
+    output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.meter.totals.work.other).when(has_other_forces).recorded(),
     output("load_work_j", "J", "work put in by loads since the start", |v, _| v.meter.totals.work.load).recorded(),
     output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.meter.totals.work.head).recorded(),
     output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.meter.totals.work.flow).recorded(),
@@ -469,9 +491,10 @@ pub static VARIABLES: &[Variable] = &[
     input("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, beside the actuation's", |v, k| of(&v.dynamics.inputs.natural, k), |d, _, x| set_natural_curvature(d, x)).sized(Size::Joints),
     input("force_x_n", "N", "the host's forces on the nodes, x", |v, k| of(&v.dynamics.inputs.force, 2 * k), |d, _, x| set_force(d, 0, x)).sized(Size::Nodes),
     input("force_y_n", "N", "the host's forces on the nodes, y", |v, k| of(&v.dynamics.inputs.force, 2 * k + 1), |d, _, x| set_force(d, 1, x)).sized(Size::Nodes),
-    input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.dynamics.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(has_drag).at_least_zero(),
-    input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.inputs.fluid.flow.x = x[0]).when(has_drag),
-    input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.inputs.fluid.flow.y = x[0]).when(has_drag),
+    input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.dynamics.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(has_fluid).at_least_zero(),
+    input("density_kg_m3", "kg/m^3", "density of the medium", |v, _| v.dynamics.inputs.fluid.density, |d, _, x| d.inputs.fluid.density = x[0]).when(has_dense_fluid).at_least_zero(),
+    input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.inputs.fluid.flow.x = x[0]).when(has_fluid),
+    input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.inputs.fluid.flow.y = x[0]).when(has_fluid),
     input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| d.take_over_head(t).target[0] = x[0]).when(has_held_head),
     input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| d.take_over_head(t).target[1] = x[0]).when(has_held_head),
     input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| d.take_over_head(t).target[2] = x[0]).when(has_held_head),
@@ -484,6 +507,6 @@ pub static VARIABLES: &[Variable] = &[
     parameter("mass_kg", "kg", "mass of the rod", |v, _| v.model().rod.total_mass()),
     parameter("stretching_stiffness_n", "N", "stretching stiffness EA", |v, _| v.model().rod.ea),
     parameter("bending_stiffness_n_m2", "N m^2", "bending stiffness EI before the profile", |v, _| v.model().rod.ei),
-    parameter("joint_stiffness_n_m2", "N m^2", "bending stiffness EI at the joints", |v, k| v.model().rod.joint[k] * v.model().rod.spacing * if k == 0 { 0.5 } else { 1.0 }).sized(Size::Joints),
+    parameter("joint_stiffness_n_m2", "N m^2", "bending stiffness EI at the joints", |v, k| v.model().rod.joint_stiffness(k)).sized(Size::Joints),
     parameter("time_step_s", "s", "largest internal step", |v, _| v.time_step),
 ];

@@ -26,8 +26,8 @@ impl System for Oscillators {
         1.0
     }
 
-    fn masses(&self) -> &[f64] {
-        &[1.0; NODES]
+    fn lumped_masses(&self) -> Option<&[f64]> {
+        Some(&[1.0; NODES])
     }
 
     fn move_to(&mut self, t: f64, state: &mut State) {

@@ -27,7 +27,7 @@ fn even_rod(nodes: usize, lumping: &str, head: &str) -> Rod {
 
 /// Relative error of a frequency (rad/s) of the continuous beam's (βL)²√(EI/ρAL⁴).
 fn deviation(rod: &Rod, frequency: f64, beta_length: f64) -> f64 {
-    let line_density = 2700.0 * rod.section.area();
+    let line_density = 2700.0 * rod.sections.at(0.0).area();
     let exact = beta_length.powi(2) * (rod.ei / line_density).sqrt() / rod.length.powi(2);
     frequency / exact - 1.0
 }
@@ -133,7 +133,7 @@ fn a_cantilever_under_tip_load_and_own_weight_is_off_by_its_spacing_squared_and_
     };
     let of_weight = |nodes: usize| {
         let rod = rod(&cantilever(nodes, &[]));
-        let gravity = 8.0 * rod.ei * 1e-6 / (2700.0 * rod.section.area());
+        let gravity = 8.0 * rod.ei * 1e-6 / (2700.0 * rod.sections.at(0.0).area());
         let scene = cantilever(nodes, &[&format!("loads.gravity_m_s2=[0, -{gravity:e}]")]);
         let (_, state) = equilibrium(&scene, &vec![0.0; 2 * nodes], 1);
         -state.q[2 * nodes - 1] / 1e-6 - 1.0

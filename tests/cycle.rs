@@ -96,8 +96,7 @@ fn every_measure_is_what_its_formula_makes_of_a_cycle() {
     let now = tail.meter().totals.work;
     let power = (now.actuation - work.actuation) / period;
     let stored = tail.meter().now.energy.total() - energy;
-    let [along, _] = tail.model().drag.as_ref().map(|(drag, fluid)| drag.coefficients(*fluid)).unwrap();
-    let towed = along * tail.model().drag.as_ref().unwrap().0.weighted_length() * speed;
+    let towed = tail.model().forces.towing(rod, tail.model().fluid, speed);
     // The axis is that of the cycle before, and the tip goes on between the steps: measured 2e-3.
     let across = nalgebra::Vector2::new(-axis.y, axis.x);
     let sides = tips.iter().map(|tip| tip.dot(&across));
@@ -148,7 +147,7 @@ fn a_rod_that_is_swung_and_washed_as_a_whole_has_the_thrust_power_and_strouhal_n
     // m y'' + c y' at the head, y = a sin ωt; the flow u pushes along the rod with ξ∥ L u.
     let scene = scene_of(HELD, &["medium.flow_m_s=[0.3, 0.0]"]);
     let tail = run(&scene);
-    let [along, across] = tail.model().drag.as_ref().map(|(drag, fluid)| drag.coefficients(*fluid)).unwrap();
+    let [along, across] = tail.model().forces.resistance(&tail.model().rod, tail.model().fluid).unwrap();
     let (length, a, f, u) = (0.5, 0.02, 1.25, 0.3);
     let expected = [
         (cycle::PERIOD, 0.8),

@@ -4,7 +4,7 @@ mod common;
 
 use std::f64::consts::PI;
 
-use caudal::drag::{Drag, Fluid, HalfEdges, StokesLike};
+use caudal::fluid::{Fluid, Kinematics, force};
 use caudal::rod::{Edge, node};
 use common::{DRAG, SILICONE, WATER, WAVE, run, run_with, scene};
 use nalgebra::{Rotation2, Vector2};
@@ -49,28 +49,25 @@ fn a_rod_along_its_fall_settles_at_its_weight_over_the_drag_along_with_the_head_
 
 #[test]
 fn the_drag_of_the_whole_rod_is_the_same_on_every_mesh() {
-    let still = Fluid { viscosity: 0.001, flow: Vector2::zeros() };
     let expected = along(0.001) * (1.0 + 9.0 * 0.0625);
     for nodes in [3, 4, 9, 10, 17, 18, 33, 100, 1001] {
         let model = scene(&[DRAG, WATER, &format!("rod.nodes={nodes}")]).model().unwrap();
-        let (drag, fluid) = model.drag.as_ref().unwrap();
-        assert_eq!(*fluid, still);
-        let [t, n] = drag.coefficients(*fluid).map(|each| each * drag.weighted_length());
+        let towed = model.forces.towing(&model.rod, model.fluid, 1.0);
         // Measured: at most 3.3e-13 (N = 1001), rounding of the sum.
-        assert!((t / expected - 1.0).abs() < 1e-12, "N = {nodes}: {t}");
-        assert!((n / expected - 5.0).abs() < 1e-12, "N = {nodes}: {n}");
+        assert!((towed / expected - 1.0).abs() < 1e-12, "N = {nodes}: {towed}");
     }
 }
 
 #[test]
 fn on_the_study_s_mesh_the_head_s_weight_is_all_on_the_head_node() {
-    let law = StokesLike { ratio: 5.0, radius: 0.007 };
-    let fluid = Fluid { viscosity: 0.3, flow: Vector2::zeros() };
-    let edges = [Edge::new(Vector2::new(0.125, 0.0)); 8];
-    let v = [0.2, -0.1].repeat(9);
     let force = |weight: f64| {
+        let drag = format!("drag={{ ratio = 5.0, head_weight = {weight:e}, head_length_m = 0.0625 }}");
+        let model = scene(&[&drag, WATER]).model().unwrap();
+        let edges = [Edge::new(Vector2::new(0.125, 0.0)); 8];
+        let (v, zeros) = ([0.2, -0.1].repeat(9), [0.0; 18]);
         let mut force = vec![0.0; 18];
-        HalfEdges::new(law, 8, 0.125, weight, 0.0625).add_force(&edges, &v, fluid, &mut force);
+        let rod = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid: model.fluid };
+        model.forces.add(&rod, &mut force);
         force
     };
     let (even, weighted) = (force(1.0), force(10.0));
@@ -93,26 +90,27 @@ fn a_uniform_flow_carries_a_free_rod_to_its_own_speed() {
 
 #[test]
 fn viscous_power_is_never_negative_whatever_the_shape_motion_and_flow() {
-    let law = StokesLike { ratio: 5.0, radius: 0.007 };
-    let drag = HalfEdges::new(law, 8, 0.125, 10.0, 0.0625);
+    let model = scene(&[DRAG, WATER]).model().unwrap();
+    let [drag] = &model.forces.0[..] else { panic!("one force") };
     // The tangent and velocities turn through every direction against each other.
     for i in 0..360 {
         let turn = |k: usize| Rotation2::new((i * k) as f64 * PI / 180.0);
         let edges: Vec<Edge> = (0..8).map(|e| Edge::new(turn(e + 1) * Vector2::new(0.12, 0.0))).collect();
         let v: Vec<f64> = (0..9).flat_map(|k| <[f64; 2]>::from(turn(3 * k + 2) * Vector2::new(0.3, 0.0))).collect();
         let flow = turn(5) * Vector2::new(0.2, 0.0);
-        let fluid = Fluid { viscosity: 0.3, flow };
-        let [viscous, from_flow] = drag.power(&edges, &v, fluid);
+        let (fluid, zeros) = (Fluid { viscosity: 0.3, density: 1000.0, flow }, [0.0; 18]);
+        let rod = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid };
+        let powers = force::powers(&**drag, &rod);
         // The least possible: every node's relative velocity along its edge.
-        let least = 6.0 * PI * 0.3 * 0.007 * 0.0625 * (0..9).map(|k| (node(&v, k) - flow).norm_squared()).sum::<f64>();
-        assert!(viscous >= least, "{viscous} {least}");
-        // What the flow puts in and viscosity does not take is the power of the drag on the rod.
+        let least = along(0.3) * 0.0625 * (0..9).map(|k| (node(&v, k) - flow).norm_squared()).sum::<f64>();
+        assert!(powers.against_fluid >= least, "{powers:?} {least}");
+        // What the flow puts in and drag does not take is the power of the drag on the rod.
         let mut opposing = vec![0.0; 18];
-        drag.add_force(&edges, &v, fluid, &mut opposing);
+        model.forces.add(&rod, &mut opposing);
         let on_rod: f64 = -opposing.iter().zip(&v).map(|(f, v)| f * v).sum::<f64>();
-        let defect = from_flow - viscous - on_rod;
+        let defect = powers.of_flow - powers.against_fluid - on_rod;
         // Measured: at most 2.1e-17 W of 0.04 W.
-        assert!(defect.abs() < 1e-15, "{defect:e} {viscous}");
+        assert!(defect.abs() < 1e-15, "{defect:e} {powers:?}");
     }
     // And over a run.
     let mut least = f64::INFINITY;

@@ -23,7 +23,7 @@ fn assert_balance_closes(changes: &[&str], meant: [bool; 5]) {
             let scene = scene_by(method, time_step, &[&[SILICONE, "solver.duration_s=0.2"], changes].concat());
             let stepper = run(&scene);
             let meter = stepper.meter();
-            let Power { actuation, viscous, load, head, flow } = meter.totals.work;
+            let Power { actuation, viscous, load, head, flow, .. } = meter.totals.work;
             let works = [actuation, viscous, load, head, flow];
             assert_eq!(works.map(|work| work.abs() > 1e-3), meant, "{works:?}");
             let defect = meter.numerical_dissipation();

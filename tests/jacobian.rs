@@ -4,20 +4,19 @@ mod common;
 
 use std::sync::Arc;
 
-use caudal::drag::{Drag, Fluid, HalfEdges, StokesLike};
 use caudal::linear::BandMatrix;
 use caudal::metrics::Reading;
 use caudal::model::{Dynamics, Model};
 use caudal::rod::bend::{self, Joint};
-use caudal::rod::elastic::{self, Deformed};
-use caudal::rod::{Edge, MassLumping, Material, Rod, Section, Stiffness, node, stretch};
+use caudal::rod::elastic;
+use caudal::rod::{Cell, Edge, node};
 use caudal::scene::Scene;
 use caudal::system::{Direction, Linearisation, State, System};
 use common::{Dice, SOFT, largest, scene_of};
 use nalgebra::{DMatrix, DVector, Vector2};
 
 /// Largest difference allowed between a derivative and its central difference, over the largest entry. Measured:
-/// stretching 9.2e-11, bending 2.7e-10 (rounding of the differences), drag 1.7e-9 by position and 6.5e-13 by velocity,
+/// stretching 9.2e-11, bending 2.7e-10 (rounding of the differences),
 /// the whole Jacobian 4.4e-11, the energies' gradient 3.6e-12.
 const TOLERANCE: f64 = 1e-6;
 
@@ -56,17 +55,18 @@ fn vector(dice: &mut Dice, low: f64, high: f64) -> Vector2<f64> {
 const NO_JOINT: Joint = Joint { couple: 0.0, stiffness: 0.0 };
 const EA: f64 = 3.0;
 const SPACING: f64 = 0.7;
+const CELL: Cell = Cell { rest: SPACING, axial: EA / SPACING };
 
 fn stretching(x: Vector2<f64>) -> Vector2<f64> {
     let edge = Edge::new(x);
-    elastic::force(&edge, stretch::tension(&edge, EA, SPACING), &NO_JOINT, &NO_JOINT)
+    elastic::force(&edge, CELL.tension(&edge), &NO_JOINT, &NO_JOINT)
 }
 
 #[test]
 fn stretching_gradient_and_hessian_are_those_of_its_energy() {
     assert_derivatives("stretching gradient", 200, |dice| {
         let x = vector(dice, 0.2, 2.0);
-        let energy = |x: &[f64]| vec![stretch::energy(&Edge::new(node(x, 0)), EA, SPACING)];
+        let energy = |x: &[f64]| vec![CELL.energy(&Edge::new(node(x, 0)))];
         let gradient = stretching(x);
         // Over EA: the gradient itself may be near zero.
         largest(
@@ -79,7 +79,7 @@ fn stretching_gradient_and_hessian_are_those_of_its_energy() {
         let x = vector(dice, 0.2, 2.0);
         let gradient = |x: &[f64]| stretching(node(x, 0)).as_slice().to_vec();
         let edge = Edge::new(x);
-        let tension = stretch::tension(&edge, EA, SPACING);
+        let tension = CELL.tension(&edge);
         let hessian = elastic::stiffness(&edge, EA / SPACING, tension, [&NO_JOINT; 2], 1.0);
         deviation(
             &DMatrix::from_row_slice(2, 2, &<[f64; 4]>::from(hessian)),
@@ -150,69 +150,6 @@ fn turning_is_the_inverse_of_curvature() {
         let slope =
             differences(|x| vec![2.0 * (0.5 * x[0]).tan()], &[theta], 1e-3 * (std::f64::consts::PI - theta.abs()));
         assert!((slope[0] / bend::curvature_per_turning(kappa) - 1.0).abs() < TOLERANCE, "{theta}");
-    }
-}
-
-const EDGES: usize = 5;
-
-/// Positions and velocities of six nodes, drag with a head weight that ends inside a half-edge, and flow.
-fn drag_case(dice: &mut Dice) -> (Vec<f64>, Vec<f64>, HalfEdges<StokesLike>, Fluid) {
-    let q = dice.chain(EDGES + 1, 0.2);
-    let v = dice.many(2 * (EDGES + 1), -1.0, 1.0);
-    let law = StokesLike { ratio: dice.between(0.5, 6.0), radius: 0.05 };
-    let drag = HalfEdges::new(law, EDGES, 0.2, 10.0, dice.between(0.0, 0.5));
-    let flow = Vector2::new(dice.between(-1.0, 1.0), dice.between(-1.0, 1.0));
-    (q, v, drag, Fluid { viscosity: dice.between(0.5, 2.0), flow })
-}
-
-fn edges(q: &[f64]) -> Vec<Edge> {
-    (0..EDGES).map(|k| Edge::new(node(q, k + 1) - node(q, k))).collect()
-}
-
-fn drag_force(drag: &HalfEdges<StokesLike>, q: &[f64], v: &[f64], fluid: Fluid) -> Vec<f64> {
-    let mut force = vec![0.0; q.len()];
-    drag.add_force(&edges(q), v, fluid, &mut force);
-    force
-}
-
-fn drag_matrix(drag: &HalfEdges<StokesLike>, q: &[f64], v: &[f64], fluid: Fluid, direction: Direction) -> DMatrix<f64> {
-    let mut matrix = BandMatrix::new(EDGES + 1);
-    // On a rod without mass and stiffness, so that drag is all there is.
-    let section = Section { outer: 0.05, inner: 0.0 };
-    let nothing = Material { section, youngs: 0.0, density: 0.0, stiffness: Stiffness::Gradient(0.0) };
-    let rod = Rod::new(EDGES + 1, 1.0, &nothing, MassLumping::Tributary, false);
-    let (edges, zeros) = (edges(q), vec![0.0; q.len()]);
-    let deformed = Deformed { rod: &rod, edges: &edges, joints: &[NO_JOINT; EDGES + 1], a: &zeros };
-    let mut force = vec![f64::NAN; q.len()];
-    drag.assemble(deformed, v, fluid, &mut force, Some(Linearisation { matrix: &mut matrix, direction }));
-    let alone = drag_force(drag, q, v, fluid);
-    assert!(force.iter().zip(&alone).all(|(a, b)| (a - b).abs() < 1e-14), "{force:?} {alone:?}"); // measured: 2.2e-16
-    DMatrix::from_fn(q.len(), q.len(), |i, j| matrix.entry(i, j))
-}
-
-#[test]
-fn drag_derivatives_by_position_and_velocity_are_those_of_its_force_with_flow_and_weights() {
-    assert_derivatives("drag by position", 100, |dice| {
-        let (q, v, drag, fluid) = drag_case(dice);
-        let exact = drag_matrix(&drag, &q, &v, fluid, Direction { q: 1.0, v: 0.0, a: 0.0 });
-        deviation(&exact, &differences(|q| drag_force(&drag, q, &v, fluid), &q, 1e-3))
-    });
-    assert_derivatives("drag by velocity", 100, |dice| {
-        let (q, v, drag, fluid) = drag_case(dice);
-        let exact = drag_matrix(&drag, &q, &v, fluid, Direction { q: 0.0, v: 1.0, a: 0.0 });
-        deviation(&exact, &differences(|v| drag_force(&drag, &q, v, fluid), &v, 1e-3))
-    });
-}
-
-#[test]
-fn the_flows_power_less_the_viscous_power_is_the_power_of_the_drag_force() {
-    for seed in 0..100 {
-        let (q, v, drag, fluid) = drag_case(&mut Dice(seed));
-        let [viscous, flow] = drag.power(&edges(&q), &v, fluid);
-        let force = -DVector::from(drag_force(&drag, &q, &v, fluid)).dot(&DVector::from(v));
-        assert!(viscous >= 0.0);
-        // Measured: 2.7e-16.
-        assert!((flow - viscous - force).abs() < 1e-14 * (viscous + flow.abs()), "{seed}");
     }
 }
 
@@ -315,7 +252,7 @@ fn the_assembled_jacobian_is_that_of_the_residual_along_every_direction_for_ever
 fn the_elastic_forces_are_the_gradient_of_the_energies_that_are_reported() {
     for (name, scene) in whole_scenes() {
         let mut model = scene.model().unwrap();
-        (model.drag, model.load) = (None, None);
+        (model.forces, model.load) = (Default::default(), None);
         let model = Arc::new(model);
         assert_derivatives(&format!("energy, {name} head"), 40, |dice| {
             let (mut dynamics, mut state) = whole_case(&model, dice);

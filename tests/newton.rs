@@ -46,8 +46,8 @@ impl System for Forgetful {
         self.dynamics.nodes()
     }
 
-    fn masses(&self) -> &[f64] {
-        self.dynamics.masses()
+    fn lumped_masses(&self) -> Option<&[f64]> {
+        self.dynamics.lumped_masses()
     }
 
     fn length(&self) -> f64 {

@@ -3,18 +3,21 @@
 
 mod common;
 
+use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use caudal::actuation::{Actuation, TravellingWave, Wave};
-use caudal::drag::{Drag, Fluid, HalfEdges, InFluid, StokesLike};
+use caudal::fluid::force::{Force, OnTip, Tally, Validity};
+use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
 use caudal::newton::Newton;
 use caudal::reduced::{Choice, Estimates, RUNGS};
 use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
+use caudal::system::Direction;
 use common::{SOFT, STUDY, distance, largest, order, scene_of};
 
 const SMOOTH: &str = include_str!("../models/baseline-smooth.toml");
@@ -271,16 +274,22 @@ fn shape_converges_with_its_order_and_halves_steps_that_are_too_long() {
 #[derive(Debug, Clone)]
 struct Counted<T>(T, Arc<AtomicU64>);
 
-impl InFluid for Counted<StokesLike> {
-    type Law = <StokesLike as InFluid>::Law;
-
-    fn in_fluid(&self, fluid: Fluid) -> Self::Law {
-        self.1.fetch_add(1, Ordering::Relaxed);
-        self.0.in_fluid(fluid)
+impl Force for Counted<Box<dyn Force>> {
+    fn name(&self) -> &'static str {
+        self.0.name()
     }
 
-    fn by_viscosity(&self, fluid: Fluid) -> Self::Law {
-        self.0.by_viscosity(fluid)
+    fn validity(&self) -> Validity {
+        self.0.validity()
+    }
+
+    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+        self.1.fetch_add(edges.len() as u64, Ordering::Relaxed);
+        self.0.evaluate(rod, along, edges, sums);
+    }
+
+    fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<OnTip> {
+        self.0.tip(rod, along)
     }
 }
 
@@ -309,12 +318,12 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                 let mut model = scene_of(SOFT, &[]).model().unwrap();
                 let (law, kind) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
                 let rod = &model.rod;
-                let stokes = StokesLike { ratio: 5.0, radius: rod.section.equivalent_radius() };
-                let edges = HalfEdges::new(Counted(stokes, Arc::clone(&law)), rod.nodes - 1, rod.spacing, 1.0, 0.0);
                 let travelling = TravellingWave::new(rod.nodes, rod.spacing, [1.0, 0.0], 1.0, 1.0);
-                let fluid = model.drag.take().unwrap().1;
+                let edges = rod.nodes as u64 - 1;
+                let counted = |force| Box::new(Counted(force, Arc::clone(&law))) as Box<dyn Force>;
+                let forces = std::mem::take(&mut model.forces);
+                model.forces = Forces(forces.0.into_iter().filter(|_| drag).map(counted).collect());
                 let drive = model.actuation.take().unwrap().1;
-                model.drag = drag.then(|| (Box::new(edges) as Box<dyn Drag>, fluid));
                 model.actuation =
                     wave.then(|| (Box::new(Counted(travelling, Arc::clone(&kind))) as Box<dyn Actuation>, drive));
                 let newton = Newton::new(model.rod.nodes, 1e-10).unwrap();
@@ -327,7 +336,7 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                 [&law, &kind].iter().for_each(|count| count.store(0, Ordering::Relaxed));
                 tail.do_step(STEPS as f64 * 1e-3).unwrap();
                 let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
-                [count(&law), count(&kind), tail.work().newton_iterations]
+                [count(&law) / edges, count(&kind), tail.work().newton_iterations]
             })
         });
         println!("{}: [drag, actuation, iterations] {counts:?}", rung.name);

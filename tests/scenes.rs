@@ -82,7 +82,7 @@ type Mistake = (&'static str, &'static str, isize, &'static str, &'static str);
 #[rustfmt::skip]
 const MISTAKES: &[Mistake] = &[
     // names
-    ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
+    ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
     ("name = \"full\"", "name = 3", 0, "name", "found 3; allowed: a text in quotes"),
     ("name = \"full\"", "name = \"a/b\"", 0, "name", "found '/' in it; allowed: a name that can be a folder's"),
     ("name = \"full\"", "name = 'a\\b'", 0, "name", "found '\\\\' in it; allowed: a name that can be a folder's"),
@@ -92,9 +92,9 @@ const MISTAKES: &[Mistake] = &[
     ("name = \"full\"", "\"a`b\" = 3", 0, "a`b", "unknown key; allowed: `name`, ..."),
     ("name = \"full\"", "\"a.b\" = 3", 0, "a.b", "unknown key; allowed: `name`, ..."),
     // unknown keys and tables, wrong units
-    ("[rod]", "[rods]", 0, "rods", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `loads`, `head`, `solver`, `record`, `design`; did you mean `rod`?"),
-    ("nodes = 9", "node = 9", 0, "rod.node", "unknown key; allowed: `nodes`, `length_m`, `outer_radius_m`, `inner_radius_m`, `youngs_modulus_pa`, `density_kg_m3`, `stiffness_gradient`, `stiffness_profile`, `mass_lumping`; did you mean `nodes`?"),
-    ("length_m = 1.0", "length_mm = 1000", 0, "rod.length_mm", "unknown key; allowed: `nodes`, `length_m`, `outer_radius_m`, `inner_radius_m`, `youngs_modulus_pa`, `density_kg_m3`, `stiffness_gradient`, `stiffness_profile`, `mass_lumping`; did you mean `length_m`?"),
+    ("[rod]", "[rods]", 0, "rods", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `loads`, `head`, `solver`, `record`, `design`; did you mean `rod`?"),
+    ("nodes = 9", "node = 9", 0, "rod.node", "unknown key; allowed: `nodes`, `length_m`, `outer_radius_m`, `inner_radius_m`, `depth_m`, `youngs_modulus_pa`, `density_kg_m3`, `mass_profile`, `stiffness_gradient`, `stiffness_profile`, `mass_lumping`; did you mean `nodes`?"),
+    ("length_m = 1.0", "length_mm = 1000", 0, "rod.length_mm", "unknown key; allowed: `nodes`, `length_m`, `outer_radius_m`, `inner_radius_m`, `depth_m`, `youngs_modulus_pa`, `density_kg_m3`, `mass_profile`, `stiffness_gradient`, `stiffness_profile`, `mass_lumping`; did you mean `length_m`?"),
     ("length_m = 1.0", "length = 1.0", 0, "rod.length", "unknown key; ..."),
     ("viscosity_pa_s = 1e-3", "viscosity_pas = 1e-3", 0, "medium.viscosity_pas", "unknown key; allowed: `viscosity_pa_s`, `density_kg_m3`, `flow_m_s`; did you mean `viscosity_pa_s`?"),
     ("viscosity_pa_s = 1e-3", "viscosity_cp = 1", 0, "medium.viscosity_cp", "unknown key; allowed: `viscosity_pa_s`, `density_kg_m3`, `flow_m_s`; did you mean `viscosity_pa_s`?"),
@@ -175,7 +175,7 @@ const MISTAKES: &[Mistake] = &[
     ("\"uniform\"", "\"unifrm\"", 0, "rod.mass_lumping", "found \"unifrm\"; allowed: `uniform` or `tributary`; did you mean `uniform`?"),
     ("\"travelling-wave\"", "\"standing\"", 0, "actuation.kind", "found \"standing\"; allowed: `travelling-wave`"),
     ("\"ramp\"", "\"rampe\"", 0, "start.kind", "found \"rampe\"; allowed: `jump`, `ramp`, `shaped`; did you mean `ramp`?"),
-    ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `stokes-like`; did you mean `stokes-like`?"),
+    ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `cox`, `lighthill`, `gray-hancock`, `spheroid`, `coefficients`, `wall`, `weak-inertia`, `cross-flow`, `stokes-like`; did you mean `stokes-like`?"),
     ("\"driven\"", "\"held\"", 0, "head.kind", "found \"held\"; allowed: `free`, `clamped`, `driven`"),
     ("time_step_s = 5e-3", "time_step_s = 5e-3\ntolerance = 1e-4", 1, "solver.tolerance", "found beside time_step_s; allowed: one of the two"),
     ("time_step_s = 5e-3", "tolerance = 1e-4", 0, "solver.tolerance", "found with integrator = \"newmark\"; allowed: only with esdirk3"),
@@ -185,7 +185,7 @@ const MISTAKES: &[Mistake] = &[
     ("length_m = 1.0\n", "", -2, "rod.length_m", "missing; it has no default"),
     ("kind = \"travelling-wave\"\n", "", -1, "actuation.kind", "missing; it has no default"),
     ("ramp_s = 0.5\n", "", -2, "start.ramp_s", "missing; a ramp has no default duration"),
-    ("ratio = 5.0\n", "", -2, "drag.ratio", "missing; it has no default"),
+    ("ratio = 5.0\n", "", -2, "drag.ratio", "missing; law = \"stokes-like\" has no default for it"),
     ("head_length_m = 0.0625\n", "", -4, "drag.head_length_m", "missing; a head_weight other than 1 needs the head's length"),
     ("node = 8\n", "", -1, "loads.point.0.node", "missing; it has no default"),
     ("force_n = [0.5, 0]\n", "", -2, "loads.point.1.force_n", "missing; it has no default"),
@@ -475,7 +475,7 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
     assert!(scene.record.every.is_none() && scene.record.interval_s.is_none());
     assert_eq!(scene.nodes_table(), caudal::scene::NodesTable::Csv);
     let model = scene.model().unwrap();
-    assert!(model.actuation.is_none() && model.drag.is_none() && model.load.is_none() && model.head.is_none());
+    assert!(model.actuation.is_none() && model.forces.is_empty() && model.load.is_none() && model.head.is_none());
     assert_eq!(model.rod.mass[0], 0.5 * model.rod.mass[1], "tributary");
     assert_eq!(model.rod.joint[1], model.rod.joint[3], "even stiffness");
 }

@@ -4,6 +4,7 @@
 
 mod common;
 
+use caudal::fluid::VISCOSITY;
 use caudal::integrator::METHODS;
 use caudal::scene::Scene;
 use caudal::sensitivity::{Output, Parameter, Problem, Sensitivities};
@@ -61,7 +62,7 @@ fn parameters(problem: &Problem) -> Vec<(Parameter, f64)> {
         (Parameter::Amplitude, 4.0),
         (Parameter::Frequency, 1.5),
         (Parameter::Phase, 1.0),
-        (Parameter::Viscosity, 5.0),
+        (Parameter::OfForces(VISCOSITY), 5.0),
     ];
     stiffness.chain(natural).chain(scalars).collect()
 }
@@ -81,7 +82,7 @@ fn moved(scene: &Scene, parameter: Parameter, by: f64) -> Problem {
         Parameter::Amplitude => inputs.drive.amplitude += by,
         Parameter::Frequency => inputs.drive.frequency += by,
         Parameter::Phase => inputs.phase_offset += by,
-        Parameter::Viscosity => inputs.fluid.viscosity += by,
+        Parameter::OfForces(VISCOSITY) => inputs.fluid.viscosity += by,
         other => panic!("{other:?} cannot be moved"),
     }
     problem

@@ -60,7 +60,7 @@ impl Run {
     fn energy(&mut self) -> f64 {
         let mut reading = caudal::metrics::Reading::new(self.dynamics.nodes());
         reading.take(&mut self.dynamics, &self.state).unwrap();
-        let Energy { stretching, bending, kinetic } = reading.energy;
+        let Energy { stretching, bending, kinetic, .. } = reading.energy;
         stretching + bending + kinetic
     }
 }
@@ -291,8 +291,8 @@ fn explicit_drag_is_stable_below_twice_mass_over_drag() {
         "drag={ ratio = 5.0 }",
     ]);
     let model = scene.model().unwrap();
-    let (drag, fluid) = model.drag.as_ref().unwrap();
-    let formula = 2.0 * 2700.0 * model.rod.section.area() / drag.coefficients(*fluid)[1];
+    let [_, across] = model.forces.resistance(&model.rod, model.fluid).unwrap();
+    let formula = 2.0 * 2700.0 * model.rod.sections.at(0.0).area() / across;
     let stays = |step: f64| {
         let mut run = Run::new(&scene, "symplectic-euler", &[], step, |state| {
             state.v.iter_mut().skip(1).step_by(2).for_each(|v| *v = 1e-6);

@@ -81,7 +81,7 @@ impl Design {
     fn profile_figure(&self, rod: &Rod) -> Drawn {
         let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
         let line = |values: &[f64]| xi.iter().copied().zip(values.iter().map(|ei| ei / rod.ei)).collect::<Vec<_>>();
-        let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
+        let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
         let highest = self.stiffness.iter().fold(0.0, |max: f64, ei| max.max(ei / rod.ei));
         let deviations: Vec<f64> = match &self.answer {
             Answer::Identified(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),

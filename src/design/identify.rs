@@ -17,7 +17,7 @@ use super::table::{Basis, Table};
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
 use crate::rod::{bend, node};
-use crate::system::{State, System};
+use crate::system::{Direction, State, System};
 
 /// A standard deviation above this part of the stiffness identifies nothing.
 const IDENTIFIED: f64 = 0.1;
@@ -166,12 +166,15 @@ pub(super) fn series(
         let mut force: Vec<Vector2<f64>> =
             (0..nodes).map(|k| node(&sample.a, k) * rod.mass[k] - dynamics.load(k)).collect();
         let mut damping = vec![nalgebra::Matrix2::zeros(); nodes];
-        if let Some((drag, fluid)) = dynamics.drag() {
-            drag.for_half_edges(0..dynamics.edges().len(), dynamics.edges(), &state.v, fluid, &mut |k, _, half| {
-                force[k] += half.force;
-                damping[k] += half.by_velocity;
-            });
-        }
+        let moving = dynamics.kinematics(&state);
+        let edges = 0..moving.edges.len();
+        dynamics.model.forces.on_edges(&moving, Some(Direction::VELOCITIES), edges, |e, on| {
+            for i in 0..2 {
+                force[e + i] += on.force(i);
+                damping[e + i] += nalgebra::Matrix2::from(on.own(i));
+            }
+        });
+        dynamics.model.forces.on_tip(&moving, None).for_each(|tip| force[nodes - 1] += tip.force);
         let position = |k: usize| node(&state.q, k);
         for (i, k) in joints.clone().enumerate() {
             let kappa = dynamics.kappa()[k];
@@ -386,7 +389,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     let gain = if table.actuation_gain { best_gain(&all) } else { 1.0 };
     let basis = table.basis(rod);
     let demands = constraints(table, &basis, true);
-    let own: Vec<f64> = rod.joints().map(|k| rod.joint[k] * rod.spacing * if k == 0 { 0.5 } else { 1.0 }).collect();
+    let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
     let mut stiffness = own.clone();
     let mut found = None;
     let mut data = Quadratic::new(0);

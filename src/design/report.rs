@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::report::tables::{Kept, write_all};
-use crate::rod::interpolated;
+use crate::rod;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 use crate::stepper::Stepper;
@@ -529,15 +529,19 @@ fn keys(scene: &Scene, profile: &Profile) -> Result<Vec<([&'static str; 2], toml
         });
         toml::Value::Array(points.collect())
     };
-    let mut keys = vec![(["rod", "stiffness_profile"], list(&|i, _| profile.stiffness_n_m2[i] / rod.ei))];
+    let sections: Vec<f64> = rod.joints().map(|k| rod.section_stiffness(k)).collect();
+    let along = |points: &[[f64; 2]], default: f64, xi: f64| {
+        rod::Profile::through(points.to_vec()).map_or(default, |profile| profile.at(xi))
+    };
+    let mut keys = vec![(["rod", "stiffness_profile"], list(&|i, _| profile.stiffness_n_m2[i] / sections[i]))];
     if let Some(actuation) = &scene.actuation {
         let [amplitude, phase] = actuation.profiles();
         if profile.amplitude.iter().any(|factor| *factor != 1.0) {
-            let own = |xi: f64| interpolated(&amplitude, xi).unwrap_or(1.0);
+            let own = |xi: f64| along(&amplitude, 1.0, xi);
             keys.push((["actuation", "amplitude_profile"], list(&|i, xi| own(xi) * profile.amplitude[i])));
         }
         if profile.phase_rad.iter().any(|phase| *phase != 0.0) {
-            let own = |xi: f64| interpolated(&phase, xi).unwrap_or(0.0);
+            let own = |xi: f64| along(&phase, 0.0, xi);
             keys.push((["actuation", "phase_profile_rad"], list(&|i, xi| own(xi) + profile.phase_rad[i])));
         }
     }

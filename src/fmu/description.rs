@@ -77,7 +77,7 @@ fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
         "N m^2" => rod.ei,
         "kg" => rod.total_mass(),
         "Hz" => frequency,
-        "Pa s" => stepper.model().drag.as_ref().map_or(1.0, |(_, fluid)| fluid.viscosity),
+        "Pa s" => stepper.model().fluid.viscosity,
         _ => return None,
     };
     (size > 0.0 && size.is_finite()).then_some(size)

@@ -4,7 +4,7 @@
 use super::{Integrator, Method, StepError, largest_root};
 use crate::error::Result;
 use crate::newton::Newton;
-use crate::system::{State, System};
+use crate::system::{Direction, State, System};
 
 /// What is known of it.
 pub static METHOD: Method = Method {
@@ -38,7 +38,7 @@ impl Integrator for SymplecticEuler {
     fn step(
         &mut self,
         system: &mut dyn System,
-        _: &mut Newton,
+        newton: &mut Newton,
         from: &State,
         h: f64,
         to: &mut State,
@@ -49,10 +49,15 @@ impl Integrator for SymplecticEuler {
         }
         to.a.copy_from_slice(&from.a);
         system.move_to(to.t, to);
-        system.assemble(to, &mut self.residual, None)?;
-        for (i, mass) in system.masses().iter().enumerate() {
-            for i in [2 * i, 2 * i + 1] {
-                to.a[i] -= self.residual[i] / mass;
+        // The residual is linear in the accelerations.
+        if system.lumped_masses().is_none() {
+            newton.iterate(system, to, Direction::ACCELERATIONS)?;
+        } else {
+            system.assemble(to, &mut self.residual, None)?;
+            for (k, mass) in system.lumped_masses().into_iter().flatten().enumerate() {
+                for i in [2 * k, 2 * k + 1] {
+                    to.a[i] -= self.residual[i] / mass;
+                }
             }
         }
         system.check_step(from, to)?;

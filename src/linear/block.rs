@@ -62,6 +62,13 @@ impl From<Block> for [f64; 4] {
     }
 }
 
+impl std::ops::AddAssign for Block {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        *self = *self + other;
+    }
+}
+
 impl Add for Block {
     type Output = Self;
 

@@ -17,7 +17,7 @@ pub use faer_lu::FaerLu;
 pub use pivoted_band::PivotedBand;
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
-const REACH: usize = 2;
+pub(crate) const REACH: usize = 2;
 
 /// The five blocks of a row of blocks, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
 pub type BlockRow = [[f64; 4]; 2 * REACH + 1];

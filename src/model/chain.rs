@@ -5,7 +5,7 @@
 //! energy with multipliers F_k, E = Σ ½B(κ−κ̄)² + Σ F·(Δx − ℓt) + Σ ½ΔL (F·t)²/EA with ℓ = ΔL(1 + F·t/EA), is stationary
 //! where
 //!
-//! - at node k, m a + drag − W − F_k + F_{k−1} = 0;
+//! - at node k, m a + ΣF − W − F_k + F_{k−1} = 0;
 //! - at its joint, M = B(κ−κ̄)s with κ = 2 tan(φ/2), φ = θ_k − θ_{k−1}, s = dκ/dφ = 1 + κ²/4; M = 0 where there is none;
 //! - along edge k, ℓ t = x_{k+1} − x_k;
 //! - around it, M_{k+1} − M_k + ℓ F·n = 0.
@@ -17,7 +17,7 @@
 //! The rows are scaled to forces by EI and L, so that the choice of pivots is the same in any units. Along a direction that
 //! moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch, the joints curvature.
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::{COLLAPSED, Dynamics};
 use crate::error::{Error, Result};
@@ -70,7 +70,7 @@ fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
     kappa - (deviation * s - moment / stiffness) / (s + 0.5 * deviation * kappa)
 }
 
-/// Nodes whose rows are written before drag joins them: 64 · 432 bytes of matrix.
+/// Nodes whose rows are written before forces join them: 64 · 432 bytes of matrix.
 const BLOCK: usize = 64;
 
 impl Dynamics {
@@ -90,10 +90,11 @@ impl Dynamics {
         for (k, (edge, link)) in self.edges.iter_mut().zip(links).enumerate() {
             let (sin, cos) = link.angle.sin_cos();
             let t_k = Vector2::new(cos, sin);
-            let stretch = 1.0 + t_k.dot(&Vector2::from(link.force)) / rod.ea;
-            *edge = Edge::along(t_k, rod.spacing * stretch);
-            if !(COLLAPSED..f64::INFINITY).contains(&stretch) {
-                return Err(if stretch < COLLAPSED {
+            let cell = &rod.cells[k];
+            *edge = Edge::along(t_k, cell.length(t_k.dot(&Vector2::from(link.force))));
+            let shortest = COLLAPSED * cell.rest;
+            if !(shortest..f64::INFINITY).contains(&edge.length) {
+                return Err(if edge.length < shortest {
                     Error::EdgeCollapse { time_s: t, node: k, length_m: edge.length }
                 } else {
                     Error::NotFinite { time_s: t, node: k, what: "force or direction" }
@@ -126,7 +127,6 @@ impl Dynamics {
         let rows = matrix.rows_mut();
         let rod = &self.model.rod;
         let (nodes, joints) = (rod.nodes, rod.joints());
-        let compliance = rod.spacing / rod.ea;
         let (per_radian, per_metre) = (rod.ei / rod.length.powi(2), rod.ei / rod.length.powi(3));
         let Direction { q: c_q, a: c_a, .. } = direction;
         let moves = c_q != 0.0;
@@ -162,6 +162,7 @@ impl Dynamics {
                     rows[row + 2] = [0.0, 0.0, 0.0, 1.0 / rod.length, 0.0, 0.0, 0.0, 0.0, 0.0];
                 }
                 let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) else { continue };
+                let compliance = 1.0 / rod.cells[k].axial;
                 let (t, n) = (edge.t, edge.n());
                 let (along, across) = (pull.dot(&t), pull.dot(&n));
                 // Along the edge: columns x_k, M_k, F_k, θ_k, x_{k+1}.
@@ -188,22 +189,48 @@ impl Dynamics {
                 residual[row + 5] = (next.moment - link.moment + edge.length * across) * scale;
                 rows[row + 5] = [-scale, by_pull.x, by_pull.y, by_angle, 0.0, 0.0, scale, 0.0, 0.0];
             }
-            // Drag joins the rows while they are in the cache: an edge's, once those of both its nodes are there.
-            if let Some((drag, fluid)) = self.drag() {
-                let edges = first.saturating_sub(1)..last - 1;
-                drag.for_half_edges(edges, &self.edges, &state.v, fluid, &mut |k, e, half| {
+            // Forces join the rows while they are in the cache: those of an edge, once the rows of both its nodes are there.
+            // What a force changes with the stretch of an edge is left out of the matrix: it is as small as the stretch.
+            let edges = first.saturating_sub(1)..last - 1;
+            let moving = self.kinematics(state);
+            self.model.forces.on_edges(&moving, Some(direction), edges, |e, on| {
+                let edge = &moving.edges[e];
+                for (i, k) in [e, e + 1].into_iter().enumerate() {
                     let row = 6 * k;
-                    residual[row] += half.force.x;
-                    residual[row + 1] += half.force.y;
-                    let c = half.by_velocity * direction.v;
-                    rows[row][3] += c[(0, 0)];
-                    rows[row][4] += c[(0, 1)];
-                    rows[row + 1][2] += c[(1, 0)];
-                    rows[row + 1][3] += c[(1, 1)];
-                    let angle = if e == k { 8 } else { 2 }; // θ_k or θ_{k−1}
-                    rows[row][angle] += half.by_direction.x;
-                    rows[row + 1][angle - 1] += half.by_direction.y;
-                });
+                    let force = on.force(i);
+                    residual[row] += force.x;
+                    residual[row + 1] += force.y;
+                    let [xx, xy, yx, yy] = on.own(i).into();
+                    rows[row][3] += xx;
+                    rows[row][4] += xy;
+                    rows[row + 1][2] += yx;
+                    rows[row + 1][3] += yy;
+                    if moves {
+                        // The edge vector moves by ℓ n δθ, which is c_q times what its ends differ by.
+                        let by_angle = Matrix2::from(on.edge(i)) * (edge.n() * (edge.length / c_q));
+                        let column = if i == 0 { 8 } else { 2 }; // θ_k or θ_{k−1}
+                        rows[row][column] += by_angle.x;
+                        rows[row + 1][column - 1] += by_angle.y;
+                    }
+                }
+            });
+        }
+        let moving = self.kinematics(state);
+        for tip in self.model.forces.on_tip(&moving, Some(direction)) {
+            let row = 6 * (nodes - 1);
+            residual[row] += tip.force.x;
+            residual[row + 1] += tip.force.y;
+            rows[row][3] += tip.own.m11;
+            rows[row][4] += tip.own.m12;
+            rows[row + 1][2] += tip.own.m21;
+            rows[row + 1][3] += tip.own.m22;
+            if moves {
+                // The last edge but one is out of reach of the band: it turns as the last does, but for the joint between.
+                let [before, last] = tip.edges;
+                let edge = &moving.edges[nodes - 2];
+                let by_angle = (before + last) * (edge.n() * (edge.length / c_q));
+                rows[row][2] += by_angle.x;
+                rows[row + 1][1] += by_angle.y;
             }
         }
         if self.held.is_some() {

@@ -4,10 +4,8 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use nalgebra::Vector2;
-
 use super::{Drive, Dynamics, HostHead, Inputs, Model};
-use crate::drag::Fluid;
+use crate::fluid::Fluid;
 
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
@@ -65,6 +63,7 @@ impl Course {
         inputs.phase_origin = [t, phase];
         inputs.drive.frequency = inputs.drive.frequency.max(0.0);
         inputs.fluid.viscosity = inputs.fluid.viscosity.max(0.0);
+        inputs.fluid.density = inputs.fluid.density.max(0.0);
     }
 
     /// The first derivative at the time last asked for, in the places of the inputs.
@@ -127,7 +126,7 @@ impl Inputs {
     pub(crate) fn clear(&mut self, model: &Model) {
         self.drive = Drive { amplitude: 0.0, frequency: 0.0 };
         (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
-        self.fluid = Fluid { viscosity: 0.0, flow: Vector2::zeros() };
+        self.fluid = Fluid::NONE;
         self.head = model.head.as_ref().map(|_| HostHead::taking_over(&Default::default(), 0.0));
         [&mut self.natural, &mut self.force].into_iter().flatten().for_each(|values| values.fill(0.0));
     }
@@ -147,6 +146,7 @@ impl Inputs {
         self.drive.frequency += factor * other.drive.frequency;
         self.phase_offset += factor * other.phase_offset;
         self.fluid.viscosity += factor * other.fluid.viscosity;
+        self.fluid.density += factor * other.fluid.density;
         self.fluid.flow += other.fluid.flow * factor;
         for (to, from) in [(&mut self.natural, &other.natural), (&mut self.force, &other.force)] {
             let Some(from) = from else { continue };

@@ -89,7 +89,7 @@ impl Estimates {
         };
         let [with, by_elasticity] = displacements(true)?;
         let mut by_inertia = f64::INFINITY;
-        if model.drag.is_some() {
+        if !model.forces.is_empty() {
             let [without, drift_by_elasticity] = displacements(false)?;
             by_inertia = (with - without).abs() + (by_elasticity - drift_by_elasticity).abs();
         }

@@ -6,6 +6,7 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use crate::fluid::Kinematics;
 use crate::head::Pose;
 use crate::model::Dynamics;
 use crate::rod::{Edge, Rod, bend, node};
@@ -37,6 +38,8 @@ pub struct Chain {
     /// Room for velocities and forces.
     moving: Vec<f64>,
     force: Vec<f64>,
+    /// No accelerations.
+    still: Vec<f64>,
 }
 
 impl Chain {
@@ -52,6 +55,7 @@ impl Chain {
             inertia: 0.0,
             moving: zeros(),
             force: zeros(),
+            still: zeros(),
         }
     }
 
@@ -128,8 +132,10 @@ impl Chain {
 
     /// The same without inertia: V and Λ play no part.
     pub fn rates_without_inertia(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &Rigid) -> Rigid {
-        /// Newton iterations; one is exact for a drag linear in velocity.
-        const ITERATIONS: u32 = 2;
+        /// Most Newton iterations; one is exact for a drag linear in velocity.
+        const ITERATIONS: u32 = 30;
+        /// Increments of this part of the shape's own speed are rounding, for derivatives that are differences.
+        const CONVERGED: f64 = 1e-13;
         let rod = &dynamics.model.rod;
         let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
         self.centre(rod, means);
@@ -145,7 +151,11 @@ impl Chain {
                 (Vector3::from(self.applied(dynamics, moved.into())) - here) / scale[i]
             });
             let Some(inverse) = Matrix3::from_columns(&columns).try_inverse() else { return [f64::NAN; RIGID] };
-            motion -= inverse * here;
+            let increment = inverse * here;
+            motion -= increment;
+            if increment.component_div(&Vector3::from(scale)).amax() < CONVERGED {
+                break;
+            }
         }
         [motion.x, motion.y, motion.z, 0.0, 0.0, 0.0]
     }
@@ -153,14 +163,17 @@ impl Chain {
     /// Force (N) and moment about the centre of mass (N m) of drag and loads on the centred chain that moves on top of its
     /// own motion with velocity x, y and spin.
     fn applied(&mut self, dynamics: &Dynamics, [vx, vy, spin]: [f64; 3]) -> [f64; 3] {
-        if dynamics.drag().is_none() && !dynamics.is_loaded() {
+        if dynamics.model.forces.is_empty() && !dynamics.is_loaded() {
             return [0.0; 3];
         }
         let rows = self.moving.as_chunks_mut::<2>().0.iter_mut().zip(self.x.as_chunks::<2>().0);
         for ((moving, x), v) in rows.zip(self.v.as_chunks::<2>().0) {
             *moving = [v[0] + vx - spin * x[1], v[1] + vy + spin * x[0]];
         }
-        dynamics.write_applied(&self.edges, &self.moving, &mut self.force);
+        // The forces that a reduced model holds depend neither on the place nor on accelerations.
+        let (edges, q, v, a) = (&self.edges[..], &self.x[..], &self.moving[..], &self.still[..]);
+        let rod = Kinematics { t: 0.0, edges, q, v, a, fluid: dynamics.inputs.fluid };
+        dynamics.write_applied(&rod, &mut self.force);
         let (mut force, mut moment) = (Vector2::zeros(), 0.0);
         for (f, x) in self.force.as_chunks::<2>().0.iter().zip(self.x.as_chunks::<2>().0) {
             let f = Vector2::from(*f);

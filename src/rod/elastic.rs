@@ -1,16 +1,19 @@
-//! Inertia and elasticity of the whole rod, and what else acts on its edges: M a + ∇E + drag and its linearisation, one
+//! Inertia and elasticity of the whole rod, and what else acts on its edges: M a + ∇E + ΣF and its linearisation, one
 //! pass over the edges in which every block is written once.
 //!
 //! The energy depends on edge vectors only, and every edge i carries a tension N (stretching) and the shear that balances
 //! the couples M of the joints at its ends, so ∂E/∂(edge i) = N t + ((M_i − M_{i+1})/ℓ) n: the equilibrium of a beam. The
-//! Hessian in edge vectors is block tridiagonal, T on its diagonal and Q beside it; nodes are differences of edges. Drag
-//! on an end of an edge depends on the velocity of that node and on the edge's direction, so it joins them.
+//! Hessian in edge vectors is block tridiagonal, T on its diagonal and Q beside it; nodes are differences of edges. What
+//! else acts on the ends of an edge depends on their motion and on the edge, so it joins them.
+
+use std::ops::Range;
 
 use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::bend::Joint;
-use super::{Edge, HalfEdge, Rod, stretch};
+use super::{Edge, Rod};
+use crate::fluid::force::{OnEdge, TOGETHER};
 use crate::linear::{Block, BlockRow, lanes};
 use crate::system::{Direction, Linearisation};
 
@@ -45,6 +48,29 @@ pub fn coupling(before: &Edge, after: &Edge, joint: &Joint, factor: f64) -> Bloc
     Block::outer(before.n(), lanes(after.n()) * size)
 }
 
+/// What else acts on a rod, edge by edge.
+pub trait Around {
+    /// Looks at some edges in a row, at most [`TOGETHER`].
+    fn look(&mut self, edges: Range<usize>);
+
+    /// What acts on the `i`-th of them.
+    fn on(&self, i: usize) -> Option<&OnEdge>;
+}
+
+/// Nothing else acts on the rod.
+#[derive(Debug)]
+pub struct Alone;
+
+impl Around for Alone {
+    #[inline(always)]
+    fn look(&mut self, _: Range<usize>) {}
+
+    #[inline(always)]
+    fn on(&self, _: usize) -> Option<&OnEdge> {
+        None
+    }
+}
+
 /// A rod as it is at one time.
 #[derive(Debug, Clone, Copy)]
 pub struct Deformed<'a> {
@@ -52,24 +78,18 @@ pub struct Deformed<'a> {
     pub rod: &'a Rod,
     /// Its edges.
     pub edges: &'a [Edge],
-    /// One entry a node; those without a joint are zero.
+    /// One entry per node; those without a joint are zero.
     pub joints: &'a [Joint],
-    /// Accelerations, m/s², two entries a node.
+    /// Accelerations, m/s², two entries per node.
     pub a: &'a [f64],
 }
 
 impl Deformed<'_> {
-    /// Writes M a + ∇E (N), and what `around` opposes the motion of the halves of every edge with, to `residual` and its
-    /// linearisation to `jacobian`, if there is one.
+    /// Writes M a + ∇E (N), and what `around` opposes the motion of every edge with, to `residual` and its linearisation to
+    /// `jacobian`, if there is one.
     #[inline]
-    pub fn assemble(
-        &self,
-        around: impl Iterator<Item = Option<[HalfEdge; 2]>>,
-        residual: &mut [f64],
-        jacobian: Option<Linearisation<'_>>,
-    ) {
+    pub fn assemble(&self, mut around: impl Around, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) {
         let Self { rod, edges, joints, a } = *self;
-        let axial = rod.ea / rod.spacing;
         let (residual, a) = (residual.as_chunks_mut().0, a.as_chunks().0);
         let (rows, direction): (&mut [BlockRow], _) = match jacobian {
             Some(Linearisation { matrix, direction }) => (matrix.rows_mut(), direction),
@@ -83,31 +103,33 @@ impl Deformed<'_> {
         let mut before = f64x2::ZERO;
         let (mut diagonal, mut q_here, mut qt_here) = (Block::ZERO, Block::ZERO, Block::ZERO);
         let ends = joints.iter().zip(joints.iter().skip(1));
-        let here = edges.iter().zip(ends).zip(around).zip(a).zip(&rod.mass).enumerate();
-        for (k, ((((edge, (start, end)), around), a), mass)) in here {
-            let tension = stretch::tension(edge, rod.ea, rod.spacing);
+        let here = edges.iter().zip(&rod.cells).zip(ends).zip(a).zip(&rod.mass).enumerate();
+        for (k, ((((edge, cell), (start, end)), a), mass)) in here {
+            if k % TOGETHER == 0 {
+                around.look(k..edges.len().min(k + TOGETHER));
+            }
+            let around = around.on(k % TOGETHER);
+            let tension = cell.tension(edge);
             let force = lanes(force(edge, tension, start, end));
             let mut sum = f64x2::new(*a) * *mass + before;
             before = force;
-            if let Some([first, second]) = &around {
-                sum += lanes(first.force);
-                before += lanes(second.force);
+            if let Some(around) = around {
+                sum += around.force_lanes(0);
+                before += around.force_lanes(1);
             }
             residual[k] = (sum - force).to_array();
             // Not `let … else { continue }`: that takes a tenth more time.
             if let Some([row, next_row]) = rows.get_mut(k..k + 2) {
                 // −T and −Q, as more blocks need them than T and Q.
-                let t = stiffness(edge, axial, tension, [start, end], -direction.q);
+                let t = stiffness(edge, cell.axial, tension, [start, end], -direction.q);
                 let q_after = edges.get(k + 1).map_or(Block::ZERO, |next| coupling(edge, next, end, -direction.q));
                 let qt_after = q_after.transpose();
                 let (mut right, mut left) = (t, t);
                 let mut own = [Block::ZERO; 2];
-                if let Some([first, second]) = &around {
-                    // The tangent turns by n·δ(edge vector)/ℓ.
-                    let turn = lanes(edge.n()) * (direction.q * edge.per_length);
-                    right = right + Block::outer(first.by_direction, turn);
-                    left = left - Block::outer(second.by_direction, turn);
-                    own = [Block::from(first.by_velocity) * direction.v, Block::from(second.by_velocity) * direction.v];
+                if let Some(around) = around {
+                    right = right + around.edge(0);
+                    left = left - around.edge(1);
+                    own = [around.own(0), around.own(1)];
                 }
                 row[2] = (diagonal + Block::diagonal(mass * direction.a) + (own[0] - right)).into();
                 row[3] = (right - (q_here + q_after)).into();

@@ -4,14 +4,14 @@
 
 pub mod bend;
 pub mod elastic;
-pub mod mass;
 pub mod section;
 pub mod stretch;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
+use serde::Deserialize;
 
-pub use mass::MassLumping;
-pub use section::Section;
+pub use section::{Half, Profile, Section, Sections};
+pub use stretch::Cell;
 
 /// An edge vector as unit tangent and length (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,17 +46,6 @@ impl Edge {
     }
 }
 
-/// What opposes the motion of half an edge, lumped to its node.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct HalfEdge {
-    /// The force, N.
-    pub force: Vector2<f64>,
-    /// ∂(force)/∂v, v the velocity of the node, N s/m.
-    pub by_velocity: Matrix2<f64>,
-    /// ∂(force)/∂φ, φ the direction of the edge, N.
-    pub by_direction: Vector2<f64>,
-}
-
 /// Node `k` of a flat array of two entries a node.
 #[inline]
 pub fn node(values: &[f64], k: usize) -> Vector2<f64> {
@@ -70,13 +59,24 @@ pub fn add(values: &mut [f64], k: usize, vector: Vector2<f64>) {
     values[2 * k + 1] += vector.y;
 }
 
-/// The relative bending stiffness EI(ξ)/EI along the rod, ξ = s/L.
+/// How an edge's mass is given to nodes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum MassLumping {
+    /// ρAΔL at every node: the source study's; total mass ρAL·N/(N−1), mesh error of first order.
+    Uniform,
+    /// Every half of an edge to its own node: total mass ∫ρA ds, mesh error of second order.
+    #[default]
+    Tributary,
+}
+
+/// The relative bending stiffness along the rod, a factor on Young's modulus times the section's moment of area.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Stiffness {
     /// 1 + a(1 − ξ).
     Gradient(f64),
-    /// Points (ξ, factor) with rising ξ; linear in between, constant outside.
-    Profile(Vec<[f64; 2]>),
+    /// Any profile.
+    Profile(Profile),
 }
 
 impl Stiffness {
@@ -84,18 +84,8 @@ impl Stiffness {
     pub fn factor(&self, xi: f64) -> f64 {
         match self {
             Self::Gradient(a) => 1.0 + a * (1.0 - xi),
-            Self::Profile(points) => interpolated(points, xi).unwrap_or(1.0),
+            Self::Profile(profile) => profile.at(xi),
         }
-    }
-}
-
-/// The value at `xi` of points (ξ, value) with rising ξ: linear in between, constant outside; none without points.
-pub(crate) fn interpolated(points: &[[f64; 2]], xi: f64) -> Option<f64> {
-    let after = points.partition_point(|p| p[0] <= xi);
-    match (points.get(after.wrapping_sub(1)), points.get(after)) {
-        (Some(&[x0, f0]), Some(&[x1, f1])) => Some(f0 + (f1 - f0) * (xi - x0) / (x1 - x0)),
-        (Some(p), None) | (None, Some(p)) => Some(p[1]),
-        (None, None) => None,
     }
 }
 
@@ -108,12 +98,16 @@ pub struct Rod {
     pub length: f64,
     /// Node spacing at rest ΔL = L/(N−1), m.
     pub spacing: f64,
-    /// Cross-section.
-    pub section: Section,
-    /// Stretching stiffness EA = Y A, N.
+    /// Cross-sections along it.
+    pub sections: Sections,
+    /// Largest stretching stiffness EA = Y A of an edge, N.
     pub ea: f64,
-    /// Bending stiffness EI = Y I before the profile, N m².
+    /// Largest bending stiffness EI = Y I at a node, before the factor along the rod, N m².
     pub ei: f64,
+    /// Young's modulus Y, Pa.
+    pub youngs: f64,
+    /// How each edge resists stretching.
+    pub cells: Vec<Cell>,
     /// First node with a joint: 1, or 0 where the head is held and a half-cell joint acts on the first edge.
     pub first_joint: usize,
     /// Stiffness B (N m) of the energy ½B(κ−κ̄)² of the joint at each node: EI_k/ΔL inside, 2EI₀/ΔL for the half-cell
@@ -127,37 +121,51 @@ pub struct Rod {
 /// What a rod is made from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Material {
-    /// Cross-section.
-    pub section: Section,
+    /// Cross-sections and density along it.
+    pub sections: Sections,
     /// Young's modulus Y, Pa.
     pub youngs: f64,
-    /// Density ρ, kg/m³.
-    pub density: f64,
-    /// Bending stiffness along the rod.
+    /// Factor on the bending stiffness along the rod.
     pub stiffness: Stiffness,
 }
 
 impl Rod {
     /// The straight rod of `nodes` nodes and `length` metres; a held head adds a half-cell joint at node 0.
     pub fn new(nodes: usize, length: f64, material: &Material, lumping: MassLumping, held_head: bool) -> Self {
-        let Material { section, youngs, density, stiffness } = material;
-        let spacing = length / (nodes - 1) as f64;
-        let (ea, ei) = (youngs * section.area(), youngs * section.inertia());
+        let Material { sections, youngs, stiffness } = material;
+        let edges = nodes - 1;
+        let spacing = length / edges as f64;
+        let xi = |k: usize| k as f64 / edges as f64;
+        let ei = |k: usize| youngs * sections.at(xi(k)).inertia();
+        let ea: Vec<f64> =
+            (0..edges).map(|e| youngs * sections.mean(xi(e), xi(e + 1), |xi| sections.at(xi).area())).collect();
         let mut joint = vec![0.0; nodes];
-        for (k, b) in joint.iter_mut().enumerate().take(nodes - 1).skip(1) {
-            *b = ei * stiffness.factor(k as f64 / (nodes - 1) as f64) / spacing;
+        for (k, b) in joint.iter_mut().enumerate().take(edges).skip(1) {
+            *b = ei(k) * stiffness.factor(xi(k)) / spacing;
         }
         if held_head {
-            joint[0] = 2.0 * ei * stiffness.factor(0.0) / spacing;
+            joint[0] = 2.0 * ei(0) * stiffness.factor(0.0) / spacing;
         }
-        let mass = lumping.masses(nodes, density * section.area() * spacing);
+        let mass: Vec<f64> = match lumping {
+            MassLumping::Uniform => (0..nodes).map(|k| sections.line_density(xi(k)) * spacing).collect(),
+            MassLumping::Tributary => {
+                let half = |from: f64, to: f64| 0.5 * spacing * sections.mean(from, to, |xi| sections.line_density(xi));
+                let middle = |e: usize| (e as f64 + 0.5) / edges as f64;
+                let before = |k: usize| if k > 0 { half(middle(k - 1), xi(k)) } else { 0.0 };
+                let after = |k: usize| if k < edges { half(xi(k), middle(k)) } else { 0.0 };
+                (0..nodes).map(|k| before(k) + after(k)).collect()
+            }
+        };
+        let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, f64::max);
         Self {
             nodes,
             length,
             spacing,
-            section: *section,
-            ea,
-            ei,
+            sections: sections.clone(),
+            youngs: *youngs,
+            ea: largest(&mut ea.iter().copied()),
+            ei: largest(&mut (0..nodes).map(ei)),
+            cells: ea.iter().map(|ea| Cell { rest: spacing, axial: ea / spacing }).collect(),
             first_joint: usize::from(!held_head),
             joint,
             total_mass: mass.iter().sum(),
@@ -170,9 +178,32 @@ impl Rod {
         self.first_joint..self.nodes - 1
     }
 
+    /// The part of a whole cell that the joint at node `k` stands for: the half-cell joint of a held head is twice as stiff and
+    /// takes half of a whole joint's natural curvature.
+    pub fn joint_part(&self, k: usize) -> f64 {
+        if k == 0 { 0.5 } else { 1.0 }
+    }
+
+    /// Bending stiffness EI_k at the joint of node `k`, N m².
+    pub fn joint_stiffness(&self, k: usize) -> f64 {
+        self.joint[k] * self.spacing * self.joint_part(k)
+    }
+
+    /// Bending stiffness Y I of the section at node `k`, before the factor along the rod, N m².
+    pub fn section_stiffness(&self, k: usize) -> f64 {
+        self.youngs * self.sections.at(k as f64 / (self.nodes - 1) as f64).inertia()
+    }
+
     /// Arc length of node `k`, m.
     pub fn arc_length(&self, k: usize) -> f64 {
         k as f64 * self.spacing
+    }
+
+    /// Both halves of every edge.
+    pub fn halves(&self) -> impl Iterator<Item = [Half; 2]> {
+        let half = 0.5 * self.spacing;
+        let of = move |start: f64| self.sections.half(start, half, self.length);
+        (0..self.nodes - 1).map(move |e| self.arc_length(e)).map(move |s| [of(s), of(s + half)])
     }
 
     /// Total mass, kg.
@@ -180,7 +211,7 @@ impl Rod {
         self.total_mass
     }
 
-    /// Mass-weighted mean of a flat array of two entries a node.
+    /// Mass-weighted mean of a flat array of two entries per node.
     pub fn mean(&self, values: &[f64]) -> Vector2<f64> {
         let sum: Vector2<f64> = self.mass.iter().enumerate().map(|(k, m)| node(values, k) * *m).sum();
         sum / self.total_mass

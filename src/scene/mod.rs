@@ -1,6 +1,7 @@
 //! Scenes: what a user edits. TOML with units in the keys; unknown keys and values out of range are refused.
 
 mod document;
+pub mod fluid;
 pub mod parameter;
 mod table;
 pub mod value;
@@ -10,22 +11,22 @@ use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use nalgebra::Vector2;
 use serde::Deserialize;
 use twox_hash::XxHash3_128;
 
 pub use document::{Document, Fault};
-use value::{Finite, Gradient, NotNegative, Positive, ScalarSignal, Tolerance, VectorSignal, Wanted, Whole};
+pub use fluid::{DragTable, MediumTable, ReactiveTable};
+use value::{Along, Finite, Gradient, NotNegative, Positive, ScalarSignal, Tolerance, VectorSignal, Wanted, Whole};
 
 use crate::actuation::{Actuation, TravellingWave};
-use crate::drag::{Drag, Fluid, HalfEdges, StokesLike};
 use crate::error::{Error, Result, nearest};
+use crate::fluid::Fluid;
 use crate::head::{Motion, Signal};
 use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear::Choice;
 use crate::model::{Drive, Model, chain};
 use crate::reduced::{self, Estimates, RUNGS, Rung};
-use crate::rod::{MassLumping, Material, Rod, Section, Stiffness, interpolated};
+use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Stiffness};
 use crate::start::Start;
 use crate::system::Form;
 
@@ -59,6 +60,8 @@ pub struct Scene {
     pub medium: Option<MediumTable>,
     /// Drag; absent: none.
     pub drag: Option<DragTable>,
+    /// The water that the rod accelerates; absent: no added mass.
+    pub reactive: Option<ReactiveTable>,
     /// Gravity and point loads; absent: none.
     pub loads: Option<LoadsTable>,
     /// The head; absent: free.
@@ -93,15 +96,19 @@ pub struct RodTable {
     pub nodes: Whole<{ NODES[0] }, { NODES[1] }>,
     /// Length, m.
     pub length_m: Positive,
-    /// Outer radius, m.
-    pub outer_radius_m: Positive,
+    /// Outer radius, m; half the breadth in the plane of motion.
+    pub outer_radius_m: Along<Positive>,
     /// Inner radius, m; 0, a solid rod, where it is not given.
     #[serde(default = "solid")]
-    pub inner_radius_m: NotNegative,
+    pub inner_radius_m: Along<NotNegative>,
+    /// Depth across the plane of motion, m; twice the outer radius where it is not given.
+    pub depth_m: Option<Along<NotNegative>>,
     /// Young's modulus, Pa.
     pub youngs_modulus_pa: Positive,
     /// Density, kg/m³.
-    pub density_kg_m3: Positive,
+    pub density_kg_m3: Along<Positive>,
+    /// Points [ξ, factor] of the mass, linear in between, constant outside.
+    pub mass_profile: Option<Along<NotNegative>>,
     /// a in EI(1 + a(1−ξ)); 0 where neither this nor a profile is given.
     pub stiffness_gradient: Option<Gradient>,
     /// Points [ξ, factor] of EI, linear in between, constant outside.
@@ -170,43 +177,6 @@ pub enum StartKind {
     Shaped,
 }
 
-/// `[medium]`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct MediumTable {
-    /// Dynamic viscosity, Pa s.
-    pub viscosity_pa_s: Positive,
-    /// Density, kg/m³: for the Reynolds number, it enters no force.
-    pub density_kg_m3: Positive,
-    /// Uniform background velocity, m/s.
-    #[serde(default = "still", deserialize_with = "value::pair")]
-    pub flow_m_s: [Finite; 2],
-}
-
-/// `[drag]`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct DragTable {
-    /// The law.
-    #[serde(default)]
-    pub law: DragLaw,
-    /// Ratio of the coefficient across the rod to the one along it.
-    pub ratio: Positive,
-    /// Weight of the drag on the head; 1 where it is not given.
-    pub head_weight: Option<NotNegative>,
-    /// Arc length up to which the head's weight holds, m.
-    pub head_length_m: Option<Positive>,
-}
-
-/// Drag laws; adding one is its file and its line here.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DragLaw {
-    /// See [`StokesLike`].
-    #[default]
-    StokesLike,
-}
-
 /// `[loads]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -214,6 +184,9 @@ pub struct LoadsTable {
     /// Gravity, m/s²; a neutrally buoyant tail has none.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub gravity_m_s2: Option<[Finite; 2]>,
+    /// True where the medium carries the rod.
+    #[serde(default)]
+    pub buoyancy: bool,
     /// Forces on single nodes.
     #[serde(default)]
     pub point: Vec<PointLoad>,
@@ -383,8 +356,8 @@ fn default_tolerance() -> Tolerance {
     Tolerance::constant(1e-10)
 }
 
-fn solid() -> NotNegative {
-    NotNegative::constant(0.0)
+fn solid() -> Along<NotNegative> {
+    Along::<NotNegative>::constant(0.0)
 }
 
 fn one_metre() -> Positive {
@@ -393,10 +366,6 @@ fn one_metre() -> Positive {
 
 fn even_envelope() -> [Finite; 2] {
     [Finite::constant(1.0), Finite::constant(0.0)]
-}
-
-fn still() -> [Finite; 2] {
-    [Finite::constant(0.0); 2]
 }
 
 fn from_start() -> NotNegative {
@@ -422,10 +391,7 @@ impl Scene {
             return fault("name", value::refused(format_args!("{:?}", self.name), "a name that can be a folder's"));
         }
         let rod = &self.rod;
-        if rod.inner_radius_m.get() >= rod.outer_radius_m.get() {
-            let allowed = format!("from 0 to below outer_radius_m = {}", rod.outer_radius_m.get());
-            return fault("rod.inner_radius_m", value::refused(rod.inner_radius_m.get(), allowed));
-        }
+        rod.check_sections()?;
         if let Some(profile) = &rod.stiffness_profile {
             if rod.stiffness_gradient.is_some() {
                 return fault(
@@ -459,20 +425,7 @@ impl Scene {
         if self.start.spin_rad_s.is_some() && self.head.kind != HeadKind::Free {
             return fault("start.spin_rad_s", "found with a held head; allowed: only with a free one".into());
         }
-        if let Some(drag) = &self.drag {
-            if self.medium.is_none() {
-                return fault(
-                    "drag",
-                    "found without [medium], which has the viscosity; add it or remove [drag]".into(),
-                );
-            }
-            if drag.head_weight.is_some_and(|weight| weight.get() != 1.0) && drag.head_length_m.is_none() {
-                return fault(
-                    "drag.head_length_m",
-                    "missing; a head_weight other than 1 needs the head's length".into(),
-                );
-            }
-        }
+        self.check_fluid()?;
         let nodes = rod.nodes.get() as i64;
         let allowed_nodes = format_args!("a node from 0 to {}, or from -1 (the tip) to {}", nodes - 1, -nodes);
         for (i, load) in self.loads.iter().flat_map(|loads| &loads.point).enumerate() {
@@ -522,6 +475,11 @@ impl Scene {
             );
             return fault("drag.head_weight", problem);
         }
+        if let (Some(rung), Some(_)) = (rung.filter(|rung| rung.method.is_some()), &self.reactive) {
+            let problem =
+                format!("found {:?} with [reactive], which only the whole model holds; remove one", rung.name);
+            return fault("solver.model", problem);
+        }
         let (method, _) = self.method()?;
         let adaptive = || METHODS.iter().filter(|other| other.adaptive).map(|other| other.name).collect::<Vec<_>>();
         let own_method = rung.is_some_and(|rung| rung.method.is_some());
@@ -556,9 +514,10 @@ impl Scene {
     /// Refuses numbers so large or so small that the rod made of them has a mass or a stiffness that is none.
     fn check_sizes(&self) -> std::result::Result<(), Fault> {
         let table = &self.rod;
-        let section = Section { outer: table.outer_radius_m.get(), inner: table.inner_radius_m.get() };
+        let sections = table.sections();
+        let section = sections.at(0.0);
         let spacing = table.length_m.get() / (table.nodes.get() - 1) as f64;
-        let (youngs, density) = (table.youngs_modulus_pa.get(), table.density_kg_m3.get());
+        let (youngs, density) = (table.youngs_modulus_pa.get(), sections.density.at(0.0));
         let bending = youngs * section.inertia() / spacing;
         let sizes = [
             ("rod.outer_radius_m", section.outer, "second moment of area", section.inertia(), "m^4"),
@@ -621,9 +580,9 @@ impl Scene {
         let (actuation, medium) = (self.actuation.as_ref(), self.medium.as_ref());
         let numbers = [
             ("rod.youngs_modulus_pa", Some(rod.youngs_modulus_pa.get())),
-            ("rod.density_kg_m3", Some(rod.density_kg_m3.get())),
+            ("rod.density_kg_m3", Some(rod.density_kg_m3.profile().largest())),
             ("rod.length_m", Some(rod.length_m.get())),
-            ("rod.outer_radius_m", Some(rod.outer_radius_m.get())),
+            ("rod.outer_radius_m", Some(rod.outer_radius_m.profile().largest())),
             ("actuation.kappa_amp", actuation.map(|table| table.kappa_amp.get().abs())),
             ("actuation.frequency_hz", actuation.map(|table| table.frequency_hz.get())),
             ("medium.viscosity_pa_s", medium.map(|table| table.viscosity_pa_s.get())),
@@ -662,6 +621,10 @@ impl Scene {
     pub fn choice(&self) -> Result<reduced::Choice> {
         match self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))? {
             Some(rung) => Ok(reduced::Choice::asked(rung)),
+            None if self.reactive.is_some() => Ok(reduced::Choice {
+                rung: &reduced::FULL,
+                reason: Some("cheaper models cannot hold the reactive force".to_string()),
+            }),
             None => Ok(reduced::Choice::of(&self.estimates()?, self.solver.accuracy.get(), self.is_dragged())),
         }
     }
@@ -757,9 +720,21 @@ impl Scene {
     /// The bending stiffness along the rod.
     fn stiffness(&self) -> Stiffness {
         match (&self.rod.stiffness_profile, self.rod.stiffness_gradient) {
-            (Some(points), _) => Stiffness::Profile(points.iter().map(|point| point.map(NotNegative::get)).collect()),
+            (Some(points), _) => {
+                let points = points.iter().map(|point| point.map(NotNegative::get)).collect();
+                Profile::through(points).map_or(Stiffness::Gradient(0.0), Stiffness::Profile)
+            }
             (None, gradient) => Stiffness::Gradient(gradient.unwrap_or(Gradient::constant(0.0)).get()),
         }
+    }
+
+    /// Its rod.
+    fn plain_rod(&self) -> Rod {
+        let table = &self.rod;
+        let material =
+            Material { sections: table.sections(), youngs: table.youngs_modulus_pa.get(), stiffness: self.stiffness() };
+        let held = self.head.kind != HeadKind::Free;
+        Rod::new(table.nodes.get(), table.length_m.get(), &material, table.mass_lumping, held)
     }
 
     /// The model it describes.
@@ -767,15 +742,8 @@ impl Scene {
     /// # Errors
     /// [`Error::Read`] or [`Error::Scene`] for the table of a driven head.
     pub fn model(&self) -> Result<Model> {
-        let table = &self.rod;
-        let material = Material {
-            section: Section { outer: table.outer_radius_m.get(), inner: table.inner_radius_m.get() },
-            youngs: table.youngs_modulus_pa.get(),
-            density: table.density_kg_m3.get(),
-            stiffness: self.stiffness(),
-        };
-        let held = self.head.kind != HeadKind::Free;
-        let rod = Rod::new(table.nodes.get(), table.length_m.get(), &material, table.mass_lumping, held);
+        let rod = self.plain_rod();
+        let loads = self.loads.as_ref();
         Ok(Model {
             actuation: self.actuation.as_ref().map(|actuation| actuation.build(&rod)),
             start: match (self.start.kind, self.start.ramp_s) {
@@ -783,11 +751,10 @@ impl Scene {
                 (StartKind::Jump, _) => Start::Jump,
                 _ => Start::Shaped,
             },
-            drag: self.drag.as_ref().zip(self.medium.as_ref()).map(|(drag, medium)| {
-                let flow = Vector2::from(medium.flow_m_s.map(Finite::get));
-                (drag.build(&rod), Fluid { viscosity: medium.viscosity_pa_s.get(), flow })
-            }),
-            load: self.loads.as_ref().and_then(|loads| loads.build(&rod)),
+            forces: self.forces(&rod).map_err(|Fault { key, problem }| self.error(&key, problem))?,
+            fluid: self.medium.as_ref().map_or(Fluid::NONE, MediumTable::fluid),
+            load: loads.and_then(|loads| loads.build(&rod)),
+            buoyancy: loads.and_then(|loads| loads.buoyancy(&rod)),
             head: self.head_motion()?,
             spin: self.start.spin_rad_s.map_or(0.0, Finite::get),
             rod,
@@ -1016,7 +983,8 @@ impl ActuationTable {
         let [amplitude, phase] = self.profiles();
         let along = |points: &[[f64; 2]], default: f64| -> Vec<f64> {
             let xi = (0..rod.nodes).map(|k| k as f64 / (rod.nodes - 1) as f64);
-            xi.map(|xi| interpolated(points, xi).unwrap_or(default)).collect()
+            let profile = Profile::through(points.to_vec()).unwrap_or(default.into());
+            xi.map(|xi| profile.at(xi)).collect()
         };
         (actuation.profiled(&along(&amplitude, 1.0), &along(&phase, 0.0)), drive)
     }
@@ -1042,20 +1010,86 @@ fn check_points(
     if last.is_none() { fault("no points".to_string()) } else { Ok(()) }
 }
 
-impl DragTable {
-    fn build(&self, rod: &Rod) -> Box<dyn Drag> {
-        let weight = self.head_weight.map_or(1.0, NotNegative::get);
-        let length = self.head_length_m.map_or(0.0, Positive::get);
-        match self.law {
-            DragLaw::StokesLike => {
-                let law = StokesLike { ratio: self.ratio.get(), radius: rod.section.equivalent_radius() };
-                Box::new(HalfEdges::new(law, rod.nodes - 1, rod.spacing, weight, length))
+impl RodTable {
+    fn sections(&self) -> Sections {
+        Sections {
+            outer: self.outer_radius_m.profile(),
+            inner: self.inner_radius_m.profile(),
+            depth: self.depth_m.as_ref().map(Along::profile),
+            density: self.density_kg_m3.profile(),
+            mass_factor: self.mass_profile.as_ref().map_or(1.0.into(), Along::profile),
+        }
+    }
+
+    /// Refuses profiles that are none, and a rod without wall.
+    fn check_sections(&self) -> std::result::Result<(), Fault> {
+        let fault = |key: &str, problem: String| Err(Fault { key: format!("rod.{key}"), problem });
+        let disorders = [
+            ("outer_radius_m", self.outer_radius_m.disorder()),
+            ("inner_radius_m", self.inner_radius_m.disorder()),
+            ("depth_m", self.depth_m.as_ref().and_then(Along::disorder)),
+            ("density_kg_m3", self.density_kg_m3.disorder()),
+            ("mass_profile", self.mass_profile.as_ref().and_then(Along::disorder)),
+        ];
+        for (key, disorder) in disorders {
+            if let Some(found) = disorder {
+                return fault(key, value::refused(found, "points [xi, number] with rising xi from 0 to 1"));
             }
         }
+        let sections = self.sections();
+        // Both are linear in between, so it is enough to look where either bends.
+        for xi in sections.outer.places().chain(sections.inner.places()) {
+            let section = sections.at(xi);
+            if section.inner >= section.outer {
+                let at = if sections.outer.is_even() && sections.inner.is_even() {
+                    String::new()
+                } else {
+                    format!(" at xi = {xi}")
+                };
+                let allowed = format!("from 0 to below outer_radius_m = {}{at}", section.outer);
+                return fault("inner_radius_m", value::refused(section.inner, allowed));
+            }
+        }
+        if self.depth_m.is_some() && sections.depth_at(0.5) <= 0.0 {
+            return fault("depth_m", value::refused("no depth in the middle", "a positive depth, 0 at the ends only"));
+        }
+        if self.mass_profile.is_some() && sections.mass_factor.at(0.5) <= 0.0 {
+            return fault("mass_profile", value::refused("no mass in the middle", "positive factors"));
+        }
+        Ok(())
+    }
+}
+
+impl HeadTable {
+    /// Its functions of time that are formulas.
+    fn formulas(&self) -> impl Iterator<Item = &Signal> {
+        let position = self.position_m.iter().flat_map(|VectorSignal(signals)| signals);
+        let angle = self.angle_rad.iter().map(|ScalarSignal(signal)| signal);
+        position.chain(angle).filter_map(|wanted| match wanted {
+            Wanted::Formula(signal) => Some(signal),
+            Wanted::Table(_) => None,
+        })
     }
 }
 
 impl LoadsTable {
+    /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node: −V g with the volume V of every node.
+    fn buoyancy(&self, rod: &Rod) -> Option<Vec<f64>> {
+        let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
+        if !self.buoyancy || gravity == [0.0; 2] {
+            return None;
+        }
+        let mut force = vec![0.0; 2 * rod.nodes];
+        for (e, halves) in rod.halves().enumerate() {
+            for (i, half) in halves.iter().enumerate() {
+                for (axis, g) in gravity.iter().enumerate() {
+                    force[2 * (e + i) + axis] -= half.displaced * half.length * g;
+                }
+            }
+        }
+        Some(force)
+    }
+
     /// The forces of gravity and point loads (N), two entries a node; none where there are no loads.
     fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
         let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));

@@ -2,7 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use super::{Finite, Gradient, NotNegative, Positive, Scene, Tolerance};
+use super::value::Share;
+use super::{Along, Finite, Gradient, NotNegative, Positive, Scene, Tolerance};
 
 /// A scalar value of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -47,7 +48,7 @@ macro_rules! ranged {
     };
 }
 
-ranged!(Positive: 0.0..=f64::INFINITY, NotNegative: 0.0..=f64::INFINITY, Tolerance: 0.0..=1.0,
+ranged!(Positive: 0.0..=f64::INFINITY, NotNegative: 0.0..=f64::INFINITY, Tolerance: 0.0..=1.0, Share: 0.0..=1.0,
     Gradient: -1.0..=f64::INFINITY, Finite: f64::NEG_INFINITY..=f64::INFINITY);
 
 /// The parameters in the making.
@@ -57,6 +58,13 @@ struct List(Vec<Parameter>);
 impl List {
     fn add<T: Ranged>(&mut self, key: &str, unit: &'static str, description: &str, value: T) {
         self.push(key, None, unit, description, &value);
+    }
+
+    /// A number, where it is one.
+    fn along<T: Ranged + Copy>(&mut self, key: &str, unit: &'static str, description: &str, value: &Along<T>) {
+        if let Some(value) = value.number() {
+            self.add(key, unit, description, value);
+        }
     }
 
     fn pair<T: Ranged>(&mut self, key: &str, unit: &'static str, descriptions: [&str; 2], values: [T; 2]) {
@@ -85,10 +93,13 @@ impl Scene {
         let mut list = List::default();
         let rod = &self.rod;
         list.add("rod.length_m", "m", "length of the rod", rod.length_m);
-        list.add("rod.outer_radius_m", "m", "outer radius", rod.outer_radius_m);
-        list.add("rod.inner_radius_m", "m", "inner radius; 0 is a solid rod", rod.inner_radius_m);
+        list.along("rod.outer_radius_m", "m", "outer radius", &rod.outer_radius_m);
+        list.along("rod.inner_radius_m", "m", "inner radius; 0 is a solid rod", &rod.inner_radius_m);
+        if let Some(depth) = &rod.depth_m {
+            list.along("rod.depth_m", "m", "depth across the plane of motion", depth);
+        }
         list.add("rod.youngs_modulus_pa", "Pa", "Young's modulus", rod.youngs_modulus_pa);
-        list.add("rod.density_kg_m3", "kg/m^3", "density of the rod", rod.density_kg_m3);
+        list.along("rod.density_kg_m3", "kg/m^3", "density of the rod", &rod.density_kg_m3);
         if rod.stiffness_profile.is_none() {
             let gradient = rod.stiffness_gradient.unwrap_or(Gradient::constant(0.0));
             list.add("rod.stiffness_gradient", "1", "a in the bending stiffness EI(1 + a(1 - xi))", gradient);
@@ -107,21 +118,48 @@ impl Scene {
         }
         if let Some(medium) = &self.medium {
             list.add("medium.viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", medium.viscosity_pa_s);
-            list.add(
-                "medium.density_kg_m3",
-                "kg/m^3",
-                "density of the medium; it enters no force",
-                medium.density_kg_m3,
-            );
+            list.add("medium.density_kg_m3", "kg/m^3", "density of the medium", medium.density_kg_m3);
             let descriptions = ["background velocity of the medium, x", "background velocity of the medium, y"];
             list.pair("medium.flow_m_s", "m/s", descriptions, medium.flow_m_s);
         }
         if let Some(drag) = &self.drag {
-            list.add("drag.ratio", "1", "drag across the rod over drag along it", drag.ratio);
+            let numbers = [
+                ("drag.slender_length_m", "m", "length in the logarithm of the drag", drag.slender_length_m),
+                ("drag.ratio", "1", "drag across the rod over drag along it", drag.ratio),
+                ("drag.height_m", "m", "height above the wall", drag.height_m),
+            ];
+            for (key, unit, description, value) in numbers {
+                if let Some(value) = value {
+                    list.add(key, unit, description, value);
+                }
+            }
+            let profiles = [
+                ("drag.along_n_s_m2", "drag along the rod per length and speed", &drag.along_n_s_m2),
+                ("drag.across_n_s_m2", "drag across the rod per length and speed", &drag.across_n_s_m2),
+            ];
+            for (key, description, value) in profiles {
+                if let Some(value) = value {
+                    list.along(key, "N s/m^2", description, value);
+                }
+            }
+            let factors = [
+                ("drag.form_drag", "form drag", drag.form_drag),
+                ("drag.thinning", "thinning of the boundary layer by cross-flow", drag.thinning),
+                ("drag.skin_friction", "factor of the boundary layer's friction", drag.skin_friction),
+                ("drag.turbulent_friction", "coefficient of turbulent friction", drag.turbulent_friction),
+            ];
+            for (key, description, value) in factors {
+                if let Some(value) = value {
+                    list.add(key, "1", description, value);
+                }
+            }
             if let (Some(weight), Some(length)) = (drag.head_weight, drag.head_length_m) {
                 list.add("drag.head_weight", "1", "weight of the drag on the head", weight);
                 list.add("drag.head_length_m", "m", "arc length up to which that weight holds", length);
             }
+        }
+        if let Some(reactive) = &self.reactive {
+            list.add("reactive.shedding", "1", "share of the theory's wake that leaves the tail", reactive.shedding);
         }
         if let Some(gravity) = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2) {
             list.pair("loads.gravity_m_s2", "m/s^2", ["gravity, x", "gravity, y"], gravity);

@@ -3,10 +3,11 @@
 use std::fmt;
 use std::marker::PhantomData;
 
-use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
+use serde::de::value::{F64Deserializer, MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Visitor};
 
 use crate::head::Signal;
+use crate::rod::Profile;
 
 /// A number type with a range: `$ok` decides, `$allowed` says it in words.
 macro_rules! number {
@@ -64,6 +65,13 @@ number!(
     Tolerance,
     "a number between 0 and 1",
     |x| x > 0.0 && x < 1.0
+);
+
+number!(
+    /// A share of a whole.
+    Share,
+    "a number from 0 to 1",
+    |x| (0.0..=1.0).contains(&x)
 );
 
 impl Tolerance {
@@ -294,6 +302,88 @@ pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 ) -> Result<Option<Vec<[T; 2]>>, D::Error> {
     let pairs: Vec<Pair<T>> = Deserialize::deserialize(deserializer)?;
     Ok(Some(pairs.into_iter().map(|pair| pair.0).collect()))
+}
+
+/// A number, or a profile along the rod: points [ξ, number] with rising ξ from 0 to 1, linear in between.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Along<T> {
+    points: Vec<[f64; 2]>,
+    /// The number where it is the same everywhere.
+    number: Option<T>,
+}
+
+impl<T: Copy> Along<T> {
+    /// The number, where it is one.
+    pub fn number(&self) -> Option<T> {
+        self.number
+    }
+
+    /// It as a profile.
+    pub fn profile(&self) -> Profile {
+        Profile::through(self.points.clone()).unwrap_or(Profile::from(0.0))
+    }
+
+    /// The points of a profile that is none: not rising, or not from 0 to 1.
+    pub(super) fn disorder(&self) -> Option<String> {
+        let mut last = f64::NEG_INFINITY;
+        for [xi, value] in &self.points {
+            if *xi <= last || !(0.0..=1.0).contains(xi) {
+                return Some(format!("the point [{xi}, {value}]"));
+            }
+            last = *xi;
+        }
+        self.points.is_empty().then(|| "no points".to_string())
+    }
+}
+
+impl Along<NotNegative> {
+    /// A default; not checked.
+    pub(super) fn constant(number: f64) -> Self {
+        Self { points: vec![[0.0, number]], number: Some(NotNegative(number)) }
+    }
+}
+
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for Along<T> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        /// A value, which `T` allows.
+        struct Allowed<T>(f64, PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Deserialize<'de> for Allowed<T> {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let x = Finite::deserialize(deserializer)?.get();
+                T::deserialize(F64Deserializer::<D::Error>::new(x))?;
+                Ok(Self(x, PhantomData))
+            }
+        }
+        struct Either<T>(PhantomData<T>);
+        impl<'de, T: Deserialize<'de>> Visitor<'de> for Either<T> {
+            type Value = Along<T>;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a number, or points [[xi, number], …]")
+            }
+
+            fn visit_f64<E: Error>(self, x: f64) -> Result<Along<T>, E> {
+                Ok(Along { points: vec![[0.0, x]], number: Some(T::deserialize(F64Deserializer::new(x))?) })
+            }
+
+            fn visit_i64<E: Error>(self, x: i64) -> Result<Along<T>, E> {
+                self.visit_f64(x as f64)
+            }
+
+            fn visit_u64<E: Error>(self, x: u64) -> Result<Along<T>, E> {
+                self.visit_f64(x as f64)
+            }
+
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Along<T>, A::Error> {
+                let mut points = Vec::new();
+                while let Some(Pair([xi, value])) = seq.next_element::<Pair<Allowed<T>>>()? {
+                    points.push([xi.0, value.0]);
+                }
+                Ok(Along { points, number: None })
+            }
+        }
+        deserializer.deserialize_any(Either(PhantomData))
+    }
 }
 
 /// One function of time.

@@ -12,7 +12,7 @@
 //! [`Problem::forward`] carries all columns along with the simulation: one matrix more a step, and a solve a parameter.
 //! [`Problem::adjoint`] goes back over a stored simulation with the transposed matrix: one solve a step, whatever the number
 //! of parameters. Both are exact to rounding where Newton's method has converged to it; they need fixed steps, a method of one
-//! stage, and positions as unknowns. f_v is block diagonal, as drag on a node depends on its own velocity only.
+//! stage, and positions as unknowns.
 //!
 //! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules: DESIGN.md.
 
@@ -22,11 +22,14 @@ mod start;
 
 use std::sync::Arc;
 
+use nalgebra::{Matrix2, Vector2};
+
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
+use crate::fluid::{Force, Key};
 use crate::head::{Row, hermite};
 use crate::integrator::{Integrator, Pace, Rule};
-use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, FaerLu, LinearSolver};
+use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, FaerLu, LinearSolver, REACH};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
@@ -40,9 +43,6 @@ use parameter::{Effect, Shape};
 /// A solution with a larger backward error comes from faer's pivoted LU instead of the band's.
 const BACKWARD_ERROR: f64 = 1e-12;
 
-/// The direction that moves accelerations alone.
-const ACCELERATIONS: Direction = Direction { q: 0.0, v: 0.0, a: 1.0 };
-
 /// A scene whose simulation can be differentiated, with the parameters as they are now.
 #[derive(Debug)]
 pub struct Problem {
@@ -55,13 +55,15 @@ pub struct Problem {
     steps: Steps,
 }
 
-/// A simulation as it was: times (s), and positions (m) and velocities (m/s) of every step, two entries a node.
+/// A simulation as it was: times (s), and positions (m), velocities (m/s) and accelerations (m/s²) of every step, two entries
+/// per node.
 #[derive(Debug, Clone, Default)]
 pub struct Trajectory {
     /// Times, the start's first.
     pub times: Vec<f64>,
     q: Vec<f64>,
     v: Vec<f64>,
+    a: Vec<f64>,
 }
 
 impl Trajectory {
@@ -96,12 +98,15 @@ impl Trajectory {
         self.times.push(state.t);
         self.q.extend_from_slice(&state.q);
         self.v.extend_from_slice(&state.v);
+        self.a.extend_from_slice(&state.a);
     }
 
     fn load(&self, n: usize, state: &mut State) {
         state.t = self.times[n];
         state.q.copy_from_slice(self.positions(n));
         state.v.copy_from_slice(self.velocities(n));
+        let width = state.a.len();
+        state.a.copy_from_slice(&self.a[n * width..(n + 1) * width]);
     }
 }
 
@@ -140,13 +145,20 @@ struct Column {
     memory: Vec<f64>,
 }
 
-/// Matrix, factors and room to work in.
+/// The linearised equations at a time: matrices, factors and room to work in.
 #[derive(Debug)]
 struct Equations {
+    direction: Direction,
     /// J, as if nothing held the head.
     matrix: BandMatrix,
     /// J of a held head.
     held: Option<BandMatrix>,
+    /// ∂f/∂v, where any force acts.
+    damping: Option<BandMatrix>,
+    /// ∂f/∂a, where it is not the lumped mass.
+    inertia: Option<BandMatrix>,
+    /// What ∂f/∂q does where the whole rod moves: of forces that depend on where it is.
+    place: Option<Vec<Matrix2<f64>>>,
     band: BlockBand,
     /// Analysed when it is first needed; `pivoted`: it has the factors.
     lu: Option<FaerLu>,
@@ -156,10 +168,17 @@ struct Equations {
 }
 
 impl Equations {
-    fn new(nodes: usize, held: bool) -> Result<Self> {
+    fn new(model: &Model) -> Result<Self> {
+        let nodes = model.rod.nodes;
         let matrix = BandMatrix::new(nodes);
+        let of = |there: bool| there.then(|| matrix.clone());
+        let everywhere = model.forces.iter().all(Force::is_the_same_everywhere);
         Ok(Self {
-            held: held.then(|| matrix.clone()),
+            direction: Direction::POSITIONS,
+            held: of(model.head.is_some()),
+            damping: of(!model.forces.is_empty()),
+            inertia: of(model.forces.are_inertial()),
+            place: (!everywhere).then(|| vec![Matrix2::zeros(); nodes]),
             band: BlockBand::analyse(&matrix)?,
             lu: None,
             pivoted: false,
@@ -170,8 +189,24 @@ impl Equations {
     }
 
     fn assemble(&mut self, dynamics: &mut Dynamics, state: &State, direction: Direction) -> Result<()> {
-        let linearisation = Linearisation { matrix: &mut self.matrix, direction };
-        dynamics.unconstrained(state, &mut self.residual, Some(linearisation))?;
+        self.direction = direction;
+        let along = [
+            (self.damping.as_mut(), Direction::VELOCITIES),
+            (self.inertia.as_mut(), Direction::ACCELERATIONS),
+            (Some(&mut self.matrix), direction),
+        ];
+        for (matrix, direction) in along {
+            if let Some(matrix) = matrix {
+                dynamics.unconstrained(state, &mut self.residual, Some(Linearisation { matrix, direction }))?;
+            }
+        }
+        if let Some(place) = &mut self.place {
+            place.fill(Matrix2::zeros());
+            let (forces, edges) = (&dynamics.model.forces, 0..dynamics.edges().len());
+            forces.on_edges(&dynamics.kinematics(state), Some(Direction::POSITIONS), edges, |e, on| {
+                (0..2).for_each(|i| place[e + i] += Matrix2::from(on.own(i)));
+            });
+        }
         if let Some(held) = &mut self.held {
             held.clone_from(&self.matrix);
             held.prescribe(0);
@@ -179,14 +214,31 @@ impl Equations {
         Ok(())
     }
 
-    /// y = −Σ Jᵢⱼ (xⱼ − xᵢ) over j ≠ i: −A f_q x, as f_v has no entries beside the diagonal.
+    /// The block of ∂f/∂q at row `i` and its `j`-th entry, times the direction's part of the positions.
+    #[inline]
+    fn stiffness(&self, i: usize, j: usize, block: &[f64; 4]) -> [f64; 4] {
+        let mut block = *block;
+        let others = [(&self.damping, self.direction.v), (&self.inertia, self.direction.a)];
+        for (matrix, factor) in others.into_iter().filter_map(|(matrix, factor)| Some((matrix.as_ref()?, factor))) {
+            let other = &matrix.rows()[i][j + REACH - i];
+            block.iter_mut().zip(other).for_each(|(block, other)| *block -= factor * other);
+        }
+        block
+    }
+
+    /// y = −A f_q x: −Σ (f_q)ᵢⱼ (xⱼ − xᵢ) over j ≠ i, and what moves with the place.
     fn differences(&self, x: &[f64], y: &mut [f64]) {
         let x = x.as_chunks::<2>().0;
         for (i, (row, y)) in self.matrix.rows().iter().zip(y.as_chunks_mut::<2>().0).enumerate() {
             *y = [0.0; 2];
-            for (j, [a, b, c, d]) in neighbours(i, row, x.len()) {
+            for (j, block) in neighbours(i, row, x.len()) {
+                let [a, b, c, d] = self.stiffness(i, j, block);
                 let by = [x[j][0] - x[i][0], x[j][1] - x[i][1]];
                 *y = [y[0] - (a * by[0] + b * by[1]), y[1] - (c * by[0] + d * by[1])];
+            }
+            if let Some(place) = &self.place {
+                let moved = place[i] * Vector2::from(x[i]) * self.direction.q;
+                *y = [y[0] - moved.x, y[1] - moved.y];
             }
         }
     }
@@ -195,12 +247,44 @@ impl Equations {
     fn add_differences_transposed(&self, x: &[f64], y: &mut [f64]) {
         let (x, y) = (x.as_chunks::<2>().0, y.as_chunks_mut::<2>().0);
         for (i, row) in self.matrix.rows().iter().enumerate() {
-            for (j, [a, b, c, d]) in neighbours(i, row, x.len()) {
+            for (j, block) in neighbours(i, row, x.len()) {
+                let [a, b, c, d] = self.stiffness(i, j, block);
                 let by = [a * x[i][0] + c * x[i][1], b * x[i][0] + d * x[i][1]];
                 y[j] = [y[j][0] - by[0], y[j][1] - by[1]];
                 y[i] = [y[i][0] + by[0], y[i][1] + by[1]];
             }
+            if let Some(place) = &self.place {
+                let moved = place[i].tr_mul(&Vector2::from(x[i])) * self.direction.q;
+                y[i] = [y[i][0] - moved.x, y[i][1] - moved.y];
+            }
         }
+    }
+
+    /// f_v x, or its transpose; zero without forces.
+    fn damp(&mut self, x: &[f64], transposed: bool) -> &[f64] {
+        match &self.damping {
+            Some(damping) => damping.multiply(x, &mut self.product, transposed),
+            None => self.product.fill(0.0),
+        }
+        &self.product
+    }
+
+    /// Replaces `rhs` by f_a⁻¹ rhs, where f_a is symmetric.
+    fn divide_by_inertia(&mut self, masses: &[f64], rhs: &mut [f64]) -> Result<()> {
+        let Some(inertia) = &self.inertia else {
+            for (k, mass) in masses.iter().enumerate() {
+                rhs[2 * k] /= mass;
+                rhs[2 * k + 1] /= mass;
+            }
+            return Ok(());
+        };
+        let mut inertia = inertia.clone();
+        if self.held.is_some() {
+            inertia.prescribe(0);
+        }
+        self.band.factor(&inertia)?;
+        self.band.solve(rhs);
+        Ok(())
     }
 
     /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs: so it is known that the band's
@@ -326,6 +410,14 @@ impl Problem {
     /// Those of [`Scene::model`]; [`Error::Scene`] for a scene whose steps are adaptive, whose method has several stages, or
     /// that is solved in the chain form.
     pub fn of(scene: &Scene) -> Result<Self> {
+        Self::of_model(scene, scene.model()?)
+    }
+
+    /// The problem of another `model` than the scene's own, solved as the scene says.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of).
+    pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
@@ -337,7 +429,6 @@ impl Problem {
             let allowed = "derivatives need a method of one stage; allowed: implicit-euler, newmark, generalized-alpha";
             return refuse("solver.integrator", allowed);
         }
-        let model = scene.model()?;
         if scene.form(&model.rod) == Form::Chain {
             return refuse(
                 "solver.form",
@@ -368,7 +459,7 @@ impl Problem {
     /// Bending stiffness EI_k of the joints, N m², in their order.
     pub fn stiffness(&self) -> Vec<f64> {
         let rod = &self.model().rod;
-        rod.joints().map(|k| rod.joint[k] * half_cell(k) * rod.spacing).collect()
+        rod.joints().map(|k| rod.joint_stiffness(k)).collect()
     }
 
     /// Sets the bending stiffness EI_k of the joints, N m², in their order.
@@ -383,7 +474,7 @@ impl Problem {
         if let Some(model) = Arc::get_mut(&mut self.dynamics.model) {
             let rod = &mut model.rod;
             for (k, ei) in rod.joints().zip(values) {
-                rod.joint[k] = ei / (half_cell(k) * rod.spacing);
+                rod.joint[k] = ei / (rod.joint_part(k) * rod.spacing);
             }
         }
         Ok(())
@@ -435,7 +526,7 @@ impl Problem {
         let dynamics = &mut self.dynamics;
         let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
         let mut state = dynamics.first_state();
-        newton.iterate(dynamics, &mut state, ACCELERATIONS)?;
+        newton.iterate(dynamics, &mut state, Direction::ACCELERATIONS)?;
         self.integrator.begin(&mut state);
         let mut next = state.clone();
         look(dynamics, 0, &state, 0.0)?;
@@ -475,10 +566,10 @@ impl Problem {
         mut look: impl FnMut(&State),
     ) -> Result<Sensitivities> {
         let (nodes, steps) = (self.dynamics.nodes(), self.steps);
-        let mut equations = Equations::new(nodes, self.model().head.is_some())?;
-        let mut point = Point::new(nodes);
+        let mut equations = Equations::new(self.model())?;
+        let mut point = Point::new(nodes, &keys(parameters));
         let mut shape = Shape::new(nodes);
-        let mut gradient = Gradient::new(nodes);
+        let mut gradient = Gradient::new(nodes, &keys(parameters));
         let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
         let mut columns: Vec<Column> = Vec::new();
         let summing = outputs.iter().any(|output| !output.work.is_empty());
@@ -509,7 +600,7 @@ impl Problem {
                 for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
                     feet(&rule, h, column, &mut star);
                     equations.differences(&star, &mut rhs);
-                    resist(&at, effect, &shape, rule.q_new, &column.v, &mut rhs);
+                    resist(&mut equations, &at, effect, &shape, rule.q_new, &column.v, &mut rhs);
                     if j == 0 {
                         equations.factor(&mut rhs, false)?;
                     } else {
@@ -531,7 +622,7 @@ impl Problem {
                 for ((entry, column), (effect, parameter)) in
                     row.iter_mut().zip(&columns).zip(effects.iter().zip(parameters))
                 {
-                    *entry = dot(&gradient.q, &column.q) + dot(&gradient.v, &column.v);
+                    *entry = dot(&gradient.q, &column.q) + dot(&gradient.v, &column.v) + dot(&gradient.a, &column.a);
                     *entry += direct(gradient, effect, &shape, step.map(|ends| (ends, *parameter, &at)));
                 }
             };
@@ -594,11 +685,11 @@ impl Problem {
         }
         let rules = self.rules()?;
         let summing = outputs.iter().any(|output| !output.work.is_empty());
-        let mut equations = Equations::new(nodes, self.model().head.is_some())?;
-        let mut point = Point::new(nodes);
+        let mut equations = Equations::new(self.model())?;
+        let mut point = Point::new(nodes, &keys(parameters));
         let mut shape = Shape::new(nodes);
         let mut ends = Ends::new(nodes);
-        let mut gradient = Gradient::new(nodes);
+        let mut gradient = Gradient::new(nodes, &keys(parameters));
         let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
         let zeros = || vec![0.0; 2 * nodes];
         // The cotangents of a state, and of the one before it.
@@ -654,7 +745,7 @@ impl Problem {
                 }
             }
             if n == 0 {
-                first_cotangents(&at, &equations, &mut bar, &mut force, held, self.integrator.as_ref());
+                first_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref())?;
             } else {
                 let h = steps.length(n);
                 let Rule { q_old, v_old, q_new, v_new, memory } = rule;
@@ -669,15 +760,12 @@ impl Problem {
                     mu[..2].fill(0.0);
                 }
                 equations.add_differences_transposed(&mu, &mut bar.q);
-                for (k, [a, b, c, d]) in point.damping.iter().enumerate() {
-                    let (x, y) = (mu[2 * k], mu[2 * k + 1]);
-                    for (i, damped) in [(2 * k, a * x + c * y), (2 * k + 1, b * x + d * y)] {
-                        let (q_star, v_star, w) = (bar.q[i], bar.v[i] - q_new * damped, bar.memory[i]);
-                        bar.v[i] = h * q_star + v_star;
-                        bar.a[i] = q_old * q_star + v_old * v_star + old * w;
-                        bar.memory[i] = q_w * q_star + v_w * v_star + kept * w;
-                        force[i] = -q_new * mu[i];
-                    }
+                for (i, damped) in equations.damp(&mu, true).iter().enumerate() {
+                    let (q_star, v_star, w) = (bar.q[i], bar.v[i] - q_new * damped, bar.memory[i]);
+                    bar.v[i] = h * q_star + v_star;
+                    bar.a[i] = q_old * q_star + v_old * v_star + old * w;
+                    bar.memory[i] = q_w * q_star + v_w * v_star + kept * w;
+                    force[i] = -q_new * mu[i];
                 }
                 if held {
                     for part in [&mut bar.q, &mut bar.v, &mut bar.a, &mut bar.memory] {
@@ -700,9 +788,10 @@ impl Problem {
     }
 }
 
-/// The part of a whole cell that joint `k` stands for: the half-cell joint of a held head is twice as stiff.
-fn half_cell(k: usize) -> f64 {
-    if k == 0 { 0.5 } else { 1.0 }
+/// The keys of the forces' parameters among `parameters`.
+fn keys(parameters: &[Parameter]) -> Vec<Key> {
+    let key = |parameter: &Parameter| if let Parameter::OfForces(key) = parameter { Some(*key) } else { None };
+    parameters.iter().filter_map(key).collect()
 }
 
 #[inline]
@@ -713,7 +802,7 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
 /// How `effect` moves the force f along `force`: f_p·force.
 fn pushed(at: &At<'_>, effect: &Effect, shape: &Shape, force: &[f64]) -> f64 {
     let (dynamics, rod) = (at.dynamics, &at.dynamics.model.rod);
-    let mut sum = if effect.viscosity == 0.0 { 0.0 } else { effect.viscosity * dot(&at.point.by_viscosity, force) };
+    let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
     for k in effect.joints.clone() {
         let deviation = dynamics.kappa()[k] - dynamics.natural[k];
         let size = effect.stiffness * deviation - rod.joint[k] * effect.natural(shape, k);
@@ -724,7 +813,7 @@ fn pushed(at: &At<'_>, effect: &Effect, shape: &Shape, force: &[f64]) -> f64 {
 
 /// The derivative that does not go through the state; over a step with the shapes at its ends.
 fn direct(gradient: &Gradient, effect: &Effect, shape: &Shape, step: Option<([&Shape; 2], Parameter, &At<'_>)>) -> f64 {
-    let mut sum = gradient.viscosity * effect.viscosity;
+    let mut sum = effect.key.map_or(0.0, |key| gradient.by_key(key));
     for k in effect.joints.clone() {
         sum += gradient.stiffness[k] * effect.stiffness
             + gradient.natural[k] * effect.natural(shape, k)
@@ -749,6 +838,7 @@ fn gather(
 ) {
     bar.q.iter_mut().zip(&gradient.q).for_each(|(bar, g)| *bar += g);
     bar.v.iter_mut().zip(&gradient.v).for_each(|(bar, g)| *bar += g);
+    bar.a.iter_mut().zip(&gradient.a).for_each(|(bar, g)| *bar += g);
     for (j, (total, effect)) in total.iter_mut().zip(effects).enumerate() {
         *total += direct(gradient, effect, shape, step.map(|(ends, parameters, at)| (ends, parameters[j], at)));
     }
@@ -782,54 +872,48 @@ fn first_columns(
     equations.assemble(dynamics, state, Direction { q: 1.0, v: 0.0, a: 0.0 })?;
     point.look(dynamics, state);
     let at = At { dynamics, state, point };
-    let column = |effect: &Effect| {
+    let mut columns = Vec::with_capacity(effects.len());
+    for effect in effects {
         let [q, v] = first_by(dynamics, effect, shape);
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);
-        resist(&at, effect, shape, 1.0, &v, &mut a);
-        for (k, mass) in dynamics.model.rod.mass.iter().enumerate() {
-            a[2 * k] /= mass;
-            a[2 * k + 1] /= mass;
-        }
-        Column { q, v, memory: a.clone(), a }
-    };
-    Ok(effects.iter().map(column).collect())
+        resist(equations, &at, effect, shape, 1.0, &v, &mut a);
+        equations.divide_by_inertia(&dynamics.model.rod.mass, &mut a)?;
+        columns.push(Column { q, v, memory: a.clone(), a });
+    }
+    Ok(columns)
 }
 
 /// The transpose of it: moves the cotangents of the first accelerations to positions and velocities, and writes the force
 /// that parameters push along.
 fn first_cotangents(
     at: &At<'_>,
-    equations: &Equations,
+    equations: &mut Equations,
     bar: &mut Column,
     force: &mut [f64],
     held: bool,
     integrator: &dyn Integrator,
-) {
+) -> Result<()> {
     let remembers = integrator.rule(1.0).is_some_and(|rule| rule.memory.is_some());
-    for (k, mass) in at.dynamics.model.rod.mass.iter().enumerate() {
-        for i in [2 * k, 2 * k + 1] {
-            force[i] = -(bar.a[i] + if remembers { bar.memory[i] } else { 0.0 }) / mass;
-        }
+    for (i, force) in force.iter_mut().enumerate() {
+        *force = -(bar.a[i] + if remembers { bar.memory[i] } else { 0.0 });
     }
     if held {
         force[..2].fill(0.0);
     }
+    equations.divide_by_inertia(&at.dynamics.model.rod.mass, force)?;
     let minus: Vec<f64> = force.iter().map(|x| -x).collect();
     equations.add_differences_transposed(&minus, &mut bar.q);
-    for (k, [a, b, c, d]) in at.point.damping.iter().enumerate() {
-        let (x, y) = (force[2 * k], force[2 * k + 1]);
-        bar.v[2 * k] += a * x + c * y;
-        bar.v[2 * k + 1] += b * x + d * y;
-    }
+    bar.v.iter_mut().zip(equations.damp(force, true)).for_each(|(bar, damped)| *bar += damped);
+    Ok(())
 }
 
 /// Adds `factor`·f_p to `force`.
 #[inline]
 fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f64]) {
     let (dynamics, rod) = (at.dynamics, &at.dynamics.model.rod);
-    if effect.viscosity != 0.0 {
-        force.iter_mut().zip(&at.point.by_viscosity).for_each(|(f, by)| *f += factor * effect.viscosity * by);
+    if let Some(key) = effect.key {
+        force.iter_mut().zip(at.point.by_key(key)).for_each(|(f, by)| *f += factor * by);
     }
     for k in effect.joints.clone() {
         let deviation = dynamics.kappa()[k] - dynamics.natural[k];
@@ -860,12 +944,16 @@ fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
 }
 
 /// Adds −A (f_v V* + f_p), and makes the whole zero at a held node.
-#[inline]
-fn resist(at: &At<'_>, effect: &Effect, shape: &Shape, size: f64, v_star: &[f64], rhs: &mut [f64]) {
-    let (rows, v) = (rhs.as_chunks_mut::<2>().0, v_star.as_chunks::<2>().0);
-    for ((row, v), [a, b, c, d]) in rows.iter_mut().zip(v).zip(&at.point.damping) {
-        *row = [row[0] - size * (a * v[0] + b * v[1]), row[1] - size * (c * v[0] + d * v[1])];
-    }
+fn resist(
+    equations: &mut Equations,
+    at: &At<'_>,
+    effect: &Effect,
+    shape: &Shape,
+    size: f64,
+    v_star: &[f64],
+    rhs: &mut [f64],
+) {
+    rhs.iter_mut().zip(equations.damp(v_star, false)).for_each(|(rhs, damped)| *rhs -= size * damped);
     push(at, effect, shape, -size, rhs);
     if at.dynamics.held.is_some() {
         rhs[..2].fill(0.0);

@@ -3,10 +3,12 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::error::{Error, Result, nearest};
+use crate::fluid::force::{self, Slopes};
+use crate::fluid::{DENSITY, Force, Key, Sink};
 use crate::head::Pose;
 use crate::model::{Dynamics, Model};
 use crate::rod::bend::{self, Joint};
-use crate::rod::{HalfEdge, add, elastic, node, stretch};
+use crate::rod::{add, elastic, node};
 use crate::system::State;
 
 /// A quantity at one time. Nodes count from the head, axes are x and y.
@@ -26,8 +28,14 @@ pub enum Quantity {
     Kinetic,
     /// Power of the moving natural curvature, W.
     ActuationPower,
-    /// Power taken by viscosity, W.
+    /// Power taken by drag, W.
     ViscousPower,
+    /// Power taken by the wake, W.
+    WakePower,
+    /// Power of other forces, W.
+    OtherPower,
+    /// Energy that forces from outside store, J.
+    Fluid,
     /// Power of the background flow, W.
     FlowPower,
     /// Power of constant loads, W.
@@ -47,8 +55,12 @@ pub enum Quantity {
 pub enum Work {
     /// Of the moving natural curvature.
     Actuation,
-    /// Taken by viscosity.
+    /// Taken by drag.
     Viscous,
+    /// Taken by the wake.
+    Wake,
+    /// Of other forces.
+    Other,
     /// Of the background flow.
     Flow,
     /// Of a held head.
@@ -79,14 +91,17 @@ impl From<Work> for Output {
 }
 
 /// The outputs by the names of the table of variables.
-const NAMES: [&str; 28] = [
+const NAMES: [&str; 33] = [
     "x_com_m",
     "y_com_m",
     "stretching_energy_j",
     "bending_energy_j",
     "kinetic_energy_j",
     "actuation_power_w",
+    "fluid_energy_j",
     "viscous_power_w",
+    "wake_power_w",
+    "other_power_w",
     "load_power_w",
     "head_power_w",
     "flow_power_w",
@@ -104,6 +119,8 @@ const NAMES: [&str; 28] = [
     "net_displacement_m",
     "actuation_work_j",
     "viscous_work_j",
+    "wake_work_j",
+    "other_work_j",
     "load_work_j",
     "head_work_j",
     "flow_work_j",
@@ -124,7 +141,7 @@ impl Output {
         use Quantity as Q;
         let (mid, tip) = ((model.rod.nodes - 1) / 2, model.rod.nodes - 1);
         let moved = |k: usize, axis: usize| Self::from(Q::Position(k, axis)).since_start();
-        let energy = [(1.0, Q::Stretching), (1.0, Q::Bending), (1.0, Q::Kinetic)];
+        let energy = [(1.0, Q::Stretching), (1.0, Q::Bending), (1.0, Q::Kinetic), (1.0, Q::Fluid)];
         Ok(match name {
             "x_com_m" => Q::CentreOfMass(0).into(),
             "y_com_m" => Q::CentreOfMass(1).into(),
@@ -132,7 +149,10 @@ impl Output {
             "bending_energy_j" => Q::Bending.into(),
             "kinetic_energy_j" => Q::Kinetic.into(),
             "actuation_power_w" => Q::ActuationPower.into(),
+            "fluid_energy_j" => Q::Fluid.into(),
             "viscous_power_w" => Q::ViscousPower.into(),
+            "wake_power_w" => Q::WakePower.into(),
+            "other_power_w" => Q::OtherPower.into(),
             "load_power_w" => Q::LoadPower.into(),
             "head_power_w" if model.head.is_some() => Q::HeadPower.into(),
             "head_power_w" => Self { now: Vec::new(), since_start: false, work: Vec::new() },
@@ -151,6 +171,8 @@ impl Output {
             "net_displacement_m" => Self::from(Q::CentreOfMass(0)).since_start(),
             "actuation_work_j" => Work::Actuation.into(),
             "viscous_work_j" => Work::Viscous.into(),
+            "wake_work_j" => Work::Wake.into(),
+            "other_work_j" => Work::Other.into(),
             "load_work_j" => Self::from(Q::LoadPotential).since_start(),
             "head_work_j" if model.head.is_some() => Work::Head.into(),
             "head_work_j" => Self { now: Vec::new(), since_start: false, work: Vec::new() },
@@ -158,7 +180,13 @@ impl Output {
             "numerical_dissipation_j" => {
                 let mut now = energy.map(|(_, quantity)| (-1.0, quantity)).to_vec();
                 now.push((1.0, Q::LoadPotential));
-                let mut work = vec![(1.0, Work::Actuation), (-1.0, Work::Viscous), (1.0, Work::Flow)];
+                let mut work = vec![
+                    (1.0, Work::Actuation),
+                    (-1.0, Work::Viscous),
+                    (-1.0, Work::Wake),
+                    (1.0, Work::Flow),
+                    (1.0, Work::Other),
+                ];
                 work.extend(model.head.is_some().then_some((1.0, Work::Head)));
                 Self { now, since_start: true, work }
             }
@@ -173,40 +201,52 @@ impl Output {
 /// The derivatives of one number.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Gradient {
-    /// By positions and velocities, two entries a node.
+    /// By positions and velocities, two entries per node.
     pub(super) q: Vec<f64>,
     pub(super) v: Vec<f64>,
+    /// By accelerations.
+    pub(super) a: Vec<f64>,
     /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry a node.
     pub(super) stiffness: Vec<f64>,
     pub(super) natural: Vec<f64>,
     pub(super) natural_rate: Vec<f64>,
     pub(super) natural_step: Vec<f64>,
-    /// By the viscosity.
-    pub(super) viscosity: f64,
+    /// By parameters of the forces.
+    keys: Vec<(Key, f64)>,
 }
 
 impl Gradient {
-    pub(super) fn new(nodes: usize) -> Self {
+    pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
         let [a, b] = [nodes, 2 * nodes].map(|n| vec![0.0; n]);
         Self {
             q: b.clone(),
-            v: b,
+            v: b.clone(),
+            a: b,
             stiffness: a.clone(),
             natural: a.clone(),
             natural_rate: a.clone(),
             natural_step: a,
-            viscosity: 0.0,
+            keys: keys.iter().map(|key| (*key, 0.0)).collect(),
         }
     }
 
     pub(super) fn clear(&mut self) {
-        for part in [&mut self.q, &mut self.v] {
+        for part in [&mut self.q, &mut self.v, &mut self.a] {
             part.fill(0.0);
         }
         for part in [&mut self.stiffness, &mut self.natural, &mut self.natural_rate, &mut self.natural_step] {
             part.fill(0.0);
         }
-        self.viscosity = 0.0;
+        self.keys.iter_mut().for_each(|(_, by)| *by = 0.0);
+    }
+
+    fn slopes(&mut self) -> Slopes<'_> {
+        Slopes { q: &mut self.q, v: &mut self.v, a: &mut self.a }
+    }
+
+    /// By a parameter of the forces.
+    pub(super) fn by_key(&self, key: Key) -> f64 {
+        self.keys.iter().find(|(own, _)| *own == key).map_or(0.0, |(_, by)| *by)
     }
 }
 
@@ -226,19 +266,21 @@ pub(super) struct Span {
 pub(super) struct Point {
     /// ∇κ_k by the nodes k−1, k, k+1.
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
-    /// ∂f/∂v, a 2×2 block a node: drag on a node depends on its own velocity only.
-    pub(super) damping: Vec<[f64; 4]>,
-    /// ∂f/∂μ, N s/(Pa s m), two entries a node.
-    pub(super) by_viscosity: Vec<f64>,
+    /// ∂f/∂p of the parameters of forces, two entries per node.
+    keys: Vec<(Key, Vec<f64>)>,
 }
 
 impl Point {
-    pub(super) fn new(nodes: usize) -> Self {
+    pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
         Self {
             slopes: vec![[Vector2::zeros(); 3]; nodes],
-            damping: vec![[0.0; 4]; nodes],
-            by_viscosity: vec![0.0; 2 * nodes],
+            keys: keys.iter().map(|key| (*key, vec![0.0; 2 * nodes])).collect(),
         }
+    }
+
+    /// ∂f/∂p of a parameter of the forces.
+    pub(super) fn by_key(&self, key: Key) -> &[f64] {
+        self.keys.iter().find(|(own, _)| *own == key).map_or(&[], |(_, by)| by)
     }
 
     /// Looks at `state`, whose shape `dynamics` was last asked for.
@@ -251,16 +293,14 @@ impl Point {
             let after = across(k);
             self.slopes[k] = [before, -before - after, after];
         }
-        let Some((drag, fluid)) = dynamics.drag() else { return };
-        self.damping.fill([0.0; 4]);
-        self.by_viscosity.fill(0.0);
-        drag.for_half_edges(0..edges.len(), edges, &state.v, fluid, &mut |k, _, half| {
-            let by = half.by_velocity;
-            for (sum, entry) in self.damping[k].iter_mut().zip([by.m11, by.m12, by.m21, by.m22]) {
-                *sum += entry;
+        let moving = dynamics.kinematics(state);
+        for (key, by) in &mut self.keys {
+            by.fill(0.0);
+            dynamics.model.forces.add_by_parameter(key, &moving, by);
+            if let Some(buoyancy) = dynamics.model.buoyancy.as_ref().filter(|_| *key == DENSITY) {
+                by.iter_mut().zip(buoyancy).for_each(|(by, buoyancy)| *by -= buoyancy);
             }
-        });
-        drag.add_force_by_viscosity(edges, &state.v, fluid, &mut self.by_viscosity);
+        }
     }
 
     /// Adds `factor`·∇κ_k to `q`.
@@ -306,12 +346,42 @@ impl At<'_> {
         g.natural[k] -= factor * stiffness;
     }
 
-    /// Adds `factor` (N) times the derivative of edge `e`'s direction.
-    fn add_turn(&self, e: usize, factor: f64, g: &mut Gradient) {
-        let edge = &self.dynamics.edges()[e];
-        let slope = edge.n() * (factor * edge.per_length);
-        add(&mut g.q, e, -slope);
-        add(&mut g.q, e + 1, slope);
+    /// What the forces with that sink take, W; adds `factor` times its derivatives.
+    fn power_to(&self, sink: Sink, factor: f64, g: &mut Gradient) -> f64 {
+        let moving = self.dynamics.kinematics(self.state);
+        let mut power = 0.0;
+        for of_fluid in [true, false] {
+            let chosen = |force: &dyn Force| force.sink() == Some(sink) && force.is_of_fluid() == of_fluid;
+            let flow = if of_fluid { moving.fluid.flow } else { Vector2::zeros() };
+            let against = |k: usize| node(&self.state.v, k) - flow;
+            power += self.power_along(chosen, against, factor, g);
+            for force in self.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
+                force::visit_alone(force, &moving, |k, force| add(&mut g.v, k, force * factor));
+            }
+        }
+        power
+    }
+
+    /// Σ F·w over the nodes, F of the `chosen` forces; adds `factor` times its derivatives with w as it is.
+    fn power_along(
+        &self,
+        chosen: impl Fn(&dyn Force) -> bool,
+        w: impl Fn(usize) -> Vector2<f64>,
+        factor: f64,
+        g: &mut Gradient,
+    ) -> f64 {
+        let moving = self.dynamics.kinematics(self.state);
+        let mut power = 0.0;
+        for force in self.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
+            force::visit_alone(force, &moving, |k, force| power += force.dot(&w(k)));
+            force::add_slopes(force, &moving, 0..moving.edges.len(), |k| w(k) * factor, &mut g.slopes());
+            for (key, by) in &mut g.keys {
+                let mut opposing = vec![0.0; self.state.q.len()];
+                force.add_by_parameter(key, &moving, &mut opposing);
+                *by += factor * (0..=moving.edges.len()).map(|k| node(&opposing, k).dot(&w(k))).sum::<f64>();
+            }
+        }
+        power
     }
 
     fn joint(&self, k: usize) -> Joint {
@@ -327,11 +397,11 @@ impl At<'_> {
         let (dynamics, rod) = (self.dynamics, &self.dynamics.model.rod);
         let edges = dynamics.edges();
         let joints = [0, 1].map(|k| self.joint(k));
-        let tension = stretch::tension(&edges[0], rod.ea, rod.spacing);
+        let tension = rod.cells[0].tension(&edges[0]);
         let mut force = -elastic::force(&edges[0], tension, &joints[0], &joints[1]) - dynamics.load(0);
         // By the vectors of edges 0 and 1.
         let joints_of_edge = [&joints[0], &joints[1]];
-        let next = elastic::stiffness(&edges[0], rod.ea / rod.spacing, tension, joints_of_edge, -factor);
+        let next = elastic::stiffness(&edges[0], rod.cells[0].axial, tension, joints_of_edge, -factor);
         let slope = Matrix2::from(next.transpose()) * along;
         add(&mut g.q, 0, -slope);
         add(&mut g.q, 1, slope);
@@ -346,15 +416,14 @@ impl At<'_> {
             g.stiffness[k] += size * self.moment(k)[1];
             g.natural[k] -= size * rod.joint[k];
         }
-        if let Some((drag, fluid)) = dynamics.drag() {
-            drag.for_half_edges(0..edges.len(), edges, &self.state.v, fluid, &mut |k, e, half| {
-                if k == 0 {
-                    force += half.force;
-                    self.add_turn(e, factor * half.by_direction.dot(&along), g);
-                    add(&mut g.v, 0, half.by_velocity.transpose() * along * factor);
-                }
-            });
-            g.viscosity += factor * node(&self.point.by_viscosity, 0).dot(&along);
+        let moving = dynamics.kinematics(self.state);
+        let on_head = |k: usize| if k == 0 { along * factor } else { Vector2::zeros() };
+        for own in dynamics.model.forces.iter() {
+            force::add_slopes(own, &moving, 0..1, on_head, &mut g.slopes());
+        }
+        dynamics.model.forces.on_edges(&moving, None, 0..1, |_, on| force += on.force(0));
+        for (key, by) in &mut g.keys {
+            *by += factor * node(self.point.by_key(key), 0).dot(&along);
         }
         force.dot(&along)
     }
@@ -388,11 +457,11 @@ impl Quantity {
             }
             Self::Stretching => {
                 let mut energy = 0.0;
-                for (k, edge) in dynamics.edges().iter().enumerate() {
-                    let pull = edge.t * (factor * stretch::tension(edge, rod.ea, rod.spacing));
+                for (k, (edge, cell)) in dynamics.edges().iter().zip(&rod.cells).enumerate() {
+                    let pull = edge.t * (factor * cell.tension(edge));
                     add(&mut g.q, k, -pull);
                     add(&mut g.q, k + 1, pull);
-                    energy += stretch::energy(edge, rod.ea, rod.spacing);
+                    energy += cell.energy(edge);
                 }
                 energy
             }
@@ -426,24 +495,32 @@ impl Quantity {
                 }
                 power
             }
-            Self::ViscousPower | Self::FlowPower => {
-                let Some((drag, fluid)) = dynamics.drag() else { return 0.0 };
-                let mut power = 0.0;
-                let mut both = |k: usize, e: usize, half: HalfEdge| {
-                    let w = node(&state.v, k) - fluid.flow;
-                    // Viscosity takes F·w, the flow puts −F·u in.
-                    let (against, own) =
-                        if self == Self::ViscousPower { (w, half.force) } else { (-fluid.flow, Vector2::zeros()) };
-                    add(&mut g.v, k, (own + half.by_velocity.transpose() * against) * factor);
-                    at.add_turn(e, factor * half.by_direction.dot(&against), g);
-                    power += half.force.dot(&against);
-                };
-                drag.for_half_edges(0..dynamics.edges().len(), dynamics.edges(), &state.v, fluid, &mut both);
-                for k in 0..rod.nodes {
-                    let against = if self == Self::ViscousPower { node(&state.v, k) - fluid.flow } else { -fluid.flow };
-                    g.viscosity += factor * node(&at.point.by_viscosity, k).dot(&against);
+            Self::ViscousPower => at.power_to(Sink::Drag, factor, g),
+            Self::WakePower => at.power_to(Sink::Wake, factor, g),
+            Self::OtherPower => {
+                let moving = dynamics.kinematics(state);
+                let storing = dynamics.model.forces.iter().filter(|force| force.sink().is_none());
+                let by_time =
+                    |force: &dyn Force, g: &mut Gradient| force.energy_by_time(&moving, factor, Some(g.slopes()));
+                let put_in: f64 = storing.map(|force| by_time(force, g)).sum();
+                put_in - at.power_to(Sink::Other, -factor, g)
+            }
+            Self::FlowPower => {
+                let flow = dynamics.inputs.fluid.flow;
+                let of_fluid = |force: &dyn Force| force.is_of_fluid();
+                at.power_along(of_fluid, |_| -flow, factor, g)
+            }
+            Self::Fluid => {
+                let moving = dynamics.kinematics(state);
+                let mut energy = 0.0;
+                for force in dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
+                    energy += force.energy(&moving, factor, Some(g.slopes()));
+                    let mut unused = vec![0.0; state.q.len()];
+                    for (key, by) in &mut g.keys {
+                        *by += factor * force.add_by_parameter(key, &moving, &mut unused);
+                    }
                 }
-                power
+                energy
             }
             Self::LoadPower => {
                 let mut power = 0.0;
@@ -494,6 +571,8 @@ impl Work {
         let rod = &at.dynamics.model.rod;
         match self {
             Self::Viscous => half * Quantity::ViscousPower.add(at, half * factor, g),
+            Self::Wake => half * Quantity::WakePower.add(at, half * factor, g),
+            Self::Other => half * Quantity::OtherPower.add(at, half * factor, g),
             Self::Flow => half * Quantity::FlowPower.add(at, half * factor, g),
             Self::Actuation => {
                 let mut work = 0.0;

@@ -4,6 +4,7 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 
 use crate::actuation::Wave;
+use crate::fluid::Key;
 use crate::model::Dynamics;
 use crate::rod::Rod;
 
@@ -24,8 +25,8 @@ pub enum Parameter {
     Frequency,
     /// Phase φ₀ (rad) subtracted inside the actuation's sine.
     Phase,
-    /// Dynamic viscosity of the medium, Pa s. Drag must be affine in it, as every law of the program is.
-    Viscosity,
+    /// A parameter of the forces, by its key.
+    OfForces(Key),
 }
 
 /// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) with g'' = −g: every kind is one harmonic of its phase.
@@ -59,7 +60,7 @@ impl Shape {
 }
 
 /// How a parameter moves the equations at a time: at every one of `joints` B_k moves by `stiffness`, κ̄_k by
-/// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g'); the viscosity by `viscosity`.
+/// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g'); or a parameter of the forces by itself.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Effect {
     pub(super) joints: Range<usize>,
@@ -67,7 +68,7 @@ pub(super) struct Effect {
     own: f64,
     natural: [f64; 2],
     rate: [f64; 2],
-    pub(super) viscosity: f64,
+    pub(super) key: Option<Key>,
 }
 
 impl Effect {
@@ -92,8 +93,8 @@ impl Effect {
 impl Parameter {
     /// How it moves the equations at the time of `shape`.
     pub(super) fn effect(self, rod: &Rod, shape: &Shape) -> Effect {
-        let none = Effect { joints: 0..0, stiffness: 0.0, own: 0.0, natural: [0.0; 2], rate: [0.0; 2], viscosity: 0.0 };
-        let half = |k: usize| if k == 0 { 0.5 } else { 1.0 };
+        let none = Effect { joints: 0..0, stiffness: 0.0, own: 0.0, natural: [0.0; 2], rate: [0.0; 2], key: None };
+        let half = |k: usize| rod.joint_part(k);
         // A change of amplitude, of phase ψ and of its rate.
         let driven = |joints: Range<usize>, amplitude: f64, phase: f64, phase_rate: f64| {
             let Some(wave) = shape.wave else { return none.clone() };
@@ -117,7 +118,7 @@ impl Parameter {
             Self::Amplitude => driven(rod.joints(), 1.0, 0.0, 0.0),
             Self::Frequency => driven(rod.joints(), 0.0, TAU * shape.time, TAU),
             Self::Phase => driven(rod.joints(), 0.0, -1.0, 0.0),
-            Self::Viscosity => Effect { viscosity: 1.0, ..none },
+            Self::OfForces(key) => Effect { key: Some(key), ..none },
         }
     }
 }

@@ -10,8 +10,9 @@
 use nalgebra::Vector2;
 
 use crate::error::Result;
+use crate::fluid::Kinematics;
 use crate::model::{Dynamics, Mechanics};
-use crate::rod::{Edge, bend, node, stretch};
+use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
 
 /// The most that the rates at the ends of a step may differ from the mean one, as rotations (rad) and lengths over L over
@@ -65,7 +66,8 @@ impl Forces {
     fn balance(&mut self, dynamics: &Dynamics, edges: &[Edge], bent: &[f64], state: &State, applied: &mut Vec<f64>) {
         let rod = &dynamics.model.rod;
         applied.resize(state.q.len(), 0.0);
-        dynamics.write_applied(edges, &state.v, applied);
+        let State { t, q, v, a, .. } = state;
+        dynamics.write_applied(&Kinematics { t: *t, edges, q, v, a, fluid: dynamics.inputs.fluid }, applied);
         self.tension.resize(edges.len(), 0.0);
         self.shear.resize(edges.len(), 0.0);
         self.moment.resize(rod.nodes, 0.0);
@@ -136,7 +138,7 @@ impl End {
                 Some(link) => [edge.t, edge.n()].map(|axis| axis.dot(&Vector2::from(link.force))),
                 None => {
                     let shear = (couple(k) - couple(k + 1)) * edge.per_length;
-                    [stretch::tension(edge, of.ea, of.spacing), shear]
+                    [of.cells[k].tension(edge), shear]
                 }
             };
             forces.tension.push(along);
@@ -223,7 +225,7 @@ impl Between {
             let more = now.balance.tension[k] - line(|end| &end.rod.balance.tension);
             let sum = sound + more.max(-pull).min(pull);
             let tension = if sum > -CRUSHED * rod.ea { sum } else { sound };
-            *edge = Edge::along(edge.t, rod.spacing * (1.0 + tension / rod.ea));
+            *edge = Edge::along(edge.t, rod.cells[k].length(tension));
             let more = now.balance.shear[k] - line(|end| &end.rod.balance.shear);
             let shear = line(|end| &end.forces.shear) + more.max(-pull).min(pull);
             let link = &mut out.links[k];

@@ -10,11 +10,13 @@ use nalgebra::Vector2;
 
 use super::Stepper;
 use crate::error::Result;
+use crate::fluid::force::{self, Slopes};
+use crate::fluid::{DENSITY, Fluid, Sink, VISCOSITY};
 use crate::metrics::{Energy, Meter, Power, Reading, Totals};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Work;
 use crate::rod::bend::{self, Joint};
-use crate::rod::{node, stretch};
+use crate::rod::node;
 use crate::system::{State, System};
 use crate::variable::{Variable, View};
 
@@ -29,8 +31,9 @@ pub(super) struct Tangent {
     natural: Vec<f64>,
     natural_rate: Vec<f64>,
     force: Vec<f64>,
-    viscosity: f64,
-    flow: Vector2<f64>,
+    fluid: Fluid,
+    /// Change of what a force opposes the motion with.
+    opposing: Vec<f64>,
     /// Change of the head's angle and of its spin.
     angle: [f64; 2],
     /// The inputs' change.
@@ -53,8 +56,8 @@ impl Tangent {
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             force: zeros(),
-            viscosity: 0.0,
-            flow: Vector2::zeros(),
+            fluid: Fluid::NONE,
+            opposing: zeros(),
             angle: [0.0; 2],
             inputs: Inputs::none(&dynamics.model),
         }
@@ -68,7 +71,7 @@ impl Tangent {
         }
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
-        (self.viscosity, self.flow, self.angle) = (0.0, Vector2::zeros(), [0.0; 2]);
+        (self.fluid, self.angle) = (Fluid::NONE, [0.0; 2]);
         self.inputs.clear(model);
     }
 
@@ -79,7 +82,7 @@ impl Tangent {
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
-        (self.viscosity, self.flow) = (self.inputs.fluid.viscosity, self.inputs.fluid.flow);
+        self.fluid = self.inputs.fluid;
         // The work of a change of κ̄ at once.
         let moment = |k: usize| rod.joint[k] * (dynamics.kappa()[k] - dynamics.natural[k]);
         let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
@@ -90,7 +93,7 @@ impl Tangent {
     fn read(&mut self, dynamics: &Dynamics, state: &State, by_time: bool) {
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (dynamics.edges(), dynamics.kappa());
-        let Self { state: d, meter, natural, natural_rate, force, viscosity, flow, angle, .. } = self;
+        let Self { state: d, meter, natural, natural_rate, force, fluid, opposing, angle, .. } = self;
         let now = &mut meter.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
         let (energy, power) = (&mut now.energy, &mut now.power);
@@ -103,7 +106,7 @@ impl Tangent {
         let mut before = angle[0];
         for (e, edge) in edges.iter().enumerate() {
             let [longer, turned] = change(e);
-            energy.stretching += stretch::tension(edge, rod.ea, rod.spacing) * longer;
+            energy.stretching += rod.cells[e].tension(edge) * longer;
             if rod.joints().contains(&e) {
                 let turning = turned - before;
                 now.kappa[e] = bend::curvature_per_turning(kappa[e]) * turning;
@@ -119,29 +122,61 @@ impl Tangent {
             energy.kinetic += rod.mass[k] * v.dot(&dv);
             power.load += node(force, k).dot(&v) + dynamics.load(k).dot(&dv);
         }
-        let mut drag_on_head = [Vector2::zeros(); 2];
-        if let Some((drag, fluid)) = dynamics.drag() {
-            drag.for_half_edges(0..edges.len(), edges, &state.v, fluid, &mut |k, e, half| {
-                let (w, dw) = (node(&state.v, k) - fluid.flow, node(&d.v, k) - *flow);
-                let [_, turned] = change(e);
-                let change = half.by_velocity * dw + half.by_direction * turned;
-                power.viscous += change.dot(&w) + half.force.dot(&dw);
-                power.flow -= change.dot(&fluid.flow) + half.force.dot(flow);
+        let mut on_head = [Vector2::zeros(); 2];
+        let moving = dynamics.kinematics(state);
+        for own in dynamics.model.forces.iter() {
+            opposing.fill(0.0);
+            force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
+            let mut stored = 0.0;
+            for (key, change) in [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)] {
+                if change != 0.0 {
+                    let mut by = vec![0.0; opposing.len()];
+                    stored += own.add_by_parameter(key, &moving, &mut by) * change;
+                    opposing.iter_mut().zip(by).for_each(|(sum, by)| *sum += change * by);
+                }
+            }
+            let (flow, drift) = if own.is_of_fluid() { (moving.fluid.flow, fluid.flow) } else { Default::default() };
+            let mut taken = 0.0;
+            force::visit_alone(own, &moving, |k, now| {
+                taken += now.dot(&(node(&d.v, k) - drift));
+                power.flow -= now.dot(&drift);
                 if k == 0 {
-                    drag_on_head[0] += half.force;
-                    drag_on_head[1] += change;
+                    on_head[0] += now;
                 }
             });
-            if *viscosity != 0.0 {
-                let mut change = vec![0.0; state.v.len()];
-                drag.add_force_by_viscosity(edges, &state.v, fluid, &mut change);
-                change.iter_mut().for_each(|force| *force *= *viscosity);
-                for k in 0..rod.nodes {
-                    power.viscous += node(&change, k).dot(&(node(&state.v, k) - fluid.flow));
-                    power.flow -= node(&change, k).dot(&fluid.flow);
-                }
-                drag_on_head[1] += node(&change, 0);
+            for k in 0..rod.nodes {
+                let change = node(opposing, k);
+                taken += change.dot(&(node(&state.v, k) - flow));
+                power.flow -= change.dot(&flow);
             }
+            on_head[1] += node(opposing, 0);
+            match own.sink() {
+                Some(Sink::Drag) => power.viscous += taken,
+                Some(Sink::Wake) => power.wake += taken,
+                Some(Sink::Other) => power.other -= taken,
+                None => {
+                    // The energy depends on velocities against the flow.
+                    let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
+                    let [q, v, a] = &mut by;
+                    own.energy(&moving, 1.0, Some(Slopes { q, v, a }));
+                    let along = |by: &[f64], d: &[f64]| by.iter().zip(d).map(|(x, y)| x * y).sum::<f64>();
+                    energy.fluid += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored;
+                    energy.fluid -= (0..rod.nodes).map(|k| node(v, k).dot(&drift)).sum::<f64>();
+                    if by_time {
+                        energy.fluid += own.energy_by_time(&moving, 0.0, None);
+                    }
+                    by.iter_mut().for_each(|by| by.fill(0.0));
+                    let [q, v, a] = &mut by;
+                    own.energy_by_time(&moving, 1.0, Some(Slopes { q, v, a }));
+                    power.other += along(q, &d.q) + along(v, &d.v) + along(a, &d.a);
+                }
+            }
+        }
+        // Buoyancy follows the density.
+        if let Some(buoyancy) = &dynamics.model.buoyancy {
+            power.load +=
+                (0..rod.nodes).map(|k| node(buoyancy, k).dot(&node(&state.v, k))).sum::<f64>() * fluid.density;
+            on_head[1] -= node(buoyancy, 0) * fluid.density;
         }
         if let Some([x, y, pitch]) = &dynamics.held {
             let joint = |k: usize| Joint::new(rod.joint[k], kappa[k], dynamics.natural[k]);
@@ -150,21 +185,21 @@ impl Tangent {
                 joint.stiffness * kappa_change / s - rod.joint[k] * s * natural[k]
             };
             let (edge, [longer, turned]) = (&edges[0], change(0));
-            let (tension, t, n) = (stretch::tension(edge, rod.ea, rod.spacing), edge.t, edge.n());
+            let (tension, t, n) = (rod.cells[0].tension(edge), edge.t, edge.n());
             let shear = (joint(0).couple - joint(1).couple) * edge.per_length;
             let couples = [couple(0, now.kappa[0]), couple(1, now.kappa[1])];
             let mut after = Vector2::zeros();
             // In the chain form the force of an edge is an unknown, which an input changes with the next step only.
             if state.links.is_empty() || by_time {
-                after += t * (rod.ea / rod.spacing * longer) + n * (tension * turned);
+                after += t * (rod.cells[0].axial * longer) + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
             }
             let carried = match state.links.first() {
                 Some(link) => Vector2::from(link.force),
                 None => t * tension + n * shear,
             };
-            let held = node(&state.a, 0) * rod.mass[0] - carried - dynamics.load(0) + drag_on_head[0];
-            let held_change = node(&d.a, 0) * rod.mass[0] - after - node(force, 0) + drag_on_head[1];
+            let held = node(&state.a, 0) * rod.mass[0] - carried - dynamics.load(0) + on_head[0];
+            let held_change = node(&d.a, 0) * rod.mass[0] - after - node(force, 0) + on_head[1];
             let s = bend::curvature_per_turning(kappa[0]);
             let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]);
             now.head_force = -held_change;
@@ -227,7 +262,7 @@ impl Stepper {
             if let Some(force) = &rate.force {
                 tangent.force.copy_from_slice(force);
             }
-            (tangent.viscosity, tangent.flow) = (rate.fluid.viscosity, rate.fluid.flow);
+            tangent.fluid = rate.fluid;
         }
         tangent.read(&self.dynamics, &self.state, true);
         let now = &self.meter.now;

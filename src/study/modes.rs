@@ -43,10 +43,10 @@ impl Default for Spectrum {
 /// Those of [`Scene::model`] and [`lowest`].
 pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let model = scene.model()?;
-    let rod = model.rod;
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
+    let rod = model.rod;
     let found = lowest(&rod, count)?;
-    let matrices = Matrices::of(&rod, model.drag)?;
+    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid)))?;
     let all = if rod.nodes <= ALL_UP_TO { Some(Modes::of(&rod)?) } else { None };
 
     let mut findings = Findings { subject: "natural modes", ..Findings::default() };

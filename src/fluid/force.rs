@@ -1,0 +1,497 @@
+//! What acts on the rod from outside: a list of forces, each with exact derivatives, its energy and what it takes.
+//!
+//! A force acts on the two ends of every edge. It is written as what *opposes* the motion, M a + ∇E + ΣF = W, and may depend
+//! on positions, velocities and accelerations of both nodes, on the edge between them, and on time. Its derivatives are given
+//! along a [`Direction`], so a force never sees a step size, and in a form that serves positions and the chain form alike:
+//! for either end, how the force changes where the whole edge moves with that end, and how it changes where the edge vector
+//! e = x_{k+1} − x_k changes while that end stays.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix2, Vector2};
+use wide::f64x2;
+
+use super::medium::{Fluid, Key};
+use crate::linear::{Block, lanes};
+use crate::rod::elastic::Around;
+use crate::rod::{Edge, Rod, add, node};
+use crate::system::Direction;
+
+/// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
+pub const TOGETHER: usize = 32;
+
+/// How the rod lies and moves, and in which fluid.
+#[derive(Debug, Clone, Copy)]
+pub struct Kinematics<'a> {
+    /// Time, s.
+    pub t: f64,
+    /// The edges.
+    pub edges: &'a [Edge],
+    /// Positions, m, two entries per node.
+    pub q: &'a [f64],
+    /// Velocities, m/s, two entries per node.
+    pub v: &'a [f64],
+    /// Accelerations, m/s², two entries per node.
+    pub a: &'a [f64],
+    /// The fluid.
+    pub fluid: Fluid,
+}
+
+impl Kinematics<'_> {
+    /// Velocity (m/s) of node `k` against the fluid.
+    #[inline(always)]
+    pub fn against_fluid(&self, k: usize) -> Vector2<f64> {
+        node(self.v, k) - self.fluid.flow
+    }
+}
+
+/// What a force opposes the two ends of an edge with, and its derivatives along a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OnEdge {
+    force: [f64x2; 2],
+    own: [Block; 2],
+    edge: [Block; 2],
+}
+
+impl OnEdge {
+    /// Nothing.
+    pub const ZERO: Self = Self { force: [f64x2::ZERO; 2], own: [Block::ZERO; 2], edge: [Block::ZERO; 2] };
+
+    /// From its parts for both ends, see [`force`](Self::force), [`own`](Self::own) and [`edge`](Self::edge).
+    #[inline(always)]
+    pub fn new(force: [Vector2<f64>; 2], own: [Block; 2], edge: [Block; 2]) -> Self {
+        Self { force: force.map(lanes), own, edge }
+    }
+
+    /// The force (N) on end `i`, 0 or 1.
+    #[inline(always)]
+    pub fn force(&self, i: usize) -> Vector2<f64> {
+        self.force[i].to_array().into()
+    }
+
+    /// The same in two lanes.
+    #[inline(always)]
+    pub(crate) fn force_lanes(&self, i: usize) -> f64x2 {
+        self.force[i]
+    }
+
+    /// How the force on end `i` changes where the whole edge moves, along the direction.
+    #[inline(always)]
+    pub fn own(&self, i: usize) -> Block {
+        self.own[i]
+    }
+
+    /// How the force on end `i` changes with the edge vector where that end stays, along the direction.
+    #[inline(always)]
+    pub fn edge(&self, i: usize) -> Block {
+        self.edge[i]
+    }
+
+    /// The change of the force on end `i` where the nodes of the edge move by `d`.
+    pub fn change(&self, i: usize, d: [Vector2<f64>; 2]) -> Vector2<f64> {
+        Matrix2::from(self.own[i]) * d[i] + Matrix2::from(self.edge[i]) * (d[1] - d[0])
+    }
+
+    /// The cotangents of both nodes for a cotangent `c` of the force on end `i`: the transpose of [`change`](Self::change).
+    pub fn change_transposed(&self, i: usize, c: Vector2<f64>) -> [Vector2<f64>; 2] {
+        let edge = Matrix2::from(self.edge[i]).tr_mul(&c);
+        let mut nodes = [-edge, edge];
+        nodes[i] += Matrix2::from(self.own[i]).tr_mul(&c);
+        nodes
+    }
+
+    #[inline(always)]
+    fn add(&mut self, other: &Self) {
+        for i in 0..2 {
+            self.force[i] += other.force[i];
+            self.own[i] = self.own[i] + other.own[i];
+            self.edge[i] = self.edge[i] + other.edge[i];
+        }
+    }
+}
+
+/// What a force opposes the last node with beyond its last edge: it may know the last two edges.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OnTip {
+    /// The force, N.
+    pub force: Vector2<f64>,
+    /// Its change where the whole tip moves, along the direction.
+    pub own: Matrix2<f64>,
+    /// Its change with the vectors of the last edge but one and of the last edge, where the node stays.
+    pub edges: [Matrix2<f64>; 2],
+}
+
+/// Where forces on some edges are summed.
+#[derive(Debug)]
+pub struct Tally<'a> {
+    sums: &'a mut [OnEdge],
+    fresh: bool,
+}
+
+impl Tally<'_> {
+    /// Adds what `on` says of each of `items`, one for every edge that the force was asked for: the edges' numbers, or
+    /// whatever is known of them.
+    #[inline(always)]
+    pub fn each<T>(&mut self, items: impl IntoIterator<Item = T>, mut on: impl FnMut(T) -> OnEdge) {
+        for (sum, item) in self.sums.iter_mut().zip(items) {
+            let on = on(item);
+            if self.fresh {
+                *sum = on;
+            } else {
+                sum.add(&on);
+            }
+        }
+        self.fresh = false;
+    }
+}
+
+impl Tally<'_> {
+    /// Nothing at all where no force has said anything.
+    fn finish(self) {
+        if self.fresh {
+            self.sums.fill(OnEdge::ZERO);
+        }
+    }
+}
+
+/// Where the power that a force takes goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Sink {
+    /// Into the fluid's friction and eddies: drag.
+    Drag,
+    /// Into the wake that leaves the tail.
+    Wake,
+    /// Elsewhere.
+    Other,
+}
+
+/// The derivatives of a number by the state.
+#[derive(Debug)]
+pub struct Slopes<'a> {
+    /// By positions, two entries per node.
+    pub q: &'a mut [f64],
+    /// By velocities.
+    pub v: &'a mut [f64],
+    /// By accelerations.
+    pub a: &'a mut [f64],
+}
+
+/// What is known of how far a force may be believed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Validity {
+    /// Where it holds.
+    pub range: &'static str,
+    /// Who says so.
+    pub source: &'static str,
+}
+
+/// A force on the rod.
+pub trait Force: std::fmt::Debug + Send + Sync {
+    /// Its name.
+    fn name(&self) -> &'static str;
+
+    /// Where it holds, and its source.
+    fn validity(&self) -> Validity;
+
+    /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one.
+    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>);
+
+    /// What opposes the last node beyond that.
+    fn tip(&self, _rod: &Kinematics<'_>, _along: Option<Direction>) -> Option<OnTip> {
+        None
+    }
+
+    /// True where it is a fluid's: it depends on velocities against the flow, whose power is booked apart.
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    /// True where it is the same wherever the rod lies.
+    fn is_the_same_everywhere(&self) -> bool {
+        true
+    }
+
+    /// True where it depends on accelerations: it adds to the inertia.
+    fn is_inertial(&self) -> bool {
+        false
+    }
+
+    /// True where it is linear in the velocities, apart from constants.
+    fn is_linear(&self) -> bool {
+        false
+    }
+
+    /// Energy (J) that it stores; adds `factor` times its derivatives to `by`.
+    fn energy(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
+        0.0
+    }
+
+    /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.
+    fn energy_by_time(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
+        0.0
+    }
+
+    /// Where what it takes for good goes: all of its power where it stores no energy. `None`: it takes nothing.
+    fn sink(&self) -> Option<Sink> {
+        Some(Sink::Drag)
+    }
+
+    /// The parameters that it depends on, by their keys in a scene.
+    fn parameters(&self) -> &[Key] {
+        &[]
+    }
+
+    /// Adds ∂(force)/∂p to `out`, two entries per node, and returns ∂(energy)/∂p; `key` is one of its
+    /// [`parameters`](Self::parameters), others change nothing.
+    fn add_by_parameter(&self, _key: Key, _rod: &Kinematics<'_>, _out: &mut [f64]) -> f64 {
+        0.0
+    }
+}
+
+/// Powers (W) of a force.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Powers {
+    /// F·(v − u): what it takes, and what its energy gains.
+    pub against_fluid: f64,
+    /// −F·u: what the flow puts in.
+    pub of_flow: f64,
+}
+
+/// The forces on a rod.
+#[derive(Debug, Default)]
+pub struct Forces(pub Vec<Box<dyn Force>>);
+
+impl Forces {
+    /// True where there are none.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = &dyn Force> + Clone {
+        self.0.iter().map(|force| &**force)
+    }
+
+    /// True where one of them adds to the inertia.
+    pub fn are_inertial(&self) -> bool {
+        self.iter().any(Force::is_inertial)
+    }
+
+    /// Visits what acts on each of `edges`.
+    pub fn on_edges(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        visit: impl FnMut(usize, &OnEdge),
+    ) {
+        if !self.0.is_empty() {
+            on_edges(self.iter(), rod, along, edges, visit);
+        }
+    }
+
+    /// What acts on the tip beyond its last edge.
+    pub fn on_tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> impl Iterator<Item = OnTip> {
+        self.0.iter().filter_map(move |force| force.tip(rod, along))
+    }
+
+    /// Adds what opposes the motion (N) to `out`, two entries per node.
+    pub fn add(&self, rod: &Kinematics<'_>, out: &mut [f64]) {
+        self.on_edges(rod, None, 0..rod.edges.len(), |e, on| {
+            add(out, e, on.force(0));
+            add(out, e + 1, on.force(1));
+        });
+        self.on_tip(rod, None).for_each(|tip| add(out, rod.edges.len(), tip.force));
+    }
+
+    /// Adds ∂(force)/∂p to `out` and returns ∂(energy)/∂p.
+    pub fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+        self.iter().map(|force| force.add_by_parameter(key, rod, out)).sum()
+    }
+
+    /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves slowly through `fluid`.
+    pub fn resistance(&self, rod: &Rod, fluid: Fluid) -> Option<[f64; 2]> {
+        let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
+        let zeros = vec![0.0; 2 * rod.nodes];
+        let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
+        let rest = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &zeros, a: &zeros, fluid };
+        let middle = (rod.nodes - 1) / 2;
+        let mut found = None;
+        self.on_edges(&rest, Some(Direction::VELOCITIES), middle..middle + 1, |e, on| {
+            let [along, _, _, across] = on.own(1).into();
+            found = Some([along, across].map(|force: f64| force / (0.5 * rod.cells[e].rest)));
+        });
+        found
+    }
+
+    /// The drag (N) of `rod` lying straight, towed along itself at `speed` (m/s) through `fluid` at rest, head first.
+    pub fn towing(&self, rod: &Rod, fluid: Fluid, speed: f64) -> f64 {
+        let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
+        let mut q = vec![0.0; 2 * rod.nodes];
+        (0..rod.nodes).for_each(|k| q[2 * k] = rod.arc_length(k));
+        let (v, a) = ([-speed, 0.0].repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
+        let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
+        let kinematics = Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid };
+        let drags = self.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid());
+        -drags.map(|force| resultant(force, &kinematics).x).sum::<f64>()
+    }
+}
+
+/// Forces that act around a rod; their sum is in `room`, which has room for [`TOGETHER`] edges.
+#[derive(Debug)]
+pub struct ActingOn<'a> {
+    /// The forces.
+    pub forces: &'a Forces,
+    /// How the rod moves.
+    pub rod: Kinematics<'a>,
+    /// The direction of the derivatives, if any are wanted.
+    pub along: Option<Direction>,
+    /// Where sums are.
+    pub room: &'a mut [OnEdge],
+}
+
+impl Around for ActingOn<'_> {
+    #[inline]
+    fn look(&mut self, edges: Range<usize>) {
+        sum(self.forces.iter(), &self.rod, self.along, edges, self.room);
+    }
+
+    #[inline(always)]
+    fn on(&self, i: usize) -> Option<&OnEdge> {
+        self.room.get(i)
+    }
+}
+
+/// Sums what `forces` do on `edges` in `room`.
+#[inline]
+fn sum<'a>(
+    forces: impl Iterator<Item = &'a dyn Force>,
+    rod: &Kinematics<'_>,
+    along: Option<Direction>,
+    edges: Range<usize>,
+    room: &mut [OnEdge],
+) {
+    let mut tally = Tally { sums: &mut room[..edges.len()], fresh: true };
+    for force in forces {
+        force.evaluate(rod, along, edges.clone(), &mut tally);
+    }
+    tally.finish();
+}
+
+/// Visits what `forces` do on each of `edges`.
+fn on_edges<'a>(
+    forces: impl Iterator<Item = &'a dyn Force> + Clone,
+    rod: &Kinematics<'_>,
+    along: Option<Direction>,
+    edges: Range<usize>,
+    mut visit: impl FnMut(usize, &OnEdge),
+) {
+    let mut room = [OnEdge::ZERO; 8];
+    let mut first = edges.start;
+    while first < edges.end {
+        let some = first..edges.end.min(first + room.len());
+        sum(forces.clone(), rod, along, some.clone(), &mut room);
+        first = some.end;
+        some.zip(&room).for_each(|(e, on)| visit(e, on));
+    }
+}
+
+/// Visits what `force` alone opposes every node with, edge by edge: node, and force (N).
+pub fn visit_alone(force: &dyn Force, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, Vector2<f64>)) {
+    let on_edge = |e: usize, on: &OnEdge| (0..2).for_each(|i| visit(e + i, on.force(i)));
+    on_edges(std::iter::once(force), rod, None, 0..rod.edges.len(), on_edge);
+    if let Some(tip) = force.tip(rod, None) {
+        visit(rod.edges.len(), tip.force);
+    }
+}
+
+/// The sum of what `force` opposes the whole rod with, N.
+pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
+    let mut sum = Vector2::zeros();
+    visit_alone(force, rod, |_, force| sum += force);
+    sum
+}
+
+/// The powers of `force`, W; those of one that is not a fluid's are against the ground.
+pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
+    let flow = if force.is_of_fluid() { rod.fluid.flow } else { Vector2::zeros() };
+    let mut powers = Powers::default();
+    let mut sum = Vector2::zeros();
+    visit_alone(force, rod, |k, opposing| {
+        powers.against_fluid += opposing.dot(&(node(rod.v, k) - flow));
+        sum += opposing;
+    });
+    powers.of_flow = -sum.dot(&flow);
+    powers
+}
+
+/// The directions that a force is differentiated along: accelerations only where it depends on them.
+fn directions(force: &dyn Force) -> &'static [Direction] {
+    const ALL: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS];
+    if force.is_inertial() { &ALL } else { &ALL[..2] }
+}
+
+fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl FnMut(&OnTip, [usize; 3])) {
+    if let Some(tip) = directions(force).get(i).and_then(|along| force.tip(rod, Some(*along))) {
+        let last = rod.edges.len();
+        visit(&tip, [last - 2, last - 1, last]);
+    }
+}
+
+/// Adds to `out` (two entries per node) how much more `force` opposes every node with where positions, velocities and
+/// accelerations change by `change`, the flow by `flow` (m/s).
+pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], flow: Vector2<f64>, out: &mut [f64]) {
+    for (i, along) in directions(force).iter().enumerate() {
+        let against = if i == 1 && force.is_of_fluid() { flow } else { Vector2::zeros() };
+        let d = |k: usize| node(change[i], k) - against;
+        let on_edge = |e: usize, on: &OnEdge| {
+            for end in 0..2 {
+                add(out, e + end, on.change(end, [d(e), d(e + 1)]));
+            }
+        };
+        on_edges(std::iter::once(force), rod, Some(*along), 0..rod.edges.len(), on_edge);
+        visit_tip(force, rod, i, |tip, [before, inner, last]| {
+            let [first, second] = tip.edges;
+            let moved = tip.own * d(last) + first * (d(inner) - d(before)) + second * (d(last) - d(inner));
+            add(out, last, moved);
+        });
+    }
+}
+
+/// The transpose of [`add_change`]: adds to `by` the derivatives of Σ c·F over the ends of `edges`, c the `cotangent` of a node.
+pub fn add_slopes(
+    force: &dyn Force,
+    rod: &Kinematics<'_>,
+    edges: Range<usize>,
+    cotangent: impl Fn(usize) -> Vector2<f64>,
+    by: &mut Slopes<'_>,
+) {
+    for (i, along) in directions(force).iter().enumerate() {
+        let Slopes { q, v, a } = by;
+        let to: &mut [f64] = [&mut **q, v, a][i];
+        let on_edge = |e: usize, on: &OnEdge| {
+            for end in 0..2 {
+                let [first, second] = on.change_transposed(end, cotangent(e + end));
+                add(to, e, first);
+                add(to, e + 1, second);
+            }
+        };
+        on_edges(std::iter::once(force), rod, Some(*along), edges.clone(), on_edge);
+        if edges.end == rod.edges.len() {
+            visit_tip(force, rod, i, |tip, [before, inner, last]| {
+                let c = cotangent(last);
+                let [first, second] = tip.edges.map(|by| by.tr_mul(&c));
+                add(to, before, -first);
+                add(to, inner, first - second);
+                add(to, last, second + tip.own.tr_mul(&c));
+            });
+        }
+    }
+}
+
+impl Slopes<'_> {
+    /// The same for a while.
+    pub fn reborrow(&mut self) -> Slopes<'_> {
+        Slopes { q: self.q, v: self.v, a: self.a }
+    }
+}

@@ -1,0 +1,34 @@
+//! Lighthill's resistance of a flagellum: ξ∥ = 2πμ/ln(0.18Λ/a), ξ⊥ = 4πμ/(ln(0.18Λ/a) + 1/2), Λ the wavelength along the arc.
+
+use std::f64::consts::PI;
+
+use super::resistance::Resistance;
+use super::{DragLaw, Recipe};
+use crate::fluid::force::Validity;
+use crate::rod::Half;
+
+/// What is known of it.
+pub static LAW: DragLaw = DragLaw {
+    name: "lighthill",
+    meaning: "the drag of a wave without load",
+    validity: Validity {
+        range: "creeping flow, a wave without load, wavelength over radius of at least 30",
+        source: "M. J. Lighthill, SIAM Review 18 (1976)",
+    },
+    keys: &["slender_length_m"],
+    needs: &[],
+    resistance: Some(resistance),
+    slender: Some(|recipe| 0.18 * wave(recipe)),
+    build: |recipe| Resistance::viscous(&LAW, recipe),
+};
+
+/// ξ∥/μ and ξ⊥/μ.
+pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+    let slender = (0.18 * wave(recipe) / half.radius).ln();
+    [2.0 * PI / slender, 4.0 * PI / (slender + 0.5)]
+}
+
+/// Λ, m: the one that the scene names, else the actuation's, else the rod's length.
+fn wave(recipe: &Recipe<'_>) -> f64 {
+    recipe.slender_length.or(recipe.wavelength).unwrap_or(recipe.rod.length)
+}

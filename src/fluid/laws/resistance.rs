@@ -1,0 +1,96 @@
+//! Drag linear in velocity: f = ξ∥ u t + ξ⊥ w n per unit length, with u = V·t and w = V·n.
+
+use crate::fluid::force::{Force, Validity};
+use crate::fluid::laws::{DragLaw, Recipe};
+use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
+use crate::fluid::medium::{Fluid, Key, VISCOSITY};
+
+/// A linear law: each half of an edge knows its coefficients ξ∥ and ξ⊥, over the viscosity where they are in proportion to it.
+#[derive(Debug)]
+pub struct Resistance {
+    law: &'static DragLaw,
+    /// True where the coefficients are in proportion to the viscosity.
+    viscous: bool,
+    parameters: &'static [Key],
+}
+
+impl Resistance {
+    /// The force of a `law` whose coefficients are in proportion to the viscosity.
+    pub fn viscous(law: &'static DragLaw, recipe: &Recipe<'_>) -> Box<dyn Force> {
+        Self::scaled(law, recipe, &[VISCOSITY])
+    }
+
+    /// The same with other parameters beside the viscosity.
+    pub fn scaled(law: &'static DragLaw, recipe: &Recipe<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
+        let of = law.resistance.unwrap_or(|_, _| [0.0; 2]);
+        let own = Self { law, viscous: true, parameters };
+        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |half| of(recipe, half)))
+    }
+
+    /// The force of a `law` with the coefficients that the scene gives, whatever the fluid.
+    pub fn given(law: &'static DragLaw, recipe: &Recipe<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
+        let own = Self { law, viscous: false, parameters };
+        let length = recipe.rod.length;
+        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |half| {
+            [&recipe.along, &recipe.across].map(|profile| profile.at(half.middle / length))
+        }))
+    }
+}
+
+/// The key of the coefficient along the rod.
+pub const ALONG: Key = "drag.along_n_s_m2";
+/// The key of the coefficient across the rod.
+pub const ACROSS: Key = "drag.across_n_s_m2";
+/// The key of the ratio of both.
+pub const RATIO: Key = "drag.ratio";
+
+impl Law for Resistance {
+    type Half = [f64; 2];
+    type Fluid = f64;
+
+    fn name(&self) -> &'static str {
+        self.law.name
+    }
+
+    fn validity(&self) -> Validity {
+        self.law.validity
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    #[inline]
+    fn in_fluid(&self, fluid: Fluid) -> f64 {
+        if self.viscous { fluid.viscosity } else { 1.0 }
+    }
+
+    #[inline(always)]
+    fn traction(&self, [along, across]: &[f64; 2], scale: f64, u: f64, w: f64) -> Traction {
+        Traction { along: along * scale * u, across: across * scale * w }
+    }
+
+    #[inline(always)]
+    fn with_slopes(&self, [along, across]: &[f64; 2], scale: f64, u: f64, w: f64) -> (Traction, TractionSlopes) {
+        let (along, across) = (along * scale, across * scale);
+        (
+            Traction { along: along * u, across: across * w },
+            TractionSlopes { along: [along, 0.0], across: [0.0, across] },
+        )
+    }
+
+    fn parameters(&self) -> &[Key] {
+        self.parameters
+    }
+
+    fn by_parameter(&self, key: Key, &[along, across]: &[f64; 2], fluid: Fluid, u: f64, w: f64) -> Traction {
+        match key {
+            VISCOSITY => Traction { along: along * u, across: across * w },
+            ALONG => Traction { along: u, across: 0.0 },
+            ACROSS => Traction { along: 0.0, across: w },
+            // Across is the ratio times along.
+            RATIO => Traction { along: 0.0, across: along * fluid.viscosity * w },
+            _ => Traction::default(),
+        }
+    }
+}

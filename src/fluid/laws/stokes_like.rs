@@ -1,0 +1,33 @@
+//! The source study's law: ξ∥ = 6πμR_eq and ξ⊥ = α ξ∥ per metre of length, R_eq = √(A/π).
+//!
+//! A sphere's coefficient taken per unit length: it is not homogeneous in length, so the same Reynolds and frequency numbers
+//! swim differently at another size. It is kept for the study's scenes.
+
+use std::f64::consts::PI;
+
+use super::resistance::{RATIO, Resistance};
+use super::{DragLaw, Recipe};
+use crate::fluid::force::Validity;
+use crate::fluid::medium::VISCOSITY;
+use crate::rod::Half;
+
+/// What is known of it.
+pub static LAW: DragLaw = DragLaw {
+    name: "stokes-like",
+    meaning: "the source study's: 6πμR per metre of length along the rod, a ratio times that across",
+    validity: Validity {
+        range: "the source study's own scenes: its coefficients lack 1/m, so it says something else at every size",
+        source: "the source study",
+    },
+    keys: &["ratio"],
+    needs: &["ratio"],
+    resistance: Some(resistance),
+    slender: None,
+    build: |recipe| Resistance::scaled(&LAW, recipe, &[VISCOSITY, RATIO]),
+};
+
+/// ξ∥/μ and ξ⊥/μ, over a metre.
+fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+    let along = 6.0 * PI * half.equivalent_radius;
+    [along, recipe.ratio * along]
+}

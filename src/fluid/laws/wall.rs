@@ -1,0 +1,30 @@
+//! Resistance beside a wall at height h: ξ∥ = 2πμ/acosh(h/a), ξ⊥ = 4πμ/acosh(h/a), or the resistance far from it where that is larger.
+
+use std::f64::consts::PI;
+
+use super::resistance::Resistance;
+use super::{DragLaw, Recipe, cox};
+use crate::fluid::force::Validity;
+use crate::rod::Half;
+
+/// What is known of it.
+pub static LAW: DragLaw = DragLaw {
+    name: "wall",
+    meaning: "the drag beside a plane wall that the rod moves parallel to",
+    validity: Validity {
+        range: "creeping flow, a rod parallel to the wall and moving parallel to it, height from the radius up to a third of the length",
+        source: "D. J. Jeffrey & Y. Onishi, Q. J. Mech. Appl. Math. 34 (1981); D. F. Katz & J. R. Blake (1975)",
+    },
+    keys: &["slender_length_m", "height_m"],
+    needs: &["height_m"],
+    resistance: Some(resistance),
+    slender: Some(|recipe| recipe.slender()),
+    build: |recipe| Resistance::viscous(&LAW, recipe),
+};
+
+/// ξ∥/μ and ξ⊥/μ.
+pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
+    let near = (recipe.height / half.radius).acosh();
+    let [along, across] = cox::resistance(recipe, half);
+    [along.max(2.0 * PI / near), across.max(4.0 * PI / near)]
+}

@@ -1,0 +1,201 @@
+//! Local drag: the force on a length of rod depends on its own tangent and its own velocity against the fluid.
+//!
+//! Every half of an edge loads its own node with its length times the traction of the law there: second order in the mesh.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use super::force::{Force, Kinematics, OnEdge, Tally, Validity};
+use super::medium::{Fluid, Key};
+use crate::linear::{Block, lanes};
+use crate::rod::{Edge, Half, Rod, add};
+use crate::system::Direction;
+
+/// Force per unit length (N/m) that opposes a velocity with the components `along` and `across` the rod.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Traction {
+    /// Its component along the tangent, N/m.
+    pub along: f64,
+    /// Its component along the normal, N/m.
+    pub across: f64,
+}
+
+/// The derivatives of a traction by the velocity's components, N s/m².
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct TractionSlopes {
+    /// ∂(along)/∂(velocity along), ∂(along)/∂(velocity across).
+    pub along: [f64; 2],
+    /// ∂(across)/∂(velocity along), ∂(across)/∂(velocity across).
+    pub across: [f64; 2],
+}
+
+/// A local drag law.
+pub trait Law: std::fmt::Debug + Send + Sync {
+    /// What it knows of half an edge.
+    type Half: std::fmt::Debug + Copy + PartialEq + Send + Sync;
+    /// What it makes of the fluid, once for all halves.
+    type Fluid: Copy;
+
+    /// Its name in a scene.
+    fn name(&self) -> &'static str;
+
+    /// Where it holds, and its source.
+    fn validity(&self) -> Validity;
+
+    /// True where it is linear in the velocity.
+    fn is_linear(&self) -> bool;
+
+    /// The law for a fluid.
+    fn in_fluid(&self, fluid: Fluid) -> Self::Fluid;
+
+    /// The traction where the velocity against the fluid is `along` and `across` (m/s) the rod.
+    fn traction(&self, half: &Self::Half, fluid: Self::Fluid, along: f64, across: f64) -> Traction;
+
+    /// The same, with its derivatives.
+    fn with_slopes(&self, half: &Self::Half, fluid: Self::Fluid, along: f64, across: f64)
+    -> (Traction, TractionSlopes);
+
+    /// The parameters that it depends on, by their keys in a scene.
+    fn parameters(&self) -> &[Key];
+
+    /// ∂(traction)/∂p for one of its parameters.
+    fn by_parameter(&self, key: Key, half: &Self::Half, fluid: Fluid, along: f64, across: f64) -> Traction;
+}
+
+/// How the drag on the head differs from that on the rest: `weight` times it up to arc length `length` (m).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadWeight {
+    /// The factor.
+    pub weight: f64,
+    /// Up to where it holds, m.
+    pub length: f64,
+}
+
+impl HeadWeight {
+    /// None.
+    pub const NONE: Self = Self { weight: 1.0, length: 0.0 };
+}
+
+/// A local law on every half of every edge.
+#[derive(Debug)]
+pub struct LocalDrag<L: Law> {
+    law: L,
+    /// For both halves of every edge: its weighted length, m, and what the law knows of it. All edges beyond are like the last.
+    halves: Vec<[(f64, L::Half); 2]>,
+}
+
+impl<L: Law> LocalDrag<L> {
+    /// Spreads `law` over `rod`; `half` tells the law of each half of an edge. Each half takes the exact mean of the weight
+    /// over itself.
+    pub fn new(law: L, rod: &Rod, head: HeadWeight, half: impl Fn(&Half) -> L::Half) -> Self {
+        let weighted = |h: &Half| {
+            let inside = (head.length - (h.middle - 0.5 * h.length)).clamp(0.0, h.length);
+            (h.length + (head.weight - 1.0) * inside, half(h))
+        };
+        let mut halves: Vec<_> = rod.halves().map(|both| both.map(|h| weighted(&h))).collect();
+        while let [.., other, last] = &halves[..]
+            && other == last
+        {
+            halves.pop();
+        }
+        halves.shrink_to_fit();
+        Self { law, halves }
+    }
+
+    /// The halves of edge `e`; none of a rod without edges.
+    #[inline(always)]
+    fn halves(&self, e: usize) -> Option<&[(f64, L::Half); 2]> {
+        self.halves.get(e).or_else(|| self.halves.last())
+    }
+
+    /// The traction's derivative by `key` times the weighted length, for every end.
+    fn each_by_parameter(&self, key: Key, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, Vector2<f64>)) {
+        for (e, edge) in rod.edges.iter().enumerate() {
+            let Some(halves) = self.halves(e) else { continue };
+            for (i, (length, half)) in halves.iter().enumerate() {
+                let w = rod.against_fluid(e + i);
+                let by = self.law.by_parameter(key, half, rod.fluid, w.dot(&edge.t), w.dot(&edge.n()));
+                visit(e + i, (edge.t * by.along + edge.n() * by.across) * *length);
+            }
+        }
+    }
+}
+
+/// What a law does to an end of `edge` that moves at `w` (m/s) against the fluid: force (N), and its derivatives along
+/// `direction` where the end moves and where the edge changes.
+#[inline(always)]
+fn end<L: Law>(
+    law: &L,
+    (length, half): &(f64, L::Half),
+    fluid: L::Fluid,
+    edge: &Edge,
+    w: Vector2<f64>,
+    direction: Direction,
+) -> (Vector2<f64>, Block, Block) {
+    let (t, n) = (edge.t, edge.n());
+    let (u, v) = (w.dot(&t), w.dot(&n));
+    let (Traction { along, across }, by) = law.with_slopes(half, fluid, u, v);
+    let force = (t * along + n * across) * *length;
+    let (tl, nl) = (lanes(t), lanes(n));
+    let by_velocity = length * direction.v;
+    let own = Block::outer(t * by_velocity, tl * by.along[0] + nl * by.along[1])
+        + Block::outer(n * by_velocity, tl * by.across[0] + nl * by.across[1]);
+    // The edge turns by n·δe/ℓ; the velocity's components turn with it, and so does the traction.
+    let turn = length * direction.q * edge.per_length;
+    let by_turning =
+        t * (by.along[0] * v - by.along[1] * u - across) + n * (by.across[0] * v - by.across[1] * u + along);
+    (force, own, Block::outer(by_turning * turn, nl))
+}
+
+impl<L: Law> Force for LocalDrag<L> {
+    fn name(&self) -> &'static str {
+        self.law.name()
+    }
+
+    fn validity(&self) -> Validity {
+        self.law.validity()
+    }
+
+    fn is_linear(&self) -> bool {
+        self.law.is_linear()
+    }
+
+    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+        let fluid = self.law.in_fluid(rod.fluid);
+        let (v, flow) = (rod.v.as_chunks::<2>().0, rod.fluid.flow);
+        let first = edges.start;
+        let some = &rod.edges[edges.clone()];
+        let v = &v[first..=edges.end];
+        let here = edges.map(|e| self.halves(e)).zip(some).zip(v.windows(2));
+        let against = |v: &[f64; 2]| Vector2::from(*v) - flow;
+        match along {
+            Some(direction) => sums.each(here, |((halves, edge), v)| {
+                let Some([first, second]) = halves else { return OnEdge::ZERO };
+                let (f0, own0, edge0) = end(&self.law, first, fluid, edge, against(&v[0]), direction);
+                let (f1, own1, edge1) = end(&self.law, second, fluid, edge, against(&v[1]), direction);
+                OnEdge::new([f0, f1], [own0, own1], [edge0, edge1])
+            }),
+            None => sums.each(here, |((halves, edge), v)| {
+                let Some(halves) = halves else { return OnEdge::ZERO };
+                let force = |i: usize| {
+                    let ((length, half), w) = (&halves[i], against(&v[i]));
+                    let Traction { along, across } = self.law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
+                    (edge.t * along + edge.n() * across) * *length
+                };
+                OnEdge::new([force(0), force(1)], [Block::ZERO; 2], [Block::ZERO; 2])
+            }),
+        }
+    }
+
+    fn parameters(&self) -> &[Key] {
+        self.law.parameters()
+    }
+
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+        if self.law.parameters().contains(&key) {
+            self.each_by_parameter(key, rod, |k, force| add(out, k, force));
+        }
+        0.0
+    }
+}

@@ -1,0 +1,12 @@
+//! The fluid and what it does to the rod: one force per file.
+
+pub mod force;
+pub mod laws;
+pub mod local;
+pub mod medium;
+pub mod reactive;
+
+pub use force::{Force, Forces, Kinematics, Sink};
+pub use local::{HeadWeight, LocalDrag};
+pub use medium::{DENSITY, Fluid, Key, VISCOSITY};
+pub use reactive::Reactive;

@@ -1,0 +1,257 @@
+//! `[medium]`, `[drag]` and `[reactive]`: the fluid of a scene and the forces that it makes.
+
+use nalgebra::Vector2;
+use serde::Deserialize;
+
+use super::document::Fault;
+use super::value::{self, Along, Finite, NotNegative, Positive};
+use super::{HeadKind, Scene};
+use crate::error::nearest;
+use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
+use crate::fluid::reactive::Wake;
+use crate::fluid::{Fluid, Force, Forces, HeadWeight, Reactive};
+use crate::head::Signal;
+use crate::rod::Rod;
+
+/// `[medium]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MediumTable {
+    /// Dynamic viscosity, Pa s.
+    pub viscosity_pa_s: Positive,
+    /// Density, kg/m³: of added mass, quadratic drag and buoyancy where the scene has them, and of the Reynolds number.
+    pub density_kg_m3: Positive,
+    /// Uniform background velocity, m/s.
+    #[serde(default = "still", deserialize_with = "value::pair")]
+    pub flow_m_s: [Finite; 2],
+}
+
+fn still() -> [Finite; 2] {
+    [Finite::constant(0.0); 2]
+}
+
+impl MediumTable {
+    pub(super) fn fluid(&self) -> Fluid {
+        Fluid {
+            viscosity: self.viscosity_pa_s.get(),
+            density: self.density_kg_m3.get(),
+            flow: Vector2::from(self.flow_m_s.map(Finite::get)),
+        }
+    }
+}
+
+/// `[drag]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DragTable {
+    /// Name of the law; `cox` where it is not given, or `stokes-like` beside a ratio.
+    pub law: Option<String>,
+    /// Ratio of the coefficient across the rod to the one along it, of `stokes-like`.
+    pub ratio: Option<Positive>,
+    /// The length in the logarithm of slender-body laws, m.
+    pub slender_length_m: Option<Positive>,
+    /// Coefficient along the rod, N s/m², of `coefficients`.
+    pub along_n_s_m2: Option<Along<NotNegative>>,
+    /// Coefficient across the rod, N s/m², of `coefficients`.
+    pub across_n_s_m2: Option<Along<NotNegative>>,
+    /// Height above a wall, m.
+    pub height_m: Option<Positive>,
+    /// Name of the law of the viscous part, of `cross-flow`.
+    pub viscous: Option<String>,
+    /// Form drag C_d.
+    pub form_drag: Option<NotNegative>,
+    /// How much cross-flow thins the boundary layer of the flow along the rod, τ.
+    pub thinning: Option<NotNegative>,
+    /// Factor of the boundary layer's friction.
+    pub skin_friction: Option<NotNegative>,
+    /// Coefficient of turbulent friction C_f.
+    pub turbulent_friction: Option<NotNegative>,
+    /// Weight of the drag on the head; 1 where it is not given.
+    pub head_weight: Option<NotNegative>,
+    /// Arc length up to which the head's weight holds, m.
+    pub head_length_m: Option<Positive>,
+}
+
+/// `[reactive]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ReactiveTable {
+    /// Share χ of what Lighthill's theory sheds at the tail: 1 of a sharp end, 0 of a pointed one.
+    #[serde(default = "sharp")]
+    pub shedding: value::Share,
+}
+
+fn sharp() -> value::Share {
+    value::Share::constant(1.0)
+}
+
+impl DragTable {
+    /// The name of its law.
+    pub fn law_name(&self) -> &str {
+        let default = if self.ratio.is_some() { laws::stokes_like::LAW.name } else { laws::DEFAULT.name };
+        self.law.as_deref().unwrap_or(default)
+    }
+
+    /// Its law.
+    pub(super) fn law(&self) -> Result<&'static DragLaw, Fault> {
+        named(self.law_name(), "drag.law", |_| true)
+    }
+
+    fn viscous(&self) -> Result<&'static DragLaw, Fault> {
+        let Some(name) = &self.viscous else { return Ok(laws::DEFAULT) };
+        named(name, "drag.viscous", |law| law.resistance.is_some())
+    }
+
+    /// Its keys that belong to some laws only, where they are given.
+    fn given(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [
+            ("ratio", self.ratio.is_some()),
+            ("slender_length_m", self.slender_length_m.is_some()),
+            ("along_n_s_m2", self.along_n_s_m2.is_some()),
+            ("across_n_s_m2", self.across_n_s_m2.is_some()),
+            ("height_m", self.height_m.is_some()),
+            ("viscous", self.viscous.is_some()),
+            ("form_drag", self.form_drag.is_some()),
+            ("thinning", self.thinning.is_some()),
+            ("skin_friction", self.skin_friction.is_some()),
+            ("turbulent_friction", self.turbulent_friction.is_some()),
+        ];
+        keys.into_iter().filter_map(|(key, given)| given.then_some(key))
+    }
+
+    /// The keys that its law takes: its own, and those of the law of its viscous part.
+    fn allowed(&self) -> Result<Vec<&'static str>, Fault> {
+        let law = self.law()?;
+        let mut keys = law.keys.to_vec();
+        if keys.contains(&"viscous") {
+            keys.extend(self.viscous()?.keys);
+        }
+        Ok(keys)
+    }
+
+    fn check(&self, scene: &Scene) -> Result<(), Fault> {
+        let fault = |key: &str, problem: String| Err(Fault { key: format!("drag.{key}"), problem });
+        let law = self.law()?;
+        let allowed = self.allowed()?;
+        if let Some(key) = self.given().find(|key| !allowed.contains(key)) {
+            let owners = LAWS.iter().filter(|law| law.keys.contains(&key)).map(|law| law.name);
+            let owners = owners.collect::<Vec<_>>().join(", ");
+            return fault(key, format!("found with law = \"{}\"; allowed: only with {owners}", law.name));
+        }
+        let viscous = self.viscous()?;
+        let needs =
+            if law.keys.contains(&"viscous") { [law.needs, viscous.needs].concat() } else { law.needs.to_vec() };
+        if let Some(key) = needs.into_iter().find(|key| !self.given().any(|given| given == *key)) {
+            return fault(key, format!("missing; law = \"{}\" has no default for it", law.name));
+        }
+        if self.head_weight.is_some_and(|weight| weight.get() != 1.0) && self.head_length_m.is_none() {
+            return fault("head_length_m", "missing; a head_weight other than 1 needs the head's length".into());
+        }
+        let rod = scene.plain_rod();
+        let recipe = self.recipe(scene, &rod)?;
+        let radius = rod.sections.outer.largest();
+        if let Some(slender) = law.slender.map(|slender| slender(&recipe)).filter(|slender| slender.is_finite()) {
+            let logarithm = (slender / radius).ln();
+            if logarithm < SLENDER {
+                let allowed = format!("a body with ln(length/radius) of at least {SLENDER}");
+                let found = format!("ln({slender:.4e} m / {radius:.4e} m) = {logarithm:.3}");
+                return fault("law", value::refused(found, allowed));
+            }
+        }
+        if self.height_m.is_some_and(|height| height.get() <= radius) {
+            let allowed = format!("above the rod's radius, {radius:e} m");
+            return fault("height_m", value::refused(format!("{:e} m", recipe.height), allowed));
+        }
+        Ok(())
+    }
+
+    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<Recipe<'a>, Fault> {
+        let get = |number: Option<NotNegative>| number.map(NotNegative::get);
+        let profile = |along: &Option<Along<NotNegative>>| along.as_ref().map_or(0.0.into(), Along::profile);
+        Ok(Recipe {
+            wavelength: scene.actuation.as_ref().map(|actuation| actuation.wavelength_m.get()),
+            frequency: scene.drive_frequency(),
+            head: HeadWeight {
+                weight: self.head_weight.map_or(1.0, NotNegative::get),
+                length: self.head_length_m.map_or(0.0, Positive::get),
+            },
+            viscous: self.viscous()?,
+            slender_length: self.slender_length_m.map(Positive::get),
+            ratio: self.ratio.map_or(1.0, Positive::get),
+            along: profile(&self.along_n_s_m2),
+            across: profile(&self.across_n_s_m2),
+            height: self.height_m.map_or(f64::INFINITY, Positive::get),
+            form_drag: get(self.form_drag),
+            thinning: get(self.thinning),
+            skin_friction: get(self.skin_friction),
+            turbulent_friction: get(self.turbulent_friction),
+            ..Recipe::plain(rod)
+        })
+    }
+
+    fn build(&self, scene: &Scene, rod: &Rod) -> Result<Box<dyn Force>, Fault> {
+        Ok((self.law()?.build)(&self.recipe(scene, rod)?))
+    }
+}
+
+/// The law of that name among those that are `allowed`.
+fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'static DragLaw, Fault> {
+    let names = || LAWS.iter().filter(|law| allowed(law)).map(|law| law.name);
+    match DragLaw::named(name).filter(|law| allowed(law)) {
+        Some(law) => Ok(law),
+        None => {
+            let near = nearest(name, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            let listed = names().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+            let problem = value::refused(format_args!("{name:?}"), format_args!("{listed}{near}"));
+            Err(Fault { key: key.to_string(), problem })
+        }
+    }
+}
+
+impl Scene {
+    /// Checks the tables of the fluid.
+    pub(super) fn check_fluid(&self) -> Result<(), Fault> {
+        let fault = |key: &str, problem: &str| Err(Fault { key: key.to_string(), problem: problem.to_string() });
+        if self.medium.is_none() {
+            if self.drag.is_some() {
+                return fault("drag", "found without [medium], which has the viscosity; add it or remove [drag]");
+            }
+            if self.reactive.is_some() {
+                return fault("reactive", "found without [medium], which has the density; add it or remove [reactive]");
+            }
+            if self.loads.as_ref().is_some_and(|loads| loads.buoyancy) {
+                return fault("loads.buoyancy", "found without [medium], which has the density; add it");
+            }
+        }
+        self.drag.as_ref().map_or(Ok(()), |drag| drag.check(self))
+    }
+
+    /// Frequency (Hz) of what drives the rod: of the actuation, else the highest of a driven head.
+    pub fn drive_frequency(&self) -> Option<f64> {
+        if let Some(actuation) = &self.actuation {
+            return Some(actuation.frequency_hz.get());
+        }
+        if self.head.kind != HeadKind::Driven {
+            return None;
+        }
+        let frequency = |signal: &Signal| match signal {
+            Signal::Sinusoid { frequency, .. } => Some(*frequency),
+            _ => None,
+        };
+        let found = self.head.formulas().filter_map(frequency);
+        found.fold(None, |highest, frequency| Some(highest.map_or(frequency, |other: f64| other.max(frequency))))
+    }
+
+    /// The forces of the fluid on `rod`.
+    pub(super) fn forces(&self, rod: &Rod) -> Result<Forces, Fault> {
+        let mut forces = Vec::new();
+        if let Some(drag) = &self.drag {
+            forces.push(drag.build(self, rod)?);
+        }
+        if let Some(reactive) = &self.reactive {
+            forces.push(Box::new(Reactive::new(rod)));
+            forces.push(Box::new(Wake::new(rod, reactive.shedding.get())));
+        }
+        Ok(Forces(forces))
+    }
+}
