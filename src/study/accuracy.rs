@@ -10,7 +10,7 @@
 use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::trial::{Manner, Recipe, Trial};
+use super::trial::{Manner, Recipe, SHOWN, Trial};
 use super::{Desk, Studied};
 use crate::error::Result;
 use crate::integrator::Pace;
@@ -676,6 +676,7 @@ impl Report<'_> {
             };
             let done = row.time.is_some();
             let recipe = &row.case.recipe;
+            let cycle = |i: usize| if done { json!(trial.cycles[i]) } else { Value::Null };
             vec![
                 json!(recipe.rung.name),
                 json!(recipe.rung.method.map_or_else(|| recipe.to_string(), str::to_string)),
@@ -690,6 +691,9 @@ impl Report<'_> {
                 json!(trial.processor_s),
                 if done { json!(trial.displacement[0]) } else { Value::Null },
                 if done { json!(trial.work_in) } else { Value::Null },
+                cycle(0),
+                cycle(1),
+                cycle(2),
                 error(row.time, 0),
                 error(row.time, 1),
                 error(row.time, 2),
@@ -719,6 +723,9 @@ impl Report<'_> {
                 "processor_s",
                 "net_displacement_m",
                 "energy_put_in_j",
+                SHOWN[0].key,
+                SHOWN[1].key,
+                SHOWN[2].key,
                 "time_error_displacement",
                 "time_error_tip",
                 "time_error_energy",

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
 
+use crate::cycle::{self, Measure};
 use crate::error::{Error, Result};
 use crate::integrator::{METHODS, Method};
 use crate::metrics::Power;
@@ -116,6 +117,9 @@ impl Recipe {
     }
 }
 
+/// Averages over cycles that tables of runs show.
+pub const SHOWN: [Measure; 3] = [cycle::FORWARD_SPEED, cycle::THRUST, cycle::EFFICIENCY];
+
 /// How a run failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Failure {
@@ -156,6 +160,9 @@ pub struct Trial {
     pub processor_s: f64,
     /// Displacement of the centre of mass, m.
     pub displacement: [f64; 2],
+    /// Means of [`SHOWN`] over the last whole cycles.
+    #[serde(default)]
+    pub cycles: [Option<f64>; SHOWN.len()],
     /// Energy put in by actuation, loads, head and flow, J.
     pub work_in: f64,
     /// The largest size of that during the run: more than at the end, where most of it comes back.
@@ -204,6 +211,7 @@ impl Trial {
             wall_s: 0.0,
             processor_s: 0.0,
             displacement: [f64::NAN; 2],
+            cycles: [None; SHOWN.len()],
             work_in: f64::NAN,
             largest_work_in: 0.0,
             tip: Vec::with_capacity(manner.samples + 1),
@@ -232,6 +240,8 @@ impl Trial {
         trial.iterations = work.newton_iterations;
         trial.factorisations = work.factorisations;
         trial.displacement = (meter.now.com - meter.first.1).into();
+        let averages = stepper.cycles().averages(stepper.view().dynamics);
+        trial.cycles = SHOWN.map(|measure| averages.mean(&measure));
         trial.work_in = put_in(&meter.totals.work);
         Some(trial)
     }
