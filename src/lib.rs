@@ -73,6 +73,7 @@ pub mod integrator;
 pub mod metrics;
 
 pub mod cycle;
+#[cfg(feature = "faer")]
 pub mod modes;
 pub mod reduced;
 
@@ -86,12 +87,16 @@ pub mod sensitivity;
 
 pub mod jobs;
 
+#[cfg(feature = "faer")]
 pub mod check;
 pub mod fmu;
+#[cfg(feature = "report")]
 pub mod report;
 pub mod run;
+#[cfg(feature = "report")]
 pub mod study;
 
+#[cfg(feature = "report")]
 pub mod sweep;
 
 #[cfg(feature = "design")]

@@ -31,7 +31,7 @@ pub struct Work {
     pub newton_iterations: u64,
     /// Numeric factorisations.
     pub factorisations: u64,
-    /// Systems that the fast linear solver failed on, so that faer's LU solved them.
+    /// Systems that the fast linear solver failed on, so that the pivoted one solved them.
     pub linear_fallbacks: u64,
     /// Solves that ended at the rounding floor of the residual instead of at the tolerance.
     pub floor_stops: u64,

@@ -287,6 +287,7 @@ impl Summary {
             linear_solver: match (stepper.form(), scene.solver.linear) {
                 _ if stepper.view().dynamics.mechanics == Mechanics::Shape => "none",
                 (Form::Chain, _) => "pivoted-band",
+                #[cfg(feature = "faer")]
                 (Form::Positions, Choice::FaerLu) => "faer-lu",
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",
             },

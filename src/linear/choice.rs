@@ -2,7 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{BandMatrix, BlockBand, FaerLu, LinearSolver};
+#[cfg(feature = "faer")]
+use super::FaerLu;
+use super::{BandMatrix, BlockBand, LinearSolver, PivotedLu};
 use crate::error::Result;
 
 /// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have: a few thousand
@@ -14,10 +16,11 @@ const BACKWARD_ERROR: f64 = 1e-12;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Choice {
-    /// [`BlockBand`], its solution checked; [`FaerLu`] for every system that it does not solve to rounding.
+    /// [`BlockBand`], its solution checked; [`PivotedLu`] for every system that it does not solve to rounding.
     #[default]
     Auto,
     /// See [`FaerLu`].
+    #[cfg(feature = "faer")]
     FaerLu,
     /// [`BlockBand`] alone: a solution that fails the check is one of NaN.
     BlockBand,
@@ -28,8 +31,8 @@ pub enum Choice {
 pub struct Chosen {
     choice: Choice,
     band: BlockBand,
-    /// Analysed when it is first needed.
-    lu: Option<FaerLu>,
+    /// The one that pivots; analysed when it is first needed.
+    lu: Option<Box<dyn LinearSolver>>,
     rhs: Vec<f64>,
 }
 
@@ -39,7 +42,11 @@ impl Chosen {
     /// # Errors
     /// Those of [`LinearSolver::analyse`].
     pub fn new(choice: Choice, matrix: &BandMatrix) -> Result<Self> {
-        let lu = if choice == Choice::FaerLu { Some(FaerLu::analyse(matrix)?) } else { None };
+        let lu: Option<Box<dyn LinearSolver>> = match choice {
+            #[cfg(feature = "faer")]
+            Choice::FaerLu => Some(Box::new(FaerLu::analyse(matrix)?)),
+            Choice::Auto | Choice::BlockBand => None,
+        };
         Ok(Self { choice, band: BlockBand::analyse(matrix)?, lu, rhs: vec![0.0; matrix.unknowns()] })
     }
 
@@ -49,7 +56,7 @@ impl Chosen {
     /// # Errors
     /// Those of [`LinearSolver::analyse`] and [`LinearSolver::factor`].
     pub fn solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<bool> {
-        if self.choice != Choice::FaerLu {
+        if matches!(self.choice, Choice::Auto | Choice::BlockBand) {
             self.rhs.copy_from_slice(rhs);
             self.band.factor_and_solve(matrix, rhs)?;
             if matrix.backward_error(rhs, &self.rhs) <= BACKWARD_ERROR {
@@ -63,7 +70,7 @@ impl Chosen {
         }
         let lu = match &mut self.lu {
             Some(lu) => lu,
-            none => none.insert(FaerLu::analyse(matrix)?),
+            none => none.insert(Box::new(PivotedLu::analyse(matrix)?)),
         };
         lu.factor_and_solve(matrix, rhs)?;
         Ok(self.choice == Choice::Auto)

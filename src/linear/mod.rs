@@ -3,6 +3,7 @@
 mod block;
 mod block_band;
 mod choice;
+#[cfg(feature = "faer")]
 mod faer_lu;
 mod pivoted_band;
 
@@ -13,8 +14,9 @@ use crate::error::Result;
 pub use block::{Block, lanes};
 pub use block_band::BlockBand;
 pub use choice::{Choice, Chosen};
+#[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
-pub use pivoted_band::PivotedBand;
+pub use pivoted_band::{PivotedBand, PivotedLu};
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
 pub(crate) const REACH: usize = 2;

@@ -4,6 +4,9 @@
 //! same by blocks. Rows are kept flush with the column that is eliminated, so the fill-in of pivoting lands where the
 //! eliminated column was, and U needs no more room than the matrix.
 
+use super::{BandMatrix, LinearSolver, REACH};
+use crate::error::Result;
+
 /// A square matrix with `LOWER` diagonals below the main one and `WIDTH` − 1 − `LOWER` above it, and its factors.
 ///
 /// P A = L U takes the matrix's place: fill it, [`factor`](Self::factor) it, solve, and [`clear`](Self::clear) it for the
@@ -155,6 +158,42 @@ impl<const LOWER: usize, const WIDTH: usize> PivotedBand<LOWER, WIDTH> {
     fn finish(&mut self, rhs: &mut [f64]) {
         rhs.copy_from_slice(&self.rhs[..self.unknowns]);
         self.rhs[self.unknowns..].fill(0.0);
+    }
+}
+
+/// Diagonals of a [`BandMatrix`] on either side of the main one.
+const HALF: usize = 2 * REACH + 1;
+
+/// LU with partial pivoting of a [`BandMatrix`]: indefinite and nearly singular ones too.
+pub type PivotedLu = PivotedBand<HALF, { 2 * HALF + 1 }>;
+
+impl LinearSolver for PivotedLu {
+    fn analyse(matrix: &BandMatrix) -> Result<Self> {
+        let mut band = Self::new(matrix.unknowns());
+        band.rows.fill([f64::NAN; _]); // there are no factors yet
+        Ok(band)
+    }
+
+    fn factor(&mut self, matrix: &BandMatrix) -> Result<()> {
+        // A row of blocks has ten entries a row; the band starts one before them in the upper row and ends one after them in
+        // the lower.
+        for ([upper, lower], blocks) in self.rows.as_chunks_mut().0.iter_mut().zip(matrix.rows()) {
+            for (j, [a, b, c, d]) in blocks.iter().enumerate() {
+                [upper[2 * j + 1], upper[2 * j + 2]] = [*a, *b];
+                [lower[2 * j], lower[2 * j + 1]] = [*c, *d];
+            }
+            (upper[0], lower[2 * HALF]) = (0.0, 0.0);
+        }
+        self.eliminate(|_, _, _| {});
+        Ok(())
+    }
+
+    fn solve(&mut self, rhs: &mut [f64]) {
+        self.solve(rhs);
+    }
+
+    fn solve_transposed(&mut self, rhs: &mut [f64]) {
+        self.solve_transposed(rhs);
     }
 }
 

@@ -29,7 +29,7 @@ use crate::error::{Error, Result};
 use crate::fluid::{Force, Key};
 use crate::head::{Row, hermite};
 use crate::integrator::{Integrator, Pace, Rule};
-use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, FaerLu, LinearSolver, REACH};
+use crate::linear::{BandMatrix, BlockBand, BlockRow, Choice, LinearSolver, PivotedLu, REACH};
 use crate::model::{Dynamics, Inputs, Model};
 use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
@@ -40,7 +40,7 @@ pub use output::{Output, Quantity, Work};
 pub use parameter::Parameter;
 use parameter::{Effect, Shape};
 
-/// A solution with a larger backward error comes from faer's pivoted LU instead of the band's.
+/// A solution with a larger backward error comes from the pivoted LU instead of the block band's.
 const BACKWARD_ERROR: f64 = 1e-12;
 
 /// A scene whose simulation can be differentiated, with the parameters as they are now.
@@ -161,7 +161,7 @@ struct Equations {
     place: Option<Vec<Matrix2<f64>>>,
     band: BlockBand,
     /// Analysed when it is first needed; `pivoted`: it has the factors.
-    lu: Option<FaerLu>,
+    lu: Option<PivotedLu>,
     pivoted: bool,
     residual: Vec<f64>,
     product: Vec<f64>,
@@ -288,7 +288,7 @@ impl Equations {
     }
 
     /// Factors, and replaces the first right-hand side by A⁻¹ rhs, or by A⁻ᵀ rhs: so it is known that the band's
-    /// factors are good, or faer's are taken.
+    /// factors are good, or the pivoted ones are taken.
     fn factor(&mut self, rhs: &mut [f64], transposed: bool) -> Result<()> {
         self.pivoted = false;
         self.residual.copy_from_slice(rhs);
@@ -307,9 +307,9 @@ impl Equations {
         }
         let lu = match &mut self.lu {
             Some(lu) => lu,
-            none => none.insert(FaerLu::analyse(matrix)?),
+            none => none.insert(PivotedLu::analyse(matrix)?),
         };
-        lu.factor(matrix)?;
+        LinearSolver::factor(lu, matrix)?;
         self.pivoted = true;
         rhs.copy_from_slice(&self.residual);
         self.solve(rhs, transposed);
