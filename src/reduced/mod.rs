@@ -16,7 +16,6 @@ use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
 use crate::system::State;
 pub use estimate::Estimates;
-#[cfg(feature = "report")]
 pub(crate) use full::RUNG as FULL;
 
 /// All rungs, the cheapest first; adding one is its file and its line here.
