@@ -479,3 +479,32 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
     assert!(output.status.code() == Some(2) && text(&output.stderr).contains("none.toml"), "{}", text(&output.stderr));
     assert!("3/2".parse::<Shard>().is_err());
 }
+
+#[test]
+fn where_heads_are_held_a_sweep_shows_their_thrust_and_no_displacement() {
+    let folder = tempfile::tempdir().unwrap();
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/driven-head.toml");
+    let text = format!(
+        "scene = {model:?}\n[set]\nsolver.duration_s = 2.1\n[axes]\nrod.youngs_modulus_pa.factors = [0.5, 1.0]\n"
+    );
+    for (axes, shown, hidden) in [
+        (text.clone(), "thrust_", "displacement"),
+        (text.replace("driven-head", "glycerol"), "displacement_", "thrust"),
+    ] {
+        let file = folder.path().join("sweep.toml");
+        std::fs::write(&file, axes).unwrap();
+        let sweep = Sweep::read(&file, &[]).unwrap();
+        let job = sweep.job(1).unwrap();
+        let out = tempfile::tempdir().unwrap();
+        let mut journal = Journal::open(&out.path().join("cases.journal"), &job).unwrap();
+        run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_| {}).unwrap();
+        let files = Results::new(&sweep, &job, vec![journal]).unwrap().write(out.path()).unwrap();
+        let names: Vec<String> =
+            files.files.iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
+        assert!(names.iter().any(|name| name.starts_with(shown) && name.ends_with(".svg")), "{names:?}");
+        assert!(names.iter().all(|name| !name.contains(hidden)), "{names:?}");
+        let rows = table(out.path());
+        assert!(rows.iter().all(|row| row["mean_thrust_n"].is_empty() == (shown != "thrust_")));
+        assert!(rows.iter().all(|row| !row["cycle_speed_m_s"].is_empty() && !row["cycle_speed_spread_m_s"].is_empty()));
+    }
+}
