@@ -17,5 +17,5 @@ skip() {
     skip "the packages of both requirements.txt must be within reach of pip"
 
 "$python" -m pip install --quiet --no-deps --force-reinstall ./bindings/python
-"$python" -m pytest --quiet -p no:cacheprovider \
+CAUDAL_COMMAND="$PWD/target/release/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
     bindings/python/tests bindings/fmi/examples
