@@ -134,16 +134,14 @@ impl Assessment {
     /// # Errors
     /// Those of [`Scene::estimates`].
     pub fn ladder(scene: &Scene, stepper: &Stepper) -> Result<Vec<Fact>> {
-        let estimates = scene.estimates()?;
+        let known = stepper.choice().and_then(|choice| choice.estimates.clone());
+        let estimates = known.map_or_else(|| scene.estimates(), Ok)?;
         let mut facts = Vec::new();
         for rung in RUNGS.iter().filter(|rung| scene.drag.is_some() || !rung.needs_drag) {
-            let error = (rung.error)(&estimates);
-            let text = if error.is_infinite() {
-                "no estimate: it leaves out what decides this motion".to_string()
-            } else if error > 0.0 {
-                format!("estimated error of the net displacement {error:.1e}")
-            } else {
-                "no error of the model".to_string()
+            let text = match rung.estimate.map(|estimate| estimate(&estimates)) {
+                None => "no error of the model".to_string(),
+                Some(Ok(errors)) => format!("estimated errors: {}", errors.in_words()),
+                Some(Err(reason)) => format!("no estimate: {reason}"),
             };
             facts.push(Fact { name: "model", text: format!("{}: {text} ({})", rung.name, rung.meaning) });
         }
@@ -170,7 +168,7 @@ impl Assessment {
             ),
         );
         fact("stiffness", format!("EI = {:.4e} N m^2, EA = {:.4e} N before the profile", rod.ei, rod.ea));
-        let steps = match scene.pace() {
+        let steps = match stepper.pace() {
             Pace::Fixed(step) => {
                 let last = scene.spans().last().filter(|last| *last < step);
                 let shorter = last.map_or(String::new(), |last| format!(", the last one of {last:e} s"));
@@ -237,7 +235,7 @@ impl Assessment {
             ));
         }
         // Steps that a tolerance chooses are judged by it.
-        let fixed = match scene.pace() {
+        let fixed = match stepper.pace() {
             Pace::Fixed(step) => Some(step),
             Pace::Adaptive(_) => None,
         };

@@ -11,7 +11,8 @@ use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
 use crate::model::Mechanics;
-use crate::reduced::estimate::PATH;
+use crate::reduced::Differences;
+use crate::reduced::measure::{Course, Point};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -81,38 +82,68 @@ pub fn run(
     Outcome { ending, wall: start.elapsed() }
 }
 
+/// At most this many parts of a run end where it is compared with the whole model.
+const COMPARED: f64 = 256.0;
+
+/// Times that differ by less than this part are the same.
+const NO_TIME: f64 = 1e-9;
+
 /// A run beside the whole model.
 #[derive(Debug, Clone, Serialize)]
 #[expect(missing_docs, reason = "the names say what they are, with units")]
 pub struct Verification {
     pub net_displacement_m: f64,
-    /// Difference of the net displacements over the larger of their modulus and 1 % of the centre of mass's path, the whole
-    /// model's.
-    pub relative_difference: f64,
+    /// What both differ by; see [`Measure`](crate::reduced::Measure) for what it is relative to.
+    pub relative_differences: Differences,
     pub steps: u64,
     pub wall_s: f64,
 }
 
 impl Verification {
-    /// Runs the whole model up to the time of `stepper`, whose scene is `scene`; none where `observe` stops it.
+    /// Runs the whole model up to the time of `stepper`, whose scene is `scene`, and the scene once more beside it, and
+    /// compares their courses at the ends of the scene's steps, or of as many equal parts of its duration; none where
+    /// `observe` stops it.
     ///
     /// # Errors
     /// Those of the run.
     pub fn of(
         scene: &Scene,
         stepper: &Stepper,
-        mut observe: impl FnMut(&Stepper) -> ControlFlow<()>,
+        mut observe: impl FnMut(&mut Stepper) -> ControlFlow<()>,
     ) -> Result<Option<Self>> {
         let start = Instant::now();
         let mut whole = Stepper::of(&scene.whole())?;
-        if !whole.do_step_with(stepper.time(), |stepper| observe(stepper))? {
-            return Ok(None);
+        let mut again = match stepper.choice() {
+            Some(choice) => Stepper::of(&scene.taken(choice))?,
+            None => Stepper::of(scene)?,
+        };
+        let mut courses = [&whole, &again].map(|run| Course::of(run.model()));
+        let end = stepper.time();
+        let part = match stepper.pace() {
+            Pace::Fixed(step) => step * (end / (step * COMPARED)).ceil(),
+            Pace::Adaptive(_) => end / COMPARED,
+        };
+        loop {
+            for (run, course) in [&whole, &again].into_iter().zip(&mut courses) {
+                course.points.push(Point::of(run.state(), &run.meter().now));
+            }
+            let left = end - whole.time();
+            if left <= 0.5 * NO_TIME * end {
+                break;
+            }
+            let span = if left <= part * (1.0 + NO_TIME) { left } else { part };
+            if !whole.do_step_with(span, &mut observe)? {
+                return Ok(None);
+            }
+            again.do_step(span)?;
         }
-        let (meter, found) = (whole.meter(), stepper.meter().net_displacement());
-        let size = meter.net_displacement().abs().max(PATH * meter.totals.path);
+        let [truth, mut found] = courses;
+        found.points.pop();
+        found.points.push(Point::of(stepper.state(), &stepper.meter().now));
+        let meter = whole.meter();
         Ok(Some(Self {
             net_displacement_m: meter.net_displacement(),
-            relative_difference: (found - meter.net_displacement()).abs() / size,
+            relative_differences: truth.differences(&found),
             steps: meter.totals.steps,
             wall_s: start.elapsed().as_secs_f64(),
         }))
@@ -272,11 +303,11 @@ impl Summary {
             model_reason: stepper.choice().and_then(|choice| choice.reason.clone()),
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
-            time_step_s: match scene.pace() {
+            time_step_s: match stepper.pace() {
                 Pace::Fixed(step) => step,
                 Pace::Adaptive(_) => elapsed / meter.totals.steps.max(1) as f64,
             },
-            tolerance: match scene.pace() {
+            tolerance: match stepper.pace() {
                 Pace::Fixed(_) => None,
                 Pace::Adaptive(tolerance) => Some(tolerance),
             },
@@ -324,8 +355,8 @@ impl Summary {
             mean_flow_power_w: mean(flow),
             numerical_dissipation_j: meter.numerical_dissipation(),
             notes: (warnings.iter().cloned())
-                .chain(balance_note(meter, rounding(stepper), scene.pace()))
-                .chain(motion_notes(meter, scene.pace()))
+                .chain(balance_note(meter, rounding(stepper), stepper.pace()))
+                .chain(motion_notes(meter, stepper.pace()))
                 .collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),

@@ -153,13 +153,14 @@ impl Stepper {
     /// Those of [`Scene::model`] and [`Newton::with`]; those of [`init`](Self::init) as [`Error::Scene`], as no step is to
     /// blame.
     pub fn of(scene: &Scene) -> Result<Self> {
-        let (solver, model) = (&scene.solver, scene.model()?);
-        let choice = scene.choice()?;
-        let mover = (choice.rung.build)(scene.integrator()?);
+        let (choice, model) = (scene.choice()?, scene.model()?);
+        let taken = scene.taken(&choice);
+        let solver = &taken.solver;
+        let mover = (choice.rung.build)(taken.integrator()?);
         let solved = mover.mechanics() != Mechanics::Shape;
-        let form = if solved { scene.form(&model.rod) } else { Form::Positions };
+        let form = if solved { taken.form(&model.rod) } else { Form::Positions };
         let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
-        let start = Self::init(model, mover, newton, scene.pace()).map_err(|error| scene.cannot_start(&error))?;
+        let start = Self::init(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
         Ok(Self { scene: scene.fingerprint(), choice: Some(choice), ..start })
     }
 
@@ -206,6 +207,11 @@ impl Stepper {
     /// The rung of the ladder of models that a scene's run takes, and why.
     pub fn choice(&self) -> Option<&Choice> {
         self.choice.as_ref()
+    }
+
+    /// How its internal steps are chosen.
+    pub fn pace(&self) -> Pace {
+        self.pace
     }
 
     /// The name of the method that solves a run of `scene`, its own.

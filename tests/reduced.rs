@@ -3,8 +3,9 @@
 
 mod common;
 
-use std::ops::Range;
+use std::ops::{ControlFlow, Range};
 use std::path::Path;
+use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -13,12 +14,12 @@ use caudal::fluid::force::{Force, OnTip, Tally, Validity};
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
 use caudal::newton::Newton;
-use caudal::reduced::{Choice, Estimates, RUNGS};
-use caudal::report::chart::{Chart, Mark, Scale, Series};
+use caudal::reduced::{Measure, RUNGS};
+use caudal::run::Verification;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
 use caudal::system::Direction;
-use common::{SOFT, STUDY, distance, largest, order, scene_of};
+use common::{Dice, SOFT, STUDY, distance, largest, order, scene_of};
 
 const SMOOTH: &str = include_str!("../models/baseline-smooth.toml");
 const DRIVEN: &str = include_str!("../models/driven-head.toml");
@@ -353,7 +354,7 @@ fn a_jump_start_is_not_left_to_the_shape() {
     let scene = scene_of(STUDY, &["solver.model=auto", "solver.accuracy=1", "solver.duration_s=0.1"]);
     let choice = scene.choice().unwrap();
     assert_eq!(choice.rung.name, "full", "{:?}", choice.reason);
-    let scene = scene_of(SMOOTH, &["solver.model=auto", "solver.duration_s=2"]);
+    let scene = scene_of(SMOOTH, &["solver.model=auto"]);
     let tail = Stepper::of(&scene).unwrap();
     let choice = tail.choice().unwrap();
     assert_eq!(choice.rung.name, "shape");
@@ -378,75 +379,322 @@ fn a_model_that_cannot_be_is_refused() {
     assert!(text.contains("without [drag]"), "{text}");
 }
 
-/// A scene's estimates, and the true errors of the rungs in their order, all but the last.
-struct Case {
-    estimates: Estimates,
-    truths: Vec<f64>,
-}
+/// Scenes whose estimates were wrong while they compared end points: a driven wire in oil with its thrust, heaving heads, and
+/// a flow that carries the swimmer.
+const ONCE_WRONG: [(&str, &str); 5] = [
+    ("design-tip", include_str!("../models/design-tip.toml")),
+    ("wire", WIRE),
+    ("heaving", HEAVING),
+    ("heaving water", HEAVING_IN_WATER),
+    ("carried", CARRIED),
+];
 
-fn cases(text: &str, moduli: [f64; 2], viscosities: [f64; 2], count: usize, changes: &[&str]) -> Vec<Case> {
-    let grid = |[from, to]: [f64; 2], i: usize| from * (to / from).powf(i as f64 / (count - 1) as f64);
-    let mut cases = Vec::new();
-    for i in 0..count * count {
-        let modulus = format!("rod.youngs_modulus_pa={:e}", grid(moduli, i / count));
-        let viscosity = format!("medium.viscosity_pa_s={:e}", grid(viscosities, i % count));
-        let changes = [changes, &[&modulus, &viscosity, "solver.integrator=esdirk3", "solver.tolerance=1e-5"]].concat();
-        let run = |model: &str| {
-            let run = common::run(&by(model, text, &changes));
-            (run.meter().net_displacement(), run.meter().totals.path)
-        };
-        let (dx, path) = run("full");
-        let truths = RUNGS[..RUNGS.len() - 1]
-            .iter()
-            .map(|rung| (run(rung.name).0 - dx).abs() / dx.abs().max(0.01 * path))
-            .collect();
-        cases.push(Case { estimates: scene_of(text, &changes).estimates().unwrap(), truths });
-    }
-    cases
+const WIRE: &str = r#"
+[rod]
+nodes = 41
+length_m = 0.2
+outer_radius_m = 2.5e-4
+youngs_modulus_pa = 2e11
+density_kg_m3 = 7900.0
+[medium]
+viscosity_pa_s = 3.18
+density_kg_m3 = 980.0
+[drag]
+ratio = 2.0
+[head]
+kind = "driven"
+position_m = [0.0, 0.0]
+angle_rad = { amplitude = 0.435, frequency_hz = 0.25 }
+[solver]
+duration_s = 20.0
+"#;
+
+const HEAVING: &str = r#"
+[rod]
+nodes = 17
+length_m = 0.3
+outer_radius_m = 0.004
+youngs_modulus_pa = 2e6
+density_kg_m3 = 1100.0
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1260.0
+[drag]
+ratio = 2.0
+[head]
+kind = "driven"
+position_m = [0.0, { amplitude = 0.03, frequency_hz = 1.0 }]
+[solver]
+duration_s = 2.0
+"#;
+
+const HEAVING_IN_WATER: &str = r#"
+[rod]
+nodes = 4
+length_m = 1.5
+outer_radius_m = 0.026
+inner_radius_m = 0.0083
+youngs_modulus_pa = 5e5
+density_kg_m3 = 2800.0
+[medium]
+viscosity_pa_s = 1.1e-3
+density_kg_m3 = 1000.0
+[drag]
+ratio = 2.1
+[head]
+kind = "driven"
+position_m = [0.0, { amplitude = 0.32, frequency_hz = 0.47 }]
+[solver]
+duration_s = 1.06
+"#;
+
+const CARRIED: &str = r#"
+[rod]
+nodes = 5
+length_m = 0.067
+outer_radius_m = 2.1e-4
+youngs_modulus_pa = 3.9e6
+density_kg_m3 = 2200.0
+[actuation]
+kind = "travelling-wave"
+frequency_hz = 0.32
+wavelength_m = 0.088
+kappa_amp = 38.0
+[medium]
+viscosity_pa_s = 2.2
+density_kg_m3 = 1000.0
+flow_m_s = [-0.0138, 5e-4]
+[drag]
+ratio = 7.7
+[solver]
+duration_s = 3.13
+"#;
+
+fn verified(scene: &Scene) -> Verification {
+    Verification::of(scene, &common::run(scene), |_| ControlFlow::Continue(())).unwrap().unwrap()
 }
 
 #[test]
-fn estimates_keep_what_they_promise() {
-    // The sweep they were made on, and two more that they were not: parts of the scenes whose true error lies below the
-    // estimate, and within a factor of 30 of it.
-    let families = [
-        ("tail", cases(SMOOTH, [70e9, 1e6], [1e-3, 10.0], 8, &["solver.duration_s=2"]), [0.95, 0.80]),
-        ("thin swimmer", cases(THIN, [1e10, 1e5], [1e-2, 100.0], 6, &[]), [0.90, 0.60]),
-        ("driven head", cases(DRIVEN, [1e10, 1e5], [1e-2, 10.0], 5, &["solver.duration_s=2.3"]), [0.95, 0.60]),
-    ];
-    let line =
-        |name: &str, factor: f64| Series::new(name, vec![(1e-5, 1e-5 * factor), (1e2, 1e2 * factor)], Mark::Slope);
-    let mut series = vec![line("1:1", 1.0), line("30:1", 30.0)];
-    for (i, rung) in RUNGS[..RUNGS.len() - 1].iter().enumerate() {
-        for (name, cases, promised) in &families {
-            let pairs: Vec<_> = cases.iter().map(|case| (case.truths[i], (rung.error)(&case.estimates))).collect();
-            let part = |ok: &dyn Fn(&(f64, f64)) -> bool| {
-                pairs.iter().filter(|pair| ok(pair)).count() as f64 / pairs.len() as f64
-            };
-            let found = [part(&|(truth, estimate)| truth <= estimate), part(&|(truth, e)| *e <= 30.0 * truth)];
-            println!("{name}, {}: {found:?} of {}", rung.name, pairs.len());
-            assert!(found[0] >= promised[0] && found[1] >= promised[1], "{name}, {}: {found:?}", rung.name);
-            series.push(Series::new(format!("{}: {name}", rung.name), pairs, Mark::Dots));
+fn scenes_whose_estimates_were_wrong_are_right_or_left_to_the_whole_model() {
+    for (name, text) in ONCE_WRONG {
+        for duration in [1.0, 20.0] {
+            let scene = scene_of(text, &["solver.model=auto", "solver.accuracy=1e-2"]);
+            let scene = scene.with_duration(duration * scene.solver.duration_s.get());
+            let choice = scene.choice().unwrap();
+            println!("{name} {duration}: {} {:?}", choice.rung.name, choice.reason);
+            if choice.rung.name == "full" {
+                continue;
+            }
+            let differences = verified(&scene).relative_differences;
+            assert!(
+                differences.worst(&Measure::ALL).unwrap().1 <= 1e-2,
+                "{name} {duration}: {}",
+                differences.in_words()
+            );
         }
+        // What was taken for them once is far off, so none of them passes because everything would.
+        let cheaper = scene_of(text, &[if name == "wire" { "solver.model=shape" } else { "solver.model=overdamped" }]);
+        let differences = verified(&cheaper).relative_differences;
+        println!("{name}: {}", differences.in_words());
+        assert!(differences.worst(&Measure::ALL).unwrap().1 > 0.03, "{name}: {}", differences.in_words());
     }
-    let chart = Chart {
-        title: "Estimated against true errors of the net displacement".into(),
-        x: "true error".into(),
-        y: "estimate".into(),
-        scale: Scale::LogLog,
-        series,
-    };
-    std::fs::write(Path::new(env!("CARGO_TARGET_TMPDIR")).join("estimates.svg"), chart.svg()).unwrap();
-    let mut taken = [0; 3];
-    for accuracy in [1e-4, 1e-3, 1e-2, 0.1] {
-        for case in families.iter().flat_map(|(_, cases, _)| cases) {
-            let choice = Choice::of(&case.estimates, accuracy, true);
-            let rung = RUNGS.iter().position(|rung| rung.name == choice.rung.name).unwrap();
-            taken[rung] += 1;
-            let truth = case.truths.get(rung).copied().unwrap_or(0.0);
-            assert!(truth <= 3.0 * accuracy, "{}: {truth:e} for {accuracy:e}", choice.rung.name);
+}
+
+#[test]
+fn a_rod_at_rest_differs_from_nothing() {
+    let rest = "actuation.kappa_amp=0.0";
+    for head in ["free", "clamped"] {
+        let scene =
+            scene_of(SMOOTH, &["solver.model=auto", rest, &format!("head.kind={head}"), "solver.duration_s=0.5"]);
+        let differences = verified(&scene).relative_differences;
+        println!("{}", differences.in_words());
+        let worst = differences.worst(&Measure::ALL).unwrap().1;
+        assert!(worst <= 1e-6, "{}", differences.in_words()); // measured: 0
+    }
+}
+
+#[test]
+fn a_rod_that_drag_stops_at_once_is_not_left_to_the_explicit_model() {
+    let light = ["rod.density_kg_m3=1e-7", "solver.tolerance=1e-3"];
+    let scene = scene_of(THIN, &light);
+    let text = Stepper::of(&scene.with_model(RUNGS[0])).unwrap_err().to_string();
+    assert!(text.contains("solver.model") && text.contains("steps"), "{text}");
+    let reason = scene_of(THIN, &[&light[..], &["solver.model=auto"]].concat()).choice().unwrap().reason.unwrap();
+    assert!(reason.contains("shape: it is not cheaper"), "{reason}");
+}
+
+#[test]
+fn only_what_is_asked_for_must_be_accurate() {
+    // A clamped stiff tail: it swings as its shape says, but its head feels it ring.
+    let clamped = ["solver.model=auto", "solver.accuracy=3e-2", "head={ kind = \"clamped\" }"];
+    let [all, tip] = ["", "solver.accuracy_of=[\"tip\"]"].map(|of| {
+        let of: &[&str] = if of.is_empty() { &[] } else { &[of] };
+        scene_of(SMOOTH, &[&clamped[..], of].concat()).choice().unwrap()
+    });
+    assert_eq!([all.rung.name, tip.rung.name], ["full", "shape"], "{:?} {:?}", all.reason, tip.reason);
+    assert!(all.reason.unwrap().contains("of the force"));
+    let mut document = caudal::scene::Document::new("a.toml", SMOOTH);
+    document.set("solver.accuracy_of=[\"force\"]").unwrap();
+    let text = document.scene().unwrap_err().to_string();
+    assert!(text.contains("solver.accuracy_of") && text.contains("held head"), "{text}");
+}
+
+#[test]
+fn a_cheaper_model_takes_its_own_steps_and_is_recorded_at_those_of_the_scene() {
+    let out = tempfile::tempdir().unwrap();
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/baseline-smooth.toml");
+    let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
+    command.arg("run").arg(scene).args(["--set", "solver.model=auto", "--set", "record.every=4", "--out"]);
+    assert!(command.arg(out.path()).output().unwrap().status.success());
+    let read = |file: &str| std::fs::read_to_string(out.path().join(file)).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&read("summary.json")).unwrap();
+    assert_eq!(summary["model"], "shape");
+    let steps = summary["steps"].as_u64().unwrap();
+    assert!(steps < 1000, "{steps}"); // measured: 643, where the whole model takes 4000
+    let trajectory = read("trajectory.csv");
+    let times: Vec<f64> =
+        trajectory.lines().skip(1).map(|row| row.split(',').next().unwrap().parse().unwrap()).collect();
+    let expected: Vec<f64> = (0..=1000).map(|i| 0.02 * f64::from(i)).collect();
+    assert!(distance(&times, &expected) <= 1e-9, "{} rows", times.len());
+}
+
+/// A scene that may be anything: free, driven or clamped; soft to stiff; from oil to water; from a micrometre to ten metres.
+fn any_scene(dice: &mut Dice) -> String {
+    let log = |dice: &mut Dice, low: f64, high: f64| low * (high / low).powf(dice.between(0.0, 1.0));
+    let one_in = |dice: &mut Dice, n: f64| dice.between(0.0, n) < 1.0;
+    let length = log(dice, 1e-6, 10.0);
+    let frequency = log(dice, 0.1, 30.0);
+    let periods = log(dice, 0.5, 100.0);
+    let (nodes, gradient) = (dice.between(4.0, 26.0) as u32, dice.between(-0.5, 1.5));
+    let (radius, modulus, density) = (log(dice, 2e-3, 5e-2), log(dice, 1e4, 1e12), log(dice, 700.0, 8000.0));
+    let mut text = format!(
+        "[rod]\nnodes = {nodes}\nlength_m = {length:e}\nouter_radius_m = {:e}\nyoungs_modulus_pa = {modulus:e}\n\
+         density_kg_m3 = {density:e}\nstiffness_gradient = {gradient}\n",
+        radius * length
+    );
+    let (viscosity, ratio) = (log(dice, 1e-3, 10.0), dice.between(1.2, 6.0));
+    let flow = if one_in(dice, 6.0) { dice.between(-0.3, 0.3) * length * frequency } else { 0.0 };
+    text += &format!(
+        "[medium]\nviscosity_pa_s = {viscosity:e}\ndensity_kg_m3 = 1000.0\nflow_m_s = [{flow:e}, {:e}]\n\
+         [drag]\nratio = {ratio}\n",
+        -0.3 * flow
+    );
+    let head = dice.between(0.0, 3.0) as u32;
+    if head != 1 || one_in(dice, 3.0) {
+        let (curvature, wavelength) = (log(dice, 0.1, 6.0) / length, log(dice, 0.5, 3.0) * length);
+        let envelope = dice.between(0.0, 1.0);
+        text += &format!(
+            "[actuation]\nkind = \"travelling-wave\"\nkappa_amp = {curvature:e}\nfrequency_hz = {frequency:e}\n\
+             wavelength_m = {wavelength:e}\nenvelope = [{envelope}, {}]\n",
+            1.0 - envelope
+        );
+    }
+    let (heave, pitch) = (log(dice, 1e-2, 0.3) * length, log(dice, 1e-2, 0.6));
+    match head {
+        0 => {}
+        1 => {
+            text += "[head]\nkind = \"driven\"\n";
+            let sinusoid = |amplitude: f64| format!("{{ amplitude = {amplitude:e}, frequency_hz = {frequency:e} }}");
+            let both = one_in(dice, 3.0);
+            if both || one_in(dice, 2.0) {
+                text += &format!("position_m = [0.0, {}]\n", sinusoid(heave));
+            }
+            if both || !text.contains("position_m") {
+                text += &format!("angle_rad = {}\n", sinusoid(pitch));
+            }
         }
+        _ => text += "[head]\nkind = \"clamped\"\n",
     }
-    println!("taken: {taken:?}");
-    assert!(taken.iter().all(|count| *count > 0), "{taken:?}");
+    match dice.between(0.0, 6.0) as u32 {
+        0 => text += "[start]\nkind = \"jump\"\n",
+        1 | 2 => text += &format!("[start]\nkind = \"ramp\"\nramp_s = {:e}\n", dice.between(0.2, 2.0) / frequency),
+        _ => {}
+    }
+    if one_in(dice, 8.0) {
+        text += &format!("[loads]\ngravity_m_s2 = [{:e}, {:e}]\n", dice.between(-1.0, 1.0), dice.between(-1.0, 1.0));
+    }
+    let accuracy = [1e-3, 1e-2, 1e-1][dice.between(0.0, 3.0) as usize];
+    text += &format!("[solver]\nmodel = \"auto\"\naccuracy = {accuracy:e}\nduration_s = {:e}\n", periods / frequency);
+    let step = 1.0 / (frequency * log(dice, 20.0, 300.0));
+    if one_in(dice, 2.0) {
+        text += &format!("time_step_s = {step:e}\n");
+    }
+    text
+}
+
+/// What came of a scene whose run took a cheaper model.
+struct Taken {
+    rung: &'static str,
+    number: u64,
+    /// The largest true difference over the accuracy, and the estimated one.
+    parts: [f64; 2],
+    /// Work of the run, and of its estimates, over that of the whole model as the scene has it.
+    work: [f64; 2],
+}
+
+/// The case of one random scene; `None` where the whole model was taken.
+fn taken(number: u64) -> Option<Taken> {
+    let text = any_scene(&mut Dice(number.wrapping_mul(0x5851_f42d_4c95_7f2d)));
+    let scene = scene_of(&text, &[]);
+    let tail = Stepper::of(&scene).ok()?;
+    let choice = tail.choice().unwrap().clone();
+    if choice.rung.name == "full" {
+        return None;
+    }
+    let tail = common::run(&scene);
+    let whole = common::run(&scene.with_model(RUNGS[RUNGS.len() - 1]));
+    // In Newton iterations: a step of the shape is worth 3.5, and reading a step 0.7.
+    let work_of =
+        |run: &Stepper, step: f64| run.work().newton_iterations as f64 + step * run.meter().totals.steps as f64;
+    let estimates = choice.estimates.as_ref().unwrap();
+    let own = work_of(&tail, if choice.rung.name == "shape" { 3.5 } else { 0.7 });
+    let work = [own, estimates.work].map(|work| work / work_of(&whole, 0.7));
+    let verification = Verification::of(&scene, &tail, |_| ControlFlow::Continue(())).unwrap().unwrap();
+    let accuracy = scene.solver.accuracy.get();
+    let (measure, truth) = verification.relative_differences.worst(&Measure::ALL).unwrap();
+    let estimate = (choice.rung.estimate.unwrap())(estimates).clone().unwrap();
+    let parts = [truth, estimate.get(measure).unwrap()].map(|error| error / accuracy);
+    println!(
+        "{number} {} {accuracy:e}: {measure:?} {truth:.2e}, estimated {}; true {}; work {work:.2?}",
+        choice.rung.name,
+        estimate.in_words(),
+        verification.relative_differences.in_words()
+    );
+    if parts[0] > parts[1] || work[0] > 0.8 || work[1] > 0.1 {
+        println!("{text}");
+    }
+    Some(Taken { rung: choice.rung.name, number, parts, work })
+}
+
+#[test]
+fn what_auto_takes_is_as_accurate_as_it_says() {
+    // `CAUDAL_SCENES` asks for more, from the first on; DESIGN.md has the table of 1000.
+    let wanted = std::env::var("CAUDAL_SCENES").ok().and_then(|text| text.parse().ok());
+    let all: Vec<Taken> = wanted.map_or(700..1000_u64, |count| 0..count).filter_map(taken).collect();
+    for rung in ["shape", "overdamped"] {
+        let of: Vec<_> = all.iter().filter(|case| case.rung == rung).collect();
+        let middle = |value: &dyn Fn(&Taken) -> f64| {
+            let mut values: Vec<f64> = of.iter().map(|case| value(case)).collect();
+            values.sort_by(f64::total_cmp);
+            values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
+        };
+        let largest = largest(of.iter().map(|case| case.parts[0]));
+        println!(
+            "{rung}: taken {}, beyond the accuracy {}, largest {largest:.2}, median true {:.2e} and estimated {:.2e} of it, \
+             median work {:.2}, largest {:.2}, with estimates of {:.2} at most",
+            of.len(),
+            of.iter().filter(|case| case.parts[0] > 1.0).count(),
+            middle(&|case| case.parts[0]),
+            middle(&|case| case.parts[1]),
+            middle(&|case| case.work[0]),
+            common::largest(of.iter().map(|case| case.work[0])),
+            common::largest(of.iter().map(|case| case.work[1]))
+        );
+        assert!(!of.is_empty(), "{rung} is never taken");
+    }
+    let beyond: Vec<_> = all.iter().filter(|case| case.parts[0] > 1.0).map(|case| case.number).collect();
+    assert!(beyond.len() as f64 <= 0.01 * all.len() as f64, "{beyond:?}");
+    assert!(all.iter().all(|case| case.parts[0] <= 3.0), "{beyond:?}");
+    // Measured on 1000 scenes: 0.64, and estimates between 0.095 and 0.1; errors are at most 0.25 of the accuracy.
+    assert!(all.iter().all(|case| case.work[0] <= 1.0 && case.work[1] <= 0.1));
 }

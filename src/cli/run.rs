@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::Result;
+use caudal::reduced::Measure;
 use caudal::report::Output;
 use caudal::run::{Ending, Summary, Verification, run as run_scene};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -64,10 +65,14 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Re
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));
     }
-    if let Some(Verification { net_displacement_m, relative_difference, wall_s, .. }) = &summary.verification {
-        say(&format!(
-            "the whole model: net displacement {net_displacement_m:.6e} m, relative difference {relative_difference:.1e}, {wall_s:.3} s"
-        ));
+    if let Some(Verification { net_displacement_m, relative_differences, wall_s, .. }) = &summary.verification {
+        say(&format!("the whole model: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s"));
+        for measure in Measure::ALL {
+            if let Some(difference) = relative_differences.get(measure) {
+                let [name, relative] = measure.meaning();
+                say(&format!("  {name} differs by {difference:.1e} of {relative}"));
+            }
+        }
     }
     for note in summary.notes.iter().skip(assessment.warnings.len()) {
         say(&format!("note: {note}"));

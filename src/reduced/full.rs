@@ -13,7 +13,8 @@ pub static RUNG: Rung = Rung {
     meaning: "elasticity, inertia and drag",
     method: None,
     needs_drag: false,
-    error: |_| 0.0,
+    estimate: None,
+    refuses: |_, _| None,
     build: |integrator| Box::new(Full { integrator, accelerations: Vec::new() }),
 };
 

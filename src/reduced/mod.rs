@@ -5,18 +5,22 @@
 
 pub mod estimate;
 mod full;
+pub mod measure;
 mod overdamped;
 mod rigid;
 mod runge_kutta;
 mod shape;
 
+use std::sync::Arc;
+
 use crate::error::Result;
 use crate::integrator::{Integrator, StepError};
-use crate::model::{Dynamics, Mechanics};
+use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
-pub use estimate::Estimates;
+pub use estimate::{Estimate, Estimates};
 pub(crate) use full::RUNG as FULL;
+pub use measure::{Differences, Measure};
 
 /// All rungs, the cheapest first; adding one is its file and its line here.
 pub static RUNGS: &[&Rung] = &[&shape::RUNG, &overdamped::RUNG, &full::RUNG];
@@ -32,8 +36,10 @@ pub struct Rung {
     pub method: Option<&'static str>,
     /// True where it makes no sense without drag.
     pub needs_drag: bool,
-    /// Its estimated error of the net displacement, relative.
-    pub error: fn(&Estimates) -> f64,
+    /// What is estimated of its errors; `None`: it leaves nothing out.
+    pub estimate: Option<fn(&Estimates) -> &Estimate>,
+    /// Why it cannot run a model for so long (s), where it cannot.
+    pub refuses: fn(&Arc<Model>, f64) -> Option<String>,
     /// The rung, for a scene with that integrator.
     pub build: fn(Box<dyn Integrator>) -> Box<dyn Mover>,
 }
@@ -52,31 +58,40 @@ pub struct Choice {
     pub rung: &'static Rung,
     /// Why, where the program has chosen.
     pub reason: Option<String>,
+    /// What the program has chosen by.
+    pub estimates: Option<Estimates>,
 }
 
 impl Choice {
     /// The rung that a scene names.
     pub fn asked(rung: &'static Rung) -> Self {
-        Self { rung, reason: None }
+        Self { rung, reason: None, estimates: None }
     }
 
-    /// The cheapest rung whose estimated error is at most `accuracy`; `drag` says whether there is any.
-    pub fn of(estimates: &Estimates, accuracy: f64, drag: bool) -> Self {
-        let mut worse = Vec::new();
+    /// The cheapest rung whose estimated errors of `measures` are at most `accuracy`; `drag` says whether there is any.
+    pub fn of(estimates: Estimates, accuracy: f64, measures: &[Measure], drag: bool) -> Self {
+        let (mut taken, mut reasons) = (&full::RUNG, Vec::new());
         for rung in RUNGS.iter().filter(|rung| drag || !rung.needs_drag) {
-            let error = (rung.error)(estimates);
-            if error <= accuracy {
-                let own = if error > 0.0 {
-                    format!("its estimated error {error:.1e} is within the accuracy {accuracy:e}")
-                } else {
-                    format!("the estimated errors of cheaper models exceed the accuracy {accuracy:e}")
-                };
-                worse.insert(0, own);
-                return Self { rung, reason: Some(worse.join("; ")) };
+            let Some(estimate) = rung.estimate else { continue };
+            match estimate(&estimates).as_ref().map(|errors| errors.worst(measures)) {
+                Ok(Some((measure, error))) if error <= accuracy => {
+                    let [name, relative] = measure.meaning();
+                    reasons = vec![format!(
+                        "its largest estimated error, of the {name}, is {error:.1e} of {relative}: within the accuracy {accuracy:e}"
+                    )];
+                    taken = rung;
+                    break;
+                }
+                Ok(Some((measure, error))) => reasons.push(format!(
+                    "{}: estimated error of the {} {error:.1e}, above the accuracy {accuracy:e}",
+                    rung.name,
+                    measure.meaning()[0]
+                )),
+                Ok(None) => {}
+                Err(reason) => reasons.push(format!("{}: {reason}", rung.name)),
             }
-            worse.push(format!("{} {error:.1e}", rung.name));
         }
-        Self::asked(&full::RUNG)
+        Self { rung: taken, reason: Some(reasons.join("; ")), estimates: Some(estimates) }
     }
 }
 

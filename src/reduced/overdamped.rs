@@ -3,6 +3,7 @@
 //! The residual is the model's own at a = 0. Steps are those of ESDIRK3(2), L-stable, on q' = v: a stage solves for its
 //! velocity with q_i = qⁿ + h Σ_{j<i} a_ij v_j + hγ v_i.
 
+use super::shape::longest_step;
 use super::{Mover, Rung};
 use crate::error::Result;
 use crate::integrator::esdirk3::{G, STAGES, TIMES, WEIGHTS, error};
@@ -17,7 +18,8 @@ pub static RUNG: Rung = Rung {
     meaning: "elasticity and drag, without inertia",
     method: Some("esdirk3 of first order"),
     needs_drag: true,
-    error: |estimates| estimates.overdamped,
+    estimate: Some(|estimates| &estimates.overdamped),
+    refuses: |_, _| None,
     build: |_| Box::new(Overdamped::default()),
 };
 
@@ -37,6 +39,10 @@ impl Mover for Overdamped {
 
     fn order(&self) -> u32 {
         3
+    }
+
+    fn longest_step(&self, dynamics: &Dynamics) -> f64 {
+        longest_step(dynamics) // a motion much smaller than the length is within any tolerance
     }
 
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {

@@ -23,15 +23,19 @@ pub static RUNG: Rung = Rung {
     meaning: "the rigid motion of the prescribed shape: inertia and drag, without elasticity",
     method: Some("Dormand-Prince 5(4)"),
     needs_drag: false,
-    error: |estimates| estimates.shape,
+    estimate: Some(|estimates| &estimates.shape),
+    refuses: super::estimate::endless,
     build: |_| Box::new(Shape::default()),
 };
 
 /// Fewest steps in a period of what drives the rod, or in a ramp.
-const STEPS_A_PERIOD: f64 = 16.0;
+pub const STEPS_A_PERIOD: f64 = 16.0;
 
 /// Largest error of a step over the length.
 const LIMIT: f64 = 1e-8;
+
+/// Longest step that is stable, in times in which drag stops the rod.
+pub const STABLE: f64 = 3.3;
 
 /// The method and its last step.
 #[derive(Debug)]

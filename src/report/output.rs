@@ -72,7 +72,7 @@ impl Output {
             nodes,
             record: Record::start(stepper),
             columns,
-            times: Times::of(scene),
+            times: Times::of(scene, stepper),
             period,
             reserve,
             folder: opened,

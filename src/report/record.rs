@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
+use crate::integrator::Pace;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
@@ -24,11 +25,14 @@ pub enum Times {
 }
 
 impl Times {
-    /// Those that a scene asks for, after the first state.
-    pub fn of(scene: &Scene) -> Self {
-        match scene.record.interval_s {
-            Some(interval) => Self::Every(interval.get(), 1),
-            None => Self::Steps(scene.record.every.map_or(1, |every| every.get() as u64), 0),
+    /// Those that a scene asks for, after the first state. Where `stepper` takes steps of its own instead of the scene's,
+    /// they are where the scene's would have ended.
+    pub fn of(scene: &Scene, stepper: &Stepper) -> Self {
+        let every = scene.record.every.map_or(1, |every| every.get() as u64);
+        match (scene.record.interval_s, scene.pace(), stepper.pace()) {
+            (Some(interval), ..) => Self::Every(interval.get(), 1),
+            (None, Pace::Fixed(step), Pace::Adaptive(_)) => Self::Every(step * every as f64, 1),
+            (None, ..) => Self::Steps(every, 0),
         }
     }
 

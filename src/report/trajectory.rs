@@ -59,7 +59,8 @@ impl Trajectory {
             Column { variable, nodes, values: Vec::new() }
         };
         let columns = chosen.into_iter().map(column).collect();
-        let mut trajectory = Self { columns, times: Times::of(scene), last: 0.0, record: Record::start(stepper) };
+        let mut trajectory =
+            Self { columns, times: Times::of(scene, stepper), last: 0.0, record: Record::start(stepper) };
         trajectory.row(&stepper.view());
         Ok(trajectory)
     }

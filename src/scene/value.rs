@@ -76,7 +76,6 @@ number!(
 
 impl Tolerance {
     /// This one, or `most` where that is smaller.
-    #[cfg(feature = "report")]
     pub(crate) fn at_most(self, most: f64) -> Self {
         Self(self.0.min(most))
     }

@@ -1,0 +1,211 @@
+//! What two runs of a scene are compared by: the courses of displacement, tip, and the force and moment on a held head.
+
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use crate::metrics::Reading;
+use crate::model::Model;
+use crate::rod::node;
+use crate::system::State;
+
+/// Part of the centre of mass's path that displacements are measured against where they are smaller.
+pub const PATH: f64 = 0.01;
+
+/// Part of the mean modulus that means of force and moment are measured against where they are smaller: a mean thrust is a
+/// small difference of large forces.
+const MEAN: f64 = 1e-3;
+
+/// What is below this part of the length, or of the force and moment that EI has over it, is noise.
+const NOISE: f64 = 1e-9;
+
+/// A quantity that runs are compared by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Measure {
+    /// Of the centre of mass through the fluid: the largest distance over the course, relative to the larger of the net
+    /// displacement and [`PATH`] of the path.
+    Displacement,
+    /// The tip's path: the largest distance over the course, relative to the tip's largest distance from its start.
+    Tip,
+    /// Force on a held head: root mean square over the course, relative to that of the force; and its mean along each axis,
+    /// relative to the larger of the mean and a thousandth of the mean modulus. The larger of both.
+    Force,
+    /// Moment on a held head, the same.
+    Moment,
+}
+
+impl Measure {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Displacement, Self::Tip, Self::Force, Self::Moment];
+
+    /// Its name, with what its differences are relative to.
+    pub fn meaning(self) -> [&'static str; 2] {
+        match self {
+            Self::Displacement => ["displacement", "the net displacement through the fluid, or 1 % of the path"],
+            Self::Tip => ["tip", "the tip's largest distance from its start"],
+            Self::Force => ["force", "the head's force: root mean square, and mean"],
+            Self::Moment => ["moment", "the head's moment: root mean square, and mean"],
+        }
+    }
+
+    /// True where a scene has it.
+    pub fn exists(self, held: bool) -> bool {
+        held || matches!(self, Self::Displacement | Self::Tip)
+    }
+}
+
+/// What is compared at one time.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Point {
+    /// Time, s.
+    pub time: f64,
+    /// Centre of mass, m.
+    pub com: Vector2<f64>,
+    /// Tip, m.
+    pub tip: Vector2<f64>,
+    /// Force of the tail on a held head, N.
+    pub force: Vector2<f64>,
+    /// Moment of the tail on a held head, N m.
+    pub moment: f64,
+}
+
+impl Point {
+    /// What is read of `state`.
+    pub fn of(state: &State, now: &Reading) -> Self {
+        Self {
+            time: state.t,
+            com: now.com,
+            tip: node(&state.q, state.q.len() / 2 - 1),
+            force: now.head_force,
+            moment: now.head_moment,
+        }
+    }
+}
+
+/// The course of a run.
+#[derive(Debug, Clone)]
+pub struct Course {
+    held: bool,
+    /// Rod's length, m, and EI/L, N m.
+    length: f64,
+    stiffness: f64,
+    /// What carries a free rod, m/s.
+    flow: Vector2<f64>,
+    /// At rising times.
+    pub points: Vec<Point>,
+}
+
+impl Course {
+    /// The empty course of a run of `model`.
+    pub fn of(model: &Model) -> Self {
+        let held = model.head.is_some();
+        let flow = if held || model.forces.is_empty() { Vector2::zeros() } else { model.fluid.flow };
+        Self { held, length: model.rod.length, stiffness: model.rod.ei / model.rod.length, flow, points: Vec::new() }
+    }
+
+    /// The same without points.
+    pub fn emptied(&self) -> Self {
+        Self { points: Vec::new(), ..self.clone() }
+    }
+
+    /// Its first `count` points.
+    pub fn first(&self, count: usize) -> Self {
+        Self { points: self.points[..count.min(self.points.len())].to_vec(), ..self.clone() }
+    }
+
+    /// Integral over time of `of`, from its values at the ends of the parts: at the start itself a rod may not have taken up
+    /// its loads.
+    fn integral(&self, of: impl Fn(usize) -> f64) -> f64 {
+        (1..self.points.len()).map(|i| (self.points[i].time - self.points[i - 1].time) * of(i)).sum()
+    }
+
+    /// What the other course, at the same times, differs from this one by.
+    pub fn differences(&self, other: &Self) -> Differences {
+        let (ours, theirs) = (&self.points, &other.points);
+        let count = ours.len().min(theirs.len());
+        let Some((start, end)) = ours.first().zip(ours.last()) else { return Differences::default() };
+        let noise = NOISE * self.length;
+        let moved = |point: &Point| point.com - start.com - self.flow * (point.time - start.time);
+        let path: f64 = ours.windows(2).map(|pair| (moved(&pair[1]) - moved(&pair[0])).norm()).sum();
+        let tip_moved = |point: &Point| (point.tip - start.tip - self.flow * (point.time - start.time)).norm();
+        let travel = ours.iter().map(tip_moved).fold(noise, f64::max);
+        let farthest = |of: fn(&Point) -> Vector2<f64>| {
+            (0..count).map(|i| (of(&ours[i]) - of(&theirs[i])).norm()).fold(0.0, f64::max)
+        };
+        let of_loads = |of: &dyn Fn(&Point) -> Vector2<f64>, noise: f64| {
+            let square = self.integral(|i| of(&ours[i]).norm_squared()).sqrt();
+            let size = self.integral(|i| of(&ours[i]).norm());
+            let span = (end.time - start.time).max(f64::MIN_POSITIVE);
+            let apart = self.integral(|i| (of(&ours[i]) - of(&theirs[i])).norm_squared()).sqrt();
+            let means = [0, 1].map(|axis| {
+                let mean = self.integral(|i| of(&ours[i])[axis]);
+                let apart = self.integral(|i| of(&ours[i])[axis] - of(&theirs[i])[axis]);
+                apart.abs() / mean.abs().max(MEAN * size).max(noise * span)
+            });
+            (apart / square.max(noise * span.sqrt())).max(means[0]).max(means[1])
+        };
+        Differences {
+            displacement: farthest(|point| point.com) / moved(end).norm().max(PATH * path).max(noise),
+            tip: farthest(|point| point.tip) / travel,
+            force: self.held.then(|| of_loads(&|point| point.force, NOISE * self.stiffness / self.length)),
+            moment: self.held.then(|| of_loads(&|point| Vector2::new(point.moment, 0.0), NOISE * self.stiffness)),
+        }
+    }
+}
+
+/// Relative differences of two courses, or estimates of them; a free head has no force and moment.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[expect(missing_docs, reason = "each is a Measure")]
+pub struct Differences {
+    pub displacement: f64,
+    pub tip: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub force: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moment: Option<f64>,
+}
+
+impl Differences {
+    /// That of `measure`, where the scene has it.
+    pub fn get(&self, measure: Measure) -> Option<f64> {
+        match measure {
+            Measure::Displacement => Some(self.displacement),
+            Measure::Tip => Some(self.tip),
+            Measure::Force => self.force,
+            Measure::Moment => self.moment,
+        }
+    }
+
+    /// The largest of those `of` interest, with its measure; none where the scene has none of them.
+    pub fn worst(&self, of: &[Measure]) -> Option<(Measure, f64)> {
+        let known = of.iter().filter_map(|measure| Some((*measure, self.get(*measure)?)));
+        known.reduce(|worst, next| if next.1 > worst.1 || next.1.is_nan() { next } else { worst })
+    }
+
+    /// True where all are finite.
+    pub fn are_finite(&self) -> bool {
+        (self.displacement + self.tip + self.force.unwrap_or(0.0) + self.moment.unwrap_or(0.0)).is_finite()
+    }
+
+    /// Each combined with the other's.
+    pub(super) fn with(self, other: Self, combine: impl Fn(f64, f64) -> f64) -> Self {
+        let both = |a: Option<f64>, b: Option<f64>| Some(combine(a?, b?));
+        Self {
+            displacement: combine(self.displacement, other.displacement),
+            tip: combine(self.tip, other.tip),
+            force: both(self.force, other.force),
+            moment: both(self.moment, other.moment),
+        }
+    }
+
+    /// Each through `change`.
+    pub(super) fn map(self, change: impl Fn(f64) -> f64) -> Self {
+        self.with(self, |x, _| change(x))
+    }
+
+    /// In words, each with its measure's name.
+    pub fn in_words(&self) -> String {
+        let known = Measure::ALL.iter().filter_map(|measure| Some((measure.meaning()[0], self.get(*measure)?)));
+        known.map(|(name, value)| format!("{name} {value:.1e}")).collect::<Vec<_>>().join(", ")
+    }
+}
