@@ -105,6 +105,7 @@ fn readings_between_steps_are_as_good_as_those_at_their_ends_whatever_rod_head_m
         ("cantilever", model("cantilever.toml"), vec![]),
         ("glycerol, overdamped", model("glycerol.toml"), vec!["start.kind=shaped", "solver.model=overdamped"]),
         ("soft", SOFT.to_string(), vec!["solver.integrator=esdirk3", "solver.time_step_s=4e-3"]),
+        ("soft, in water that it moves", SOFT.to_string(), vec!["solver.integrator=esdirk3", "reactive.shedding=1.0"]),
         ("soft, shape", SOFT.to_string(), vec!["solver.model=shape", "solver.time_step_s=4e-3"]),
     ];
     for method in METHODS.iter().filter(|method| method.implicit) {

@@ -22,7 +22,7 @@ const UNRESOLVED: f64 = 0.5;
 /// The same for velocities, over the largest at the ends; a rod that sets out from rest with v ∝ tⁿ has n − 1.
 const UNRESOLVED_SPEED: f64 = 4.0;
 
-/// Part of EA beyond which a compression is not taken from balance.
+/// Part of an edge's EA beyond which a compression is not taken from balance.
 const CRUSHED: f64 = 0.5;
 
 /// A place in a step.
@@ -224,8 +224,9 @@ impl Between {
             let sound = line(|end| &end.forces.tension);
             let more = now.balance.tension[k] - line(|end| &end.rod.balance.tension);
             let sum = sound + more.max(-pull).min(pull);
-            let tension = if sum > -CRUSHED * rod.ea { sum } else { sound };
-            *edge = Edge::along(edge.t, rod.cells[k].length(tension));
+            let cell = &rod.cells[k];
+            let tension = if sum > -CRUSHED * cell.axial * cell.rest { sum } else { sound };
+            *edge = Edge::along(edge.t, cell.length(tension));
             let more = now.balance.shear[k] - line(|end| &end.rod.balance.shear);
             let shear = line(|end| &end.forces.shear) + more.max(-pull).min(pull);
             let link = &mut out.links[k];
