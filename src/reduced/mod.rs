@@ -19,6 +19,7 @@ use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
 pub use estimate::{Estimate, Estimates};
+#[cfg(feature = "report")]
 pub(crate) use full::RUNG as FULL;
 pub use measure::{Differences, Measure};
 
