@@ -21,6 +21,9 @@ pub enum Error {
         /// What was found and what is allowed.
         problem: String,
     },
+    /// A scene says several things that are not allowed.
+    #[error("{}", .0.iter().map(ToString::to_string).collect::<Vec<_>>().join("\n"))]
+    Several(Vec<Error>),
     /// A file cannot be read.
     #[error("{}: cannot be read: {reason}", path.display())]
     Read {
@@ -36,6 +39,16 @@ pub enum Error {
         path: PathBuf,
         /// The operating system's reason.
         reason: String,
+    },
+    /// A folder holds other results than those that would be written.
+    #[error("{}: holds {holds}, not {wanted}; choose another folder with --out, or replace it with --force", path.display())]
+    Occupied {
+        /// The folder.
+        path: PathBuf,
+        /// What is there.
+        holds: String,
+        /// What would be written.
+        wanted: String,
     },
     /// What will be written does not fit on the disk.
     #[error("{}: there is no room: {what} take about {}, and {} are free", path.display(), bytes(*needed), bytes(*free))]
@@ -248,6 +261,8 @@ impl Error {
         matches!(
             self,
             Self::Scene { .. }
+                | Self::Several(_)
+                | Self::Occupied { .. }
                 | Self::Read { .. }
                 | Self::Study { .. }
                 | Self::Journal { .. }
@@ -265,6 +280,11 @@ pub fn bytes(count: f64) -> String {
         Some((size, unit)) => format!("{:.1e} {unit}", count / size),
         None => format!("{count:.0} bytes"),
     }
+}
+
+/// The question whether `near` was meant.
+pub(crate) fn did_you_mean(near: Option<&str>) -> String {
+    near.map_or(String::new(), |near| format!("; did you mean `{near}`?"))
 }
 
 /// The most similar of `names` to a misspelt one, if any is similar at all.

@@ -40,13 +40,16 @@ pub struct Job {
     pub caudal_version: String,
     /// Number of results of the whole job.
     pub size: usize,
+    /// What of each result is kept, in words.
+    #[serde(default)]
+    pub kept: String,
 }
 
 impl Job {
     /// The job `name` of this program with `size` results that depend on `inputs` alone.
     pub fn new(name: &str, inputs: &[u8], size: usize) -> Self {
         let caudal_version = env!("CARGO_PKG_VERSION").to_string();
-        Self { name: name.to_string(), hash: hash(inputs), caudal_version, size }
+        Self { name: name.to_string(), hash: hash(inputs), caudal_version, size, kept: String::new() }
     }
 
     /// How `other` differs, in words; `None` where it is the same.
@@ -54,6 +57,7 @@ impl Job {
         let differs = |what: &str, mine: &str, its: &str| (mine != its).then(|| format!("{what} {its}, now {mine}"));
         differs("of", &self.name, &other.name)
             .or_else(|| differs("made by caudal", &self.caudal_version, &other.caudal_version))
+            .or_else(|| differs("with", &self.kept, &other.kept))
             .or_else(|| differs("with", &format!("{} cases", self.size), &format!("{} cases", other.size)))
             .or_else(|| differs("of inputs with the hash", &self.hash, &other.hash))
     }
@@ -189,6 +193,11 @@ impl Journal {
             line.clear();
         }
         Ok(job)
+    }
+
+    /// True where a program has it open for writing.
+    pub fn is_held(&self) -> bool {
+        matches!(self.file.try_lock(), Err(TryLockError::WouldBlock))
     }
 
     /// What it is a journal of.

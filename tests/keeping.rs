@@ -175,7 +175,9 @@ fn a_disk_that_fills_during_a_run_keeps_the_rows_that_were_whole() {
 fn a_disk_that_is_full_at_the_start_leaves_no_folder() {
     let sweep = "scene = \"eel.toml\"\n[axes]\ndrag.ratio = [1.0, 2.0]\n";
     let folder = folder_of(&[("eel.toml", EEL), ("sweep.toml", sweep)]);
-    for verb in ["run eel.toml", "sweep sweep.toml"] {
+    for verb in
+        ["run eel.toml", "sweep sweep.toml", "study modes eel.toml", "study scaling eel.toml --nodes 9 --steps 1"]
+    {
         let output = limited(folder.path(), "ulimit -f 0;", &format!("{verb} --out some/where"));
         assert!(errors(&output).contains("cannot be written"), "{verb}: {}", errors(&output));
         assert_ne!(output.status.code(), Some(0));
@@ -312,4 +314,124 @@ fn a_disk_that_is_full_for_the_report_keeps_the_designed_scene() {
     let designed = kept.iter().find(|name| name.ends_with("-designed.toml")).unwrap();
     assert!(!kept.contains(&"report.html".to_string()), "{kept:?}");
     assert_eq!(caudal(&folder.path().join("out"), &format!("check {designed}")).status.code(), Some(0));
+}
+
+#[test]
+fn a_sweep_that_grew_keeps_its_cases_and_one_that_changed_is_refused_with_the_way_out() {
+    let sweep = |axes: &str, more: &str| {
+        format!(
+            "scene = \"eel.toml\"\n[set]\nrod.nodes = 9\n[record]\nplayed = 3\nframes = 5\n{more}\n[axes]\n{axes}\n"
+        )
+    };
+    let small = sweep("drag.ratio = [1.0, 2.0]", "");
+    let folder = folder_of(&[("eel.toml", EEL), ("sweep.toml", &small)]);
+    let written = |text: &str| std::fs::write(folder.path().join("sweep.toml"), text).unwrap();
+    let done = |output: &Output| String::from_utf8_lossy(&output.stdout).lines().next().unwrap_or_default().to_string();
+    assert_eq!(caudal(folder.path(), "sweep sweep.toml").status.code(), Some(0));
+    // A level in the middle, and an axis of which the base scene has one level: fewer than all cases of before are run again, those
+    // whose motion is chosen now.
+    for grown in ["drag.ratio = [1.0, 1.5, 2.0]", "rod.nodes = [9, 11]\ndrag.ratio = [1.0, 1.5, 2.0]"] {
+        written(&sweep(grown, ""));
+        let output = caudal(folder.path(), "sweep sweep.toml");
+        assert_eq!(output.status.code(), Some(0), "{}", errors(&output));
+        assert!(done(&output).contains("cases are done already"), "{grown}: {}", done(&output));
+        let anew = caudal(folder.path(), "sweep sweep.toml --out anew --restart");
+        assert_eq!(anew.status.code(), Some(0), "{}", errors(&anew));
+        for file in ["table.csv", "report.html"] {
+            let [kept, fresh] =
+                ["out/sweep", "anew"].map(|out| std::fs::read(folder.path().join(out).join(file)).unwrap());
+            assert!(kept == fresh, "{grown}: {file} is that of a sweep that was never smaller");
+        }
+    }
+    for changed in
+        [small.clone(), sweep("drag.ratio = [1.0, 1.5, 2.0, 3.0]", "traces = 3"), small.replace("= 9", "= 13")]
+    {
+        written(&changed);
+        let before = std::fs::read(folder.path().join("out/sweep/cases.journal")).unwrap();
+        let output = caudal(folder.path(), "sweep sweep.toml");
+        assert_eq!(output.status.code(), Some(2), "{changed}");
+        assert!(errors(&output).contains("begin anew with --restart"), "{}", errors(&output));
+        assert_eq!(std::fs::read(folder.path().join("out/sweep/cases.journal")).unwrap(), before);
+    }
+}
+
+#[test]
+fn a_run_asks_before_it_replaces_results_of_another_scene() {
+    let other = EEL.replace("name = \"eel\"", "name = \"worm\"");
+    let folder = folder_of(&[("eel.toml", EEL), ("worm.toml", &other)]);
+    assert_eq!(caudal(folder.path(), "run eel.toml --out here").status.code(), Some(0));
+    let again = caudal(folder.path(), "run eel.toml --out here --set drag.ratio=4");
+    assert_eq!(again.status.code(), Some(0), "{}", errors(&again));
+    let before = std::fs::read(folder.path().join("here/summary.json")).unwrap();
+    let refused = caudal(folder.path(), "run worm.toml --out here");
+    let expected = "error: here: holds a run of `eel`, not a run of `worm`; choose another folder with --out, or replace it with --force\n";
+    assert_eq!((refused.status.code(), errors(&refused).as_str()), (Some(2), expected));
+    assert_eq!(std::fs::read(folder.path().join("here/summary.json")).unwrap(), before);
+    assert_eq!(caudal(folder.path(), "run worm.toml --out here --force").status.code(), Some(0));
+}
+
+#[test]
+fn a_sweep_that_is_run_and_a_scene_that_is_swept_are_told_apart() {
+    let sweep = "scene = \"eel.toml\"\n[axes]\ndrag.ratio = [1.0, 2.0]\n";
+    let folder = folder_of(&[("eel.toml", EEL), ("sweep.toml", sweep)]);
+    for verb in ["run", "check", "design"] {
+        let output = caudal(folder.path(), &format!("{verb} sweep.toml"));
+        let expected = "error: sweep.toml:2: axes: this is a sweep, not a scene; `caudal sweep` runs it\n";
+        assert_eq!((output.status.code(), errors(&output).as_str()), (Some(2), expected));
+    }
+    let output = caudal(folder.path(), "sweep eel.toml");
+    let expected = "error: eel.toml:3: rod: this is a scene, not a sweep; `caudal run` runs it\n";
+    assert_eq!((output.status.code(), errors(&output).as_str()), (Some(2), expected));
+}
+
+#[test]
+fn mistakes_in_axes_get_the_nearest_names() {
+    for (axes, near) in [
+        ("drag.ratoi = [1.0, 2.0]", "did you mean `ratio`?"),
+        ("drag.ratio = { form = 1.0, to = 2.0, count = 3 }", "did you mean `from`?"),
+        ("drag.ratio = { from = 1.0, to = 2.0, cuont = 3 }", "did you mean `count`?"),
+        ("drag.ratio = { betwen = 1.0 }", "did you mean `between`?"),
+        ("drag.ratio = { valeus = [1.0], scale = \"log\" }", "did you mean `values`?"),
+        ("drag.ratio = [1.0, 2.0]\n[report]\nsplit = \"drag.ratoi\"", "did you mean `drag.ratio`?"),
+    ] {
+        let sweep = format!("scene = \"eel.toml\"\n[axes]\n{axes}\n");
+        let folder = folder_of(&[("eel.toml", EEL), ("sweep.toml", &sweep)]);
+        let output = caudal(folder.path(), "sweep sweep.toml");
+        assert!(errors(&output).contains(near), "{axes}: {}", errors(&output));
+        assert_eq!(output.status.code(), Some(2));
+    }
+}
+
+#[test]
+fn several_mistakes_in_a_scene_are_reported_at_once_each_with_its_line() {
+    let scene = EEL
+        .replace("nodes = 17", "nodes = 2")
+        .replace("length_m = 1.0\nouter", "length_mm = 1.0\nouter")
+        .replace("kind = \"travelling-wave\"", "kind = \"standing\"")
+        .replace("[drag]\nratio = 5.0", "[drag]\nratio = \"five\"")
+        .replace("time_step_s = 1e-2", "time_step_s = 1e-2\ntypo = 1");
+    let folder = folder_of(&[("scene.toml", &scene)]);
+    let output = caudal(folder.path(), "run scene.toml --set medium.density_kg_m3=-1");
+    assert_eq!(output.status.code(), Some(2));
+    let told = errors(&output);
+    let places: Vec<&str> = told.lines().map(|line| line.split(": ").nth(2).unwrap()).collect();
+    let expected = [
+        "rod.length_m",
+        "rod.nodes",
+        "rod.length_mm",
+        "actuation.kind",
+        "drag.ratio",
+        "solver.typo",
+        "medium.density_kg_m3",
+    ];
+    assert_eq!(places, expected, "{told}");
+    assert!(
+        told.lines().all(|line| line.starts_with("error: scene.toml:") || line.starts_with("error: --set")),
+        "{told}"
+    );
+    assert!(
+        told.contains("error: scene.toml:4: rod.nodes: found 2;")
+            && told.contains("error: scene.toml:18: drag.ratio: found \"five\""),
+        "{told}"
+    );
 }

@@ -54,6 +54,9 @@ enum Command {
         /// Run the whole model beside it (esdirk3, small steps), and report the difference
         #[arg(long)]
         verify: bool,
+        /// Replace the results of another scene in the folder
+        #[arg(long)]
+        force: bool,
     },
     /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
     Sweep(sweep::Arguments),
@@ -155,7 +158,7 @@ fn say_kept(kept: &Kept, folder: &Path) -> ExitCode {
 
 pub fn main() -> ExitCode {
     let outcome = match Cli::parse().command {
-        Command::Run { scene, out, verify } => run::run(&scene, out, verify),
+        Command::Run { scene, out, verify, force } => run::run(&scene, out, verify, force),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         #[cfg(feature = "design")]
         Command::Design { scene, out } => design::design(&scene, out),
@@ -175,9 +178,11 @@ fn say(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 
-/// Prints an error.
-fn complain(line: &str) {
-    let _ = writeln!(std::io::stderr(), "error: {line}");
+/// Prints an error, or several, one a line.
+fn complain(text: &str) {
+    for line in text.lines() {
+        let _ = writeln!(std::io::stderr(), "error: {line}");
+    }
 }
 
 /// Prints an error and ends as for wrong input.

@@ -17,12 +17,15 @@ use super::{Prepared, SceneArguments, complain, exit, output_folder, refuse, say
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
 
-pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool) -> Result<ExitCode> {
+pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force: bool) -> Result<ExitCode> {
     let Prepared { document, scene, mut stepper, assessment } = arguments.prepare()?;
     if let Some(error) = assessment.refused(&document) {
         return Ok(refuse(&error));
     }
     let folder = out.unwrap_or_else(|| output_folder(&scene));
+    if !force && let Err(error) = Output::is_free(&folder, &scene.name) {
+        return Ok(refuse(&error));
+    }
     let mut output = match Output::create(&folder, &scene, &stepper) {
         Ok(output) => output,
         Err(error) => return Ok(refuse(&error)),

@@ -124,7 +124,7 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
     if arguments.restart && path.exists() {
         Journal::clear(&path)?;
     }
-    let mut journal = Journal::open(&path, &job)?;
+    let mut journal = sweep.journal(&path, &job)?;
     let all = cases.len();
     cases.retain(|index| !journal.has(*index));
     if cases.len() < all {

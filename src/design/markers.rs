@@ -5,6 +5,7 @@ use std::path::Path;
 use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
+use crate::report::chart::number;
 use crate::rod::Rod;
 
 /// Fewest samples that a motion can be made of.
@@ -126,7 +127,7 @@ impl Markers {
                 Err(Error::Scene {
                     place: format!("{}:{}", path.display(), lines[sample]),
                     key: column.to_string(),
-                    problem: format!("found {}: {problem}", markers.positions[sample][entry]),
+                    problem: format!("found {}: {problem}", number(markers.positions[sample][entry])),
                 })
             }
             None => Ok(markers),

@@ -291,9 +291,14 @@ impl Legend {
     }
 }
 
-/// The name of an axis with the power of ten that its labels lack.
+/// The name of an axis with the power of ten that its labels lack, before its unit where it has one.
 fn titled(name: &str, axis: &Axis) -> String {
-    if axis.power == 0 { name.to_string() } else { format!("{name}   × 10{}", superscript(axis.power)) }
+    let power = format!("10{}", superscript(axis.power));
+    match name.strip_suffix(')').and_then(|name| name.rsplit_once('(')) {
+        _ if axis.power == 0 => name.to_string(),
+        Some((name, unit)) if unit != "1" => format!("{name}({power} {unit})"),
+        _ => format!("{name} (× {power})"),
+    }
 }
 
 impl Frame {

@@ -52,6 +52,18 @@ impl Output {
         }
     }
 
+    /// Whether `folder` is free for results of a run of the scene `name`, or has older ones of it.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] where it has others.
+    pub fn is_free(folder: &Path, name: &str) -> Result<()> {
+        let wanted = format!("a run of `{name}`");
+        match holds(folder).filter(|holds| *holds != wanted) {
+            Some(holds) => Err(Error::Occupied { path: folder.to_path_buf(), holds, wanted }),
+            None => Ok(()),
+        }
+    }
+
     /// Opens `folder` for a run of `scene` and records its first state.
     ///
     /// # Errors
@@ -140,6 +152,25 @@ impl Output {
         }
         kept
     }
+}
+
+/// What results a folder holds, in words.
+fn holds(folder: &Path) -> Option<String> {
+    let read = |file: &str| -> Option<serde_json::Value> {
+        serde_json::from_str(&std::fs::read_to_string(folder.join(file)).ok()?).ok()
+    };
+    let text = |numbers: &serde_json::Value, key: &str| numbers.get(key)?.as_str().map(str::to_string);
+    if let Some(summary) = read("summary.json") {
+        let name = text(&summary, "name")?;
+        return Some(match text(&summary, "subject") {
+            Some(subject) => format!("the study of {subject} of `{name}`"),
+            None => format!("a run of `{name}`"),
+        });
+    }
+    if let Some(design) = read("design.json") {
+        return text(&design, "name").map(|name| format!("the design `{name}`"));
+    }
+    folder.join("cases.journal").exists().then(|| "a sweep".to_string())
 }
 
 /// The names that the table of node positions may have.

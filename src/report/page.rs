@@ -4,7 +4,7 @@ use minijinja::value::Serde;
 use minijinja::{AutoEscape, Environment};
 use serde::Serialize;
 
-use super::chart::Figure;
+use super::chart::{Figure, number};
 use super::record::Frame;
 use crate::error::{Error, Result};
 use crate::run::Summary;
@@ -28,6 +28,7 @@ pub struct Page<'a> {
 struct Content<'a> {
     summary: &'a Summary,
     displacement: String,
+    step: String,
     cycles: String,
     rows: Vec<(String, String)>,
     figures: &'a [Figure],
@@ -84,6 +85,7 @@ impl Page<'_> {
         let content = Content {
             summary: self.summary,
             displacement: format!("{:.6e}", self.summary.net_displacement_m),
+            step: number(self.summary.time_step_s),
             cycles: self.summary.cycles.to_string(),
             rows,
             figures: self.figures,

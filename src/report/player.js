@@ -16,7 +16,7 @@ function framed(box) {
 // A length in the unit that suits it.
 function length(x) {
   const unit = [[0.1, "m", 1], [1e-3, "mm"], [1e-6, "µm"], [1e-9, "nm"]].find(([size]) => x >= 0.999 * size) ?? [1e-9, "nm"];
-  return Number((x / (unit[2] ?? unit[0])).toPrecision(1)) + " " + unit[1];
+  return Number((x / (unit[2] ?? unit[0])).toPrecision(1)) + "\u00a0" + unit[1];
 }
 function play(wanted) {
   motion = wanted;

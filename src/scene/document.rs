@@ -5,12 +5,12 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeString, DeTable, DeValue};
 use twox_hash::XxHash3_128;
 
 use super::Scene;
 use super::value::refused;
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::integrator::METHODS;
 
 /// A larger file is no scene.
@@ -155,7 +155,7 @@ impl Document {
     /// The scene, checked.
     ///
     /// # Errors
-    /// [`Error::Scene`] with file, line and key.
+    /// [`Error::Scene`] with file, line and key; [`Error::Several`] of these, where more than one key is wrong by itself.
     pub fn scene(&self) -> Result<Scene> {
         self.with_root(|root| self.scene_of(root))
     }
@@ -195,8 +195,12 @@ impl Document {
     }
 
     fn scene_of(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
-        check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
-        let mut scene: Scene = self.deserialized(root)?;
+        if root.get_ref().contains_key("axes") && root.get_ref().contains_key("scene") {
+            let problem = "this is a sweep, not a scene; `caudal sweep` runs it".to_string();
+            let fault = Fault { key: "axes".to_string(), problem };
+            return Err(self.error(root, span_of(root.get_ref(), &fault.key), &fault));
+        }
+        let mut scene = self.parsed(root).map_err(|first| self.all_mistakes(root, first))?;
         if scene.name.is_empty() {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
@@ -206,6 +210,34 @@ impl Document {
         scene.contents = contents(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         Ok(scene)
+    }
+
+    /// The scene as far as each key can be judged by itself.
+    fn parsed(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
+        check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
+        self.deserialized(root)
+    }
+
+    /// The `first` mistake with those that remain where it, and each after it, is mended; in the order of the text.
+    fn all_mistakes(&self, root: &Spanned<DeTable<'_>>, first: Error) -> Error {
+        let sound = DeTable::parse(SOUND);
+        let Ok(sound) = &sound else { return first };
+        let mut mendable = root.clone();
+        let mut mended: Vec<(String, Error)> = Vec::new();
+        let mut next = Some(first.clone());
+        while let Some(error) = next.take() {
+            let Error::Scene { key, .. } = &error else { break };
+            let (key, again) = (key.clone(), mended.iter().any(|(other, _)| other == key));
+            if again {
+                break;
+            }
+            mended.push((key.clone(), error));
+            if mended.len() < MOST_MISTAKES && mend(mendable.get_mut(), sound.get_ref(), &key) {
+                next = self.parsed(&mendable).err();
+            }
+        }
+        mended.sort_by_key(|(key, _)| span_of(root.get_ref(), key).map_or(usize::MAX, |span| span.start));
+        if mended.len() < 2 { first } else { Error::Several(mended.into_iter().map(|(_, error)| error).collect()) }
     }
 
     fn deserialized<T: DeserializeOwned>(&self, root: &Spanned<DeTable<'_>>) -> Result<T> {
@@ -340,6 +372,70 @@ fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
     Some(inner.unwrap_or_else(|| name.span()))
 }
 
+/// Most mistakes that are reported at once.
+const MOST_MISTAKES: usize = 12;
+
+/// Keys without a default, with values that stand in for missing and wrong ones while others are looked for.
+const SOUND: &str = "
+rod = { nodes = 9, length_m = 1.0, outer_radius_m = 0.01, youngs_modulus_pa = 1e9, density_kg_m3 = 1e3 }
+actuation = { kind = \"travelling-wave\", kappa_amp = 1.0, frequency_hz = 1.0, wavelength_m = 1.0 }
+medium = { viscosity_pa_s = 1.0, density_kg_m3 = 1e3 }
+drag = { ratio = 2.0 }
+loads.point = [{ node = 0, force_n = [0.0, 0.0] }]
+solver = { duration_s = 1.0 }
+";
+
+/// Gives a dotted key the value of `sound`, or takes it away where that has none; false where neither changes anything.
+fn mend<'a>(table: &mut DeTable<'a>, sound: &DeTable<'a>, key: &str) -> bool {
+    let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
+    let known = sound.get(first).map(Spanned::get_ref);
+    let inner = rest.zip(table.get_mut(first).map(Spanned::get_mut));
+    if let Some((rest, value)) = inner {
+        let nothing = DeTable::new();
+        match value {
+            DeValue::Table(inner) => return mend(inner, known.and_then(DeValue::as_table).unwrap_or(&nothing), rest),
+            DeValue::Array(items) => {
+                let (index, rest) = rest.split_once('.').unwrap_or((rest, ""));
+                let item = index.parse().ok().and_then(|index: usize| items.get_mut(index));
+                let known = known.and_then(DeValue::as_array).and_then(|items| items.first());
+                let known = known.and_then(|item| item.get_ref().as_table()).unwrap_or(&nothing);
+                return match item.map(Spanned::get_mut) {
+                    Some(DeValue::Table(inner)) if !rest.is_empty() => mend(inner, known, rest),
+                    _ => false,
+                };
+            }
+            _ => {}
+        }
+    }
+    let name = table.get_key_value(first).map(|(name, _)| name.clone());
+    match (known, name) {
+        (Some(value), name) => {
+            // With no place: it is written nowhere.
+            let name = name.unwrap_or_else(|| Spanned::new(0..0, first.to_string().into()));
+            table.remove(&name);
+            table.insert(Spanned::new(0..0, name.into_inner()), Spanned::new(0..0, unplaced(value)));
+            true
+        }
+        (None, Some(name)) => table.remove(&name).is_some(),
+        (None, None) => false,
+    }
+}
+
+/// A value that is written nowhere.
+fn unplaced<'a>(value: &DeValue<'a>) -> DeValue<'a> {
+    let nowhere = |value: &Spanned<DeValue<'a>>| Spanned::new(0..0, unplaced(value.get_ref()));
+    match value {
+        DeValue::Table(table) => {
+            let entry = |(key, value): (&Spanned<DeString<'a>>, &Spanned<DeValue<'a>>)| {
+                (Spanned::new(0..0, key.get_ref().clone()), nowhere(value))
+            };
+            DeValue::Table(table.iter().map(entry).collect())
+        }
+        DeValue::Array(items) => DeValue::Array(items.iter().map(nowhere).collect()),
+        other => other.clone(),
+    }
+}
+
 /// Refuses what serde would let pass or complain of in the wrong words: lists in the place of tables, whose values
 /// would be taken in the order of our own structs, and unknown keys of `[solver]`, which stand behind missing ones.
 fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), Fault> {
@@ -416,8 +512,4 @@ fn reworded(key: String, message: &str, source: Option<&str>) -> (String, String
 /// The complaint about a key that is not among those `allowed`.
 pub(super) fn unknown_key(allowed: &str, near: Option<&str>) -> String {
     format!("unknown key; allowed: {allowed}{}", did_you_mean(near))
-}
-
-fn did_you_mean(near: Option<&str>) -> String {
-    near.map_or(String::new(), |near| format!("; did you mean `{near}`?"))
 }

@@ -19,7 +19,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
-use crate::report::{Findings, Kept};
+use crate::report::{Findings, Folder, Kept};
 use crate::scene::{Document, NODES, Scene};
 pub use accuracy::Accuracy;
 pub use modes::Spectrum;
@@ -149,7 +149,7 @@ impl Desk<'_> {
         run: impl Fn(&R) -> Option<T> + Sync,
     ) -> Result<std::result::Result<Vec<T>, Studied>> {
         let failed = |e: std::io::Error| Error::Write { path: self.folder.to_path_buf(), reason: e.to_string() };
-        std::fs::create_dir_all(self.folder).map_err(failed)?;
+        let _made = Folder::open(self.folder)?;
         let path = self.folder.join(format!("{name}{JOURNAL}"));
         let job = Job::new(name, format!("{scene:?} {runs:?}").as_bytes(), runs.len());
         if Journal::read(&path).is_ok_and(|journal| job.difference(journal.job()).is_some()) {

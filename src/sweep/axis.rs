@@ -3,6 +3,7 @@
 use serde::Deserialize;
 use toml::Value;
 
+use crate::error::{did_you_mean, nearest};
 use crate::scene::Fault;
 use crate::scene::value::refused;
 
@@ -82,7 +83,8 @@ pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> 
             other => {
                 let allowed = "a list of values, { from, to, count }, { between = [low, high] }, { values }, \
                     { factors } or { zip }";
-                return Err(Fault { key: path, problem: refused(other, allowed) });
+                let meant = did_you_mean(nearest(key, MARKS.into_iter()));
+                return Err(Fault { key: path, problem: format!("{}{meant}", refused(other, allowed)) });
             }
         }
     }
@@ -102,7 +104,11 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
     if let Some(other) = table.keys().find(|key| !MARKS.contains(&key.as_str())) {
         return Err(Fault {
             key: format!("{path}.{other}"),
-            problem: format!("unknown key; allowed: {}", MARKS.join(", ")),
+            problem: format!(
+                "unknown key; allowed: {}{}",
+                MARKS.join(", "),
+                did_you_mean(nearest(other, MARKS.into_iter()))
+            ),
         });
     }
     if let Some(zip) = table.get("zip") {

@@ -7,14 +7,15 @@ mod axis;
 mod case;
 mod results;
 
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use serde::Deserialize;
 use toml::Value;
 
-use crate::error::{Error, Result, bytes};
-use crate::jobs::{self, Job};
+use crate::error::{Error, Result, bytes, did_you_mean, nearest};
+use crate::jobs::{self, Job, Journal};
 use crate::report::{Frame, room};
 use crate::scene::{Document, Fault, Scene};
 
@@ -97,6 +98,8 @@ pub struct Sweep {
     /// Where each axis stands, as errors name it.
     places: Vec<String>,
     played: BTreeSet<usize>,
+    /// Of the scenes of all cases, once they were checked.
+    hashes: OnceLock<Vec<String>>,
 }
 
 /// One case of a sweep.
@@ -117,6 +120,11 @@ impl Sweep {
     /// [`Error::Read`], [`Error::Scene`] with file, line and key.
     pub fn read(path: &Path, set: &[String]) -> Result<Self> {
         let document = Document::read(path)?;
+        if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
+        {
+            let problem = "this is a scene, not a sweep; `caudal run` runs it".to_string();
+            return Err(document.refuse(&Fault { key: "rod".to_string(), problem }));
+        }
         let file: File = document.read_as()?;
         let refuse = |fault: Fault| document.refuse(&fault);
         let mut axes = axis::read(&file.axes, "axes").map_err(refuse)?;
@@ -148,6 +156,7 @@ impl Sweep {
             record: file.record,
             tables: base.read_as()?,
             played: BTreeSet::new(),
+            hashes: OnceLock::new(),
             axes,
             base,
             document,
@@ -217,8 +226,10 @@ impl Sweep {
             && !self.axes.iter().any(|axis| axis.name == *split && !axis.sampled)
         {
             let names = self.axes.iter().filter(|axis| !axis.sampled).map(|axis| axis.name.as_str());
-            let names = names.collect::<Vec<_>>().join(", ");
-            return fault("report.split", format!("found {split:?}; allowed: an axis with listed levels: {names}"));
+            let names: Vec<&str> = names.collect();
+            let meant = did_you_mean(nearest(split, names.iter().copied()));
+            let allowed = format!("an axis with listed levels: {}{meant}", names.join(", "));
+            return fault("report.split", format!("found {split:?}; allowed: {allowed}"));
         }
         Ok(())
     }
@@ -300,11 +311,10 @@ impl Sweep {
             document.put(&self.places[*axis], key, value);
         }
         let scene = document.scene().map_err(|error| match error {
-            Error::Scene { place, key, problem } => {
-                let problem = format!("{problem} (in case {}: {})", case.index, self.describe(case));
-                Error::Scene { place, key, problem }
+            Error::Several(mistakes) => {
+                Error::Several(mistakes.into_iter().map(|one| self.in_case(case, one)).collect())
             }
-            other => other,
+            one => self.in_case(case, one),
         })?;
         let mut tables = self.tables.clone();
         for (_, key, value) in &case.settings {
@@ -319,6 +329,17 @@ impl Sweep {
             inputs.extend(std::fs::read(&path).map_err(|e| Error::Read { path, reason: e.to_string() })?);
         }
         Ok((scene, jobs::hash(&inputs)))
+    }
+
+    /// An error of a case's scene, with the case.
+    fn in_case(&self, case: &Case, error: Error) -> Error {
+        match error {
+            Error::Scene { place, key, problem } => {
+                let problem = format!("{problem} (in case {}: {})", case.index, self.describe(case));
+                Error::Scene { place, key, problem }
+            }
+            other => other,
+        }
     }
 
     /// A case in words.
@@ -340,7 +361,52 @@ impl Sweep {
             Ok(std::ops::ControlFlow::Continue(()))
         })?;
         let inputs = format!("{:?} {:?} {}", self.record, self.columns(), hashes.concat());
-        Ok(Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()))
+        let RecordTable { frames, traces, .. } = self.record;
+        let kept = format!("{frames} frames and {traces} traces");
+        self.hashes.get_or_init(|| hashes);
+        Ok(Job { kept, ..Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()) })
+    }
+
+    /// Opens the journal of `job`, this sweep's, at `path` to go on with it, or begins it. One of the same sweep before levels or
+    /// axes were added has its cases taken over, as they are the same.
+    ///
+    /// # Errors
+    /// Those of [`Journal::open`].
+    pub fn journal(&self, path: &Path, job: &Job) -> Result<Journal> {
+        let refusal = match Journal::open(path, job) {
+            Ok(journal) => return Ok(journal),
+            Err(error) => error,
+        };
+        if self.take_over(path, job).unwrap_or(false) { Journal::open(path, job) } else { Err(refusal) }
+    }
+
+    /// Replaces the journal at `path` by one of `job` with the same cases, where it has only cases of this sweep.
+    fn take_over(&self, path: &Path, job: &Job) -> Result<bool> {
+        let old = Journal::read(path)?;
+        let grown = Job { hash: job.hash.clone(), size: job.size, ..old.job().clone() };
+        let Some(hashes) = self.hashes.get().filter(|_| grown == *job && !old.is_held()) else { return Ok(false) };
+        let mut known: HashMap<String, usize> = HashMap::new();
+        for index in old.indices() {
+            known.extend(old.get::<Row>(index)?.map(|row| (row.scene_hash, index)));
+        }
+        let own: HashSet<&String> = hashes.iter().collect();
+        if !known.keys().all(|hash| own.contains(hash)) {
+            return Ok(false);
+        }
+        let beside = path.with_file_name(format!(".cases.{}.partial", std::process::id()));
+        let mut new = Journal::open(&beside, job)?;
+        for (index, hash) in hashes.iter().enumerate() {
+            let Some(mut row) = known.get(hash).map(|at| old.get::<Row>(*at)).transpose()?.flatten() else { continue };
+            if !self.plays(index) {
+                row.frames.clear();
+            } else if row.frames.is_empty() {
+                continue; // its motion is wanted now
+            }
+            new.add(index, &row)?;
+        }
+        new.sync()?;
+        std::fs::rename(&beside, path).map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
+        Ok(true)
     }
 
     /// The columns of the table that say which case it is: one for every axis, then every key that no axis is named after.

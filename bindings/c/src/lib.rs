@@ -85,7 +85,7 @@ struct Refusal(caudal_status, String);
 impl From<Error> for Refusal {
     fn from(error: Error) -> Self {
         let status = match &error {
-            Error::Scene { .. } | Error::Read { .. } => CAUDAL_WRONG_SCENE,
+            Error::Scene { .. } | Error::Several(_) | Error::Read { .. } => CAUDAL_WRONG_SCENE,
             Error::NotConverged { .. }
             | Error::NotFinite { .. }
             | Error::FoldOver { .. }

@@ -38,7 +38,7 @@ pub fn sweep<'py>(
         if restart && journal.exists() {
             Journal::clear(&journal)?;
         }
-        let journal = Journal::open(&journal, &job)?;
+        let journal = sweep.journal(&journal, &job)?;
         Ok((sweep, job, folder, journal))
     });
     let (sweep, job, folder, mut journal) = prepared.or_raise(py)?;
