@@ -227,8 +227,12 @@ impl Document {
         let mut next = Some(first.clone());
         while let Some(error) = next.take() {
             let Error::Scene { key, .. } = &error else { break };
-            let (key, again) = (key.clone(), mended.iter().any(|(other, _)| other == key));
-            if again {
+            let key = key.clone();
+            // The same again, or a table that lacks what was taken out of it, is no mistake of the text.
+            let made = |(other, _): &(String, Error)| {
+                other.strip_prefix(&*key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
+            };
+            if mended.iter().any(made) {
                 break;
             }
             mended.push((key.clone(), error));
@@ -236,7 +240,10 @@ impl Document {
                 next = self.parsed(&mendable).err();
             }
         }
-        mended.sort_by_key(|(key, _)| span_of(root.get_ref(), key).map_or(usize::MAX, |span| span.start));
+        // What is missing last: it may be what another mistake was meant to be.
+        let missing = |error: &Error| matches!(error, Error::Scene { problem, .. } if problem.starts_with("missing"));
+        let start = |key: &str| span_of(root.get_ref(), key).map_or(usize::MAX, |span| span.start);
+        mended.sort_by_key(|(key, error)| (missing(error), start(key)));
         if mended.len() < 2 { first } else { Error::Several(mended.into_iter().map(|(_, error)| error).collect()) }
     }
 
