@@ -459,11 +459,7 @@ fn mistakes_are_refused_where_they_stand_before_anything_runs() {
             5,
             "allowed: an axis with listed levels: rod.length_m",
         ),
-<<<<<<< HEAD
         ("[axes]\nrod.length_m = [1.0]\n[record]\nframes = 1", 5, "allowed: 0, or 2 to"),
-=======
-        ("[axes]\nrod.length_m = [1.0]\n[record]\nframes = 1", 5, "0, or 2 to"),
->>>>>>> a4d044d (Sweeps that grow keep their cases, runs ask before they replace another scene's results, mistakes are told together and with the nearest names)
         ("[axes]\nrod.length_m = [1.0]\n[recrod]", 4, "did you mean `record`?"),
         ("name = \"a/b\"\n[axes]\nrod.length_m = [1.0]", 2, "a name that can be a folder's"),
     ];
