@@ -1,12 +1,31 @@
-//! The fluid's laws against independent answers, see `tests/reference/fluid`.
+//! The fluid's forces against an independent program: the scenes of `tests/reference/fluid`, each with its answer.
 
 mod common;
 
 use std::path::Path;
+use std::sync::Arc;
 
+use caudal::fluid::force::{Slopes, resultant};
+use caudal::metrics::Reading;
+use caudal::model::Dynamics;
 use caudal::scene::Scene;
-use common::{run, scene_files};
+use caudal::stepper::Stepper;
+use caudal::system::System;
+use common::{run_with, scene_files, time_step};
+use nalgebra::Vector2;
 use serde_json::Value;
+
+/// Scenes with `[medium.beyond]` or `[head_body]`, which the program does not have. One that loads has to leave this list.
+const NOT_YET: [&str; 3] = ["dipping_plate_n9", "oil_over_water_n11", "sperm_head_n25"];
+
+/// Scenes with another answer than positions at the end, see `tests/validation.rs`.
+const ELSEWHERE: [&str; 1] = ["pyelastica_flagella"];
+
+/// Largest deviation of a position over the length: without and with `[reactive]`. Measured: at most 1e-15.
+const POSITIONS: [f64; 2] = [1e-9, 1e-8];
+
+/// Largest relative deviation of an energy, a power, a force or a velocity.
+const OTHERS: f64 = 1e-7;
 
 fn numbers(value: &Value) -> Vec<f64> {
     match value {
@@ -16,33 +35,124 @@ fn numbers(value: &Value) -> Vec<f64> {
     }
 }
 
-#[test]
-fn scenes_in_fluids_agree_with_an_independent_program() {
-    for path in scene_files("tests/reference/fluid") {
-        let answer = path.with_extension("json");
-        if !answer.exists() {
-            continue;
-        }
-        let scene = match Scene::load(&path) {
-            Ok(s) => s,
-            Err(e) => {
-                println!("{e}");
-                continue;
+/// What is measured of a run, each under the key of the independent answer.
+type Found = Vec<(&'static str, Vec<f64>)>;
+
+fn mean(readings: &[Reading], of: impl Fn(&Reading) -> Vec<f64>) -> Vec<f64> {
+    let mut sum = Vec::new();
+    for reading in readings {
+        let values = of(reading);
+        sum.resize(values.len(), 0.0);
+        sum.iter_mut().zip(values).for_each(|(sum, x)| *sum += x);
+    }
+    sum.iter().map(|x| x / readings.len() as f64).collect()
+}
+
+fn pair(vector: Vector2<f64>) -> Vec<f64> {
+    vec![vector.x, vector.y]
+}
+
+/// Steps in the last period of what drives the scene.
+fn period(scene: &Scene) -> usize {
+    let frequency = scene.drive_frequency().unwrap_or(0.2); // of the table of the driven angle
+    (1.0 / (frequency * time_step(scene))).round() as usize
+}
+
+fn found(scene: &Scene, stepper: &Stepper, readings: &[Reading]) -> Found {
+    let now = &stepper.meter().now;
+    let period = period(scene).min(readings.len() - 1);
+    let (before, last) = readings.split_at(readings.len() - period);
+    let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
+    let mut state = stepper.state().clone();
+    dynamics.move_to(state.t, &mut state);
+    dynamics.shape(&state).unwrap();
+    let rod = dynamics.kinematics(&state);
+    let (mut wake, mut drag, mut momentum) = (Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
+    for force in dynamics.model.forces.iter() {
+        match force.name() {
+            "wake" => wake = -resultant(force, &rod),
+            "reactive" => {
+                // The momentum of a node's share of the fluid is ∂T/∂v.
+                let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; state.q.len()]);
+                force.energy(&rod, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
+                momentum = v.as_chunks().0.iter().map(|v| Vector2::from(*v)).sum();
             }
-        };
-        let answer: Value = serde_json::from_str(&std::fs::read_to_string(&answer).unwrap()).unwrap();
-        let expected = numbers(&answer["final_positions_m"]);
-        let stepper = run(&scene);
-        let found = &stepper.state().q;
-        let off = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
-        let now = &stepper.meter().now;
-        println!("{}: {:.2e} of the length", scene.name, off / scene.rod.length_m.get());
-        if let Some(p) = answer["drag_power_w"].as_f64() {
-            println!(
-                "   drag power {} {p}; wake {} {}; fluid {} {}",
-                now.power.viscous, now.power.wake, answer["wake_power_w"], now.energy.fluid, answer["fluid_kinetic_j"]
-            );
+            _ => drag = -resultant(force, &rod),
         }
     }
-    let _ = Path::new("");
+    let moved = now.com - before[before.len() - 1].com;
+    vec![
+        ("final_velocities_m_s", state.v.clone()),
+        ("com_m", pair(now.com)),
+        ("rod_com_m", pair(now.com)),
+        ("mean_velocity_last_period_m_s", pair(moved / (period as f64 * time_step(scene)))),
+        ("mean_force_on_host_last_period_N", mean(last, |r| pair(r.head_force))),
+        ("bending_j", vec![now.energy.bending]),
+        ("kinetic_j", vec![now.energy.kinetic]),
+        ("fluid_kinetic_j", vec![now.energy.fluid]),
+        ("fluid_momentum_n_s", pair(momentum)),
+        ("drag_power_w", vec![now.power.viscous]),
+        ("wake_power_w", vec![now.power.wake]),
+        ("mean_drag_power_w", mean(readings, |r| vec![r.power.viscous])),
+        ("mean_wake_power_w", mean(readings, |r| vec![r.power.wake])),
+        ("drag_force_n", pair(drag)),
+        ("wake_force_n", pair(wake)),
+        ("head_exerts_n", pair(-now.head_force)),
+        ("mean_head_exerts_n", mean(readings, |r| pair(-r.head_force))),
+    ]
+}
+
+/// Largest difference over the largest of the expected.
+fn deviation(found: &[f64], expected: &[f64]) -> f64 {
+    assert_eq!(found.len(), expected.len());
+    let off = common::largest(found.iter().zip(expected).map(|(a, b)| a - b));
+    off / common::largest(expected.iter().copied()).max(f64::MIN_POSITIVE)
+}
+
+#[test]
+fn scenes_in_fluids_agree_with_an_independent_program() {
+    let mut refused = Vec::new();
+    let mut compared = 0;
+    for path in scene_files("tests/reference/fluid") {
+        let name = path.file_stem().and_then(|name| name.to_str()).unwrap();
+        if ELSEWHERE.contains(&name) {
+            continue;
+        }
+        let Ok(scene) = Scene::load(&path) else {
+            refused.push(name.to_string());
+            continue;
+        };
+        compare(&scene, &path);
+        compared += 1;
+    }
+    assert_eq!(refused, NOT_YET, "a scene that loads leaves the list, one that does not is a fault");
+    assert_eq!(compared, 8);
+}
+
+fn compare(scene: &Scene, path: &Path) {
+    let answer = std::fs::read_to_string(path.with_extension("json")).unwrap();
+    let answer: Value = serde_json::from_str(&answer).unwrap();
+    let mut readings = Vec::new();
+    let stepper = run_with(scene, |stepper| readings.push(stepper.meter().now.clone()));
+    let expected = numbers(&answer["final_positions_m"]);
+    assert_eq!(expected.len(), stepper.state().q.len());
+    let off = stepper.state().q.iter().zip(&expected).map(|(a, b)| a - b);
+    let off = common::largest(off) / scene.rod.length_m.get();
+    println!("{}: positions {off:.1e}", scene.name);
+    let tolerance = POSITIONS[usize::from(scene.reactive.is_some())];
+    assert!(off < tolerance, "{}: {off:e} of the length", scene.name);
+    // Of the laws of slender bodies the answer is in a table of its own.
+    let table = if answer["lumped"].is_object() { &answer["lumped"] } else { &answer };
+    let mut looked = 0;
+    for (key, found) in found(scene, &stepper, &readings) {
+        let expected = numbers(&table[key]);
+        if expected.is_empty() {
+            continue;
+        }
+        looked += 1;
+        let off = deviation(&found, &expected);
+        println!("   {key}: {off:.1e}");
+        assert!(off < OTHERS || off == 0.0, "{}: {key} {found:?}, expected {expected:?}: {off:e}", scene.name);
+    }
+    assert!(looked >= 2, "{}: {looked}", scene.name);
 }

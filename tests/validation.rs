@@ -1,0 +1,602 @@
+//! What is published or known in closed form of bodies in fluids: swimming sheets, driven tails, falling rods, vibrating and
+//! fluttering plates. DESIGN.md has the table.
+
+mod common;
+
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, LN_2, PI, TAU};
+use std::sync::Arc;
+
+use caudal::fluid::{Fluid, Forces, Kinematics};
+use caudal::linear::BandMatrix;
+use caudal::model::{Dynamics, Model};
+use caudal::modes::Matrices;
+use caudal::rod::{Edge, node};
+use caudal::scene::Scene;
+use caudal::system::{Direction, Linearisation};
+use common::{order, run, run_with, scene_of};
+use nalgebra::{Complex, DMatrix, Matrix3, Matrix4, Rotation2, Vector2, Vector3, Vector4};
+
+/// A rod of 1 m; `E` and the rest by overrides.
+const ROD: &str = r#"name = "validation"
+[rod]
+nodes = 33
+length_m = 1.0
+outer_radius_m = 0.01
+youngs_modulus_pa = 1e7
+density_kg_m3 = 1000.0
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1000.0
+[solver]
+integrator = "esdirk3"
+time_step_s = 0.01
+duration_s = 1.0
+newton_tolerance = 1e-12
+"#;
+
+/// Twice the drag across as along.
+const TWICE: &str = r#"drag={ law = "coefficients", along_n_s_m2 = 1.0, across_n_s_m2 = 2.0 }"#;
+
+/// I of [`ROD`], m⁴.
+const INERTIA: f64 = FRAC_PI_4 * 1e-8;
+
+/// How a rod moves that does as it is told: positions (m), velocities (m/s) and accelerations (m/s²).
+#[derive(Debug, Default, Clone)]
+struct Motion {
+    q: Vec<f64>,
+    v: Vec<f64>,
+    a: Vec<f64>,
+}
+
+impl Motion {
+    fn push(&mut self, q: Vector2<f64>, v: Vector2<f64>, a: Vector2<f64>) {
+        self.q.extend(q.iter());
+        self.v.extend(v.iter());
+        self.a.extend(a.iter());
+    }
+
+    /// What opposes each node, N.
+    fn forces(&self, forces: &Forces, fluid: Fluid) -> Vec<Vector2<f64>> {
+        let nodes = self.q.len() / 2;
+        let edges: Vec<Edge> = (0..nodes - 1).map(|k| Edge::new(node(&self.q, k + 1) - node(&self.q, k))).collect();
+        let rod = Kinematics { t: 0.0, edges: &edges, q: &self.q, v: &self.v, a: &self.a, fluid };
+        let mut out = vec![0.0; self.q.len()];
+        forces.add(&rod, &mut out);
+        (0..nodes).map(|k| node(&out, k)).collect()
+    }
+}
+
+/// Nodes of a wave.
+const PER_WAVE: usize = 60;
+
+/// y = b sin x, where the nodes of a wave are along its arc.
+struct Sine {
+    amplitude: f64,
+    /// Arc length of a wave over its length along the axis.
+    stretch: f64,
+    /// x of every node.
+    nodes: Vec<f64>,
+}
+
+impl Sine {
+    fn new(amplitude: f64) -> Self {
+        let stretch = |x: f64| (1.0 + (amplitude * x.cos()).powi(2)).sqrt();
+        // Simpson's rule.
+        let arc = |x: f64| -> f64 {
+            let h = x / 200.0;
+            let piece = |x: f64| h / 6.0 * (stretch(x) + 4.0 * stretch(x + 0.5 * h) + stretch(x + h));
+            (0..200).map(|i| piece(f64::from(i) * h)).sum()
+        };
+        let wave = arc(TAU);
+        let at = |k: usize| {
+            let wanted = wave * k as f64 / PER_WAVE as f64;
+            (0..20).fold(TAU * k as f64 / PER_WAVE as f64, |x, _| x - (arc(x) - wanted) / stretch(x))
+        };
+        Self { amplitude, stretch: wave / TAU, nodes: (0..PER_WAVE).map(at).collect() }
+    }
+
+    /// Position and unit tangent of node `k`.
+    fn at(&self, k: i64) -> (Vector2<f64>, Vector2<f64>) {
+        let x = self.nodes[k.rem_euclid(PER_WAVE as i64) as usize];
+        let whole = TAU * k.div_euclid(PER_WAVE as i64) as f64;
+        (Vector2::new(x + whole, self.amplitude * x.sin()), Vector2::new(1.0, self.amplitude * x.cos()).normalize())
+    }
+
+    /// ⟨cos²θ⟩ over the arc.
+    fn beta(&self) -> f64 {
+        let angles = (0..2000).map(|i| (self.amplitude * (TAU * f64::from(i) / 2000.0).cos()).atan());
+        angles.map(f64::cos).sum::<f64>() / 2000.0 / self.stretch
+    }
+}
+
+/// Lighthill's speed of an endless wave over the wave's, by ⟨cos²θ⟩ and the ratio of drag along to drag across.
+fn endless(beta: f64, gamma: f64) -> f64 {
+    (1.0 - beta) * (1.0 - gamma) / (1.0 - beta + gamma * beta)
+}
+
+/// The speed over the wave's of a free body without inertia that is waves of `sine`.
+fn speed(sine: &Sine, model: &Model) -> f64 {
+    /// Nodes that the wave passes between two looks.
+    const PASSED: usize = 2;
+    let nodes = model.rod.nodes;
+    let scale = model.rod.spacing / (TAU * sine.stretch / PER_WAVE as f64);
+    let spin = |q: Vector2<f64>| Vector2::new(-q.y, q.x);
+    // Drift of the centre and spin, in the frame that moves with the wave, whose speed is 1.
+    let motions: Vec<_> = (0..PER_WAVE / PASSED)
+        .map(|phase| {
+            let mut given = Motion::default();
+            for k in 0..nodes {
+                let (x, t) = sine.at(k as i64 - (PASSED * phase) as i64);
+                given.push(x * scale, -t * sine.stretch, Vector2::zeros());
+            }
+            let opposing = |keep: f64, add: &dyn Fn(Vector2<f64>) -> Vector2<f64>| {
+                let mut motion = given.clone();
+                for (q, v) in given.q.as_chunks().0.iter().zip(motion.v.as_chunks_mut().0) {
+                    *v = (Vector2::from(*v) * keep + add(Vector2::from(*q))).into();
+                }
+                let forces = motion.forces(&model.forces, model.fluid);
+                let sum: Vector2<f64> = forces.iter().sum();
+                let moment = forces.iter().enumerate().map(|(k, force)| node(&given.q, k).perp(force)).sum();
+                Vector3::new(sum.x, sum.y, moment)
+            };
+            let rigid = [opposing(0.0, &|_| Vector2::x()), opposing(0.0, &|_| Vector2::y()), opposing(0.0, &spin)];
+            let free = -Matrix3::from_columns(&rigid).lu().solve(&opposing(1.0, &|_| Vector2::zeros())).unwrap();
+            let [centre, drift] = [&given.q, &given.v].map(|values| model.rod.mean(values));
+            (drift + Vector2::new(free.x, free.y) + spin(centre) * free.z, free.z * scale)
+        })
+        .collect();
+    let step = TAU / motions.len() as f64;
+    let (mut angle, mut moved) = (0.0, Vector2::zeros());
+    for (i, (drift, turning)) in motions.iter().enumerate() {
+        moved += Rotation2::new(angle) * drift * step;
+        angle += 0.5 * (turning + motions[(i + 1) % motions.len()].1) * step;
+    }
+    moved.norm() / TAU
+}
+
+#[test]
+fn waves_swim_as_fast_as_gray_hancock_and_lighthill_say() {
+    let body = |waves: usize| {
+        let nodes = format!("rod.nodes={}", PER_WAVE * waves + 1);
+        scene_of(ROD, &[TWICE, &nodes]).model().unwrap()
+    };
+    let eight = body(8);
+    for (slope, published) in [(0.2, 0.01914), (0.5, 0.09776), (1.0, 0.23875), (2.0, 0.38155)] {
+        let sine = Sine::new(slope);
+        let theory = endless(sine.beta(), 0.5);
+        assert!((theory - published).abs() < 6e-6, "{slope}: {theory}");
+        let ratio = speed(&sine, &eight) / theory;
+        println!("{slope}: {ratio}");
+        // Measured:
+        assert!(ratio > 0.993 && ratio < 0.999, "{slope}: {ratio}");
+    }
+    let sine = Sine::new(0.2);
+    for (waves, expected) in [(1, 0.700), (2, 0.925), (4, 0.981)] {
+        let ratio = speed(&sine, &body(waves)) / endless(sine.beta(), 0.5);
+        println!("{waves} waves: {ratio}");
+        // Measured:
+        assert!((ratio - expected).abs() < 2e-3, "{waves} waves: {ratio}");
+    }
+}
+
+#[test]
+fn a_stiff_rod_of_eight_waves_swims_as_fast_as_lighthill_says_of_its_shape() {
+    // Curvature is a sine of the arc length: θ = θ₀ cos, ⟨cos θ⟩ = J₀(θ₀), ⟨cos² θ⟩ = ½(1 + J₀(2θ₀)).
+    let mean = |of: &dyn Fn(f64) -> f64| (0..200).map(|i| of(TAU * f64::from(i) / 200.0)).sum::<f64>() / 200.0;
+    for angle in [0.3, 0.8] {
+        let amplitude = format!("actuation.kappa_amp={:e}", TAU * angle);
+        let wave = "actuation={ kind = \"travelling-wave\", kappa_amp = 1.0, frequency_hz = 1.0, wavelength_m = 1.0 }";
+        let changes = [
+            TWICE,
+            wave,
+            &amplitude,
+            "rod.length_m=8.0",
+            "rod.nodes=193",
+            "rod.youngs_modulus_pa=1e12",
+            "rod.density_kg_m3=1.0",
+            "solver.duration_s=2.0",
+            "solver.time_step_s=0.01",
+        ];
+        let mut at = Vec::new();
+        run_with(&scene_of(ROD, &changes), |stepper| at.push(stepper.meter().now.com));
+        let along = mean(&|x| (angle * x.cos()).cos());
+        let expected = endless(mean(&|x| (angle * x.cos()).cos().powi(2)), 0.5) * along;
+        let ratio = (at[199] - at[99]).norm() / expected;
+        println!("{angle}: {ratio}");
+        // Measured:
+        assert!((ratio - 0.995).abs() < 4e-3, "{angle}: {ratio}");
+    }
+}
+
+/// The largest value of `f` between `low` and `high`, by golden section, and where it is.
+fn greatest(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> [f64; 2] {
+    let ratio = 0.5 * (5f64.sqrt() - 1.0);
+    while high - low > 1e-9 {
+        let (a, b) = (high - ratio * (high - low), low + ratio * (high - low));
+        if f(a) < f(b) { low = a } else { high = b }
+    }
+    [0.5 * (low + high), f(0.5 * (low + high))]
+}
+
+#[test]
+fn no_wave_swims_better_than_a_saw_tooth_of_forty_degrees() {
+    for (ratio, best, degrees) in [(0.5f64, 0.0858, 40.06), (0.7, 0.0267, f64::NAN)] {
+        let model = scene_of(ROD, &["rod.nodes=5", &TWICE.replace("2.0", &format!("{}", 1.0 / ratio))]).model().unwrap();
+        // ξ∥ΛU²/P of a straight piece of the wave, at angle θ to the axis; the other half is its mirror image.
+        let efficiency = |angle: f64| {
+            let t = Vector2::new(angle.cos(), angle.sin());
+            let at = |frame: f64| {
+                let v = Vector2::x() * frame - t / angle.cos();
+                let mut motion = Motion::default();
+                (0..5).for_each(|k| motion.push(t * model.rod.arc_length(k), v, Vector2::zeros()));
+                let force: Vector2<f64> = motion.forces(&model.forces, model.fluid).iter().sum();
+                (force, v)
+            };
+            let (still, fast) = (at(0.0).0.x, at(1.0).0.x);
+            let frame = still / (still - fast);
+            let (force, v) = at(frame);
+            (frame - 1.0).powi(2) * model.rod.length / force.dot(&v)
+        };
+        let [angle, found] = greatest(0.1, 1.4, efficiency);
+        // (1 − √γ)². Measured: 1e-16.
+        assert!((found - (1.0 - ratio.sqrt()).powi(2)).abs() < 1e-12, "{found}");
+        assert!((found - best).abs() < 5e-5, "{found}");
+        assert!(degrees.is_nan() || (angle.to_degrees() - degrees).abs() < 0.005, "{}", angle.to_degrees());
+    }
+}
+
+/// Mean thrust of a tail whose base turns by θ₀ sin ωt, over (ξ⊥ − ξ∥) ω L² θ₀², in the limit of small angles: Wiggins and
+/// Goldstein's Y⁗ = −i Sp⁴ Y with Y = 0, Y′ = 1 at the base, Y″ = Y‴ = 0 at the tip.
+fn linear_thrust(sperm: f64) -> f64 {
+    let roots = [0, 1, 2, 3].map(|i| Complex::from_polar(sperm, -PI / 8.0 + FRAC_PI_2 * f64::from(i)));
+    let power = |r: Complex<f64>, n: u32| (0..n).fold(Complex::new(1.0, 0.0), |product, _| product * r);
+    let rows = |i: usize, j: usize| match i {
+        0 => Complex::new(1.0, 0.0),
+        1 => roots[j],
+        _ => power(roots[j], i as u32) * roots[j].exp(),
+    };
+    let wanted = Vector4::new(0.0, 1.0, 0.0, 0.0).map(|x| Complex::new(x, 0.0));
+    let y = Matrix4::from_fn(rows).lu().solve(&wanted).unwrap();
+    let at_base = |n: u32| (0..4).map(|j| y[j] * power(roots[j], n)).sum::<Complex<f64>>();
+    -0.5 * ((at_base(1) * at_base(3).conj()).re - 0.5 * at_base(2).norm_sqr()) / sperm.powi(4)
+}
+
+/// The same of the rod at the angle θ₀, on `nodes` nodes, in its twelfth period.
+fn thrust(sperm: f64, angle: f64, nodes: u32) -> f64 {
+    const STEPS: usize = 64;
+    let head = format!("head={{ kind = \"driven\", angle_rad = {{ amplitude = {angle}, frequency_hz = 1.0 }} }}");
+    let changes = [
+        TWICE,
+        &head,
+        &format!("rod.nodes={nodes}"),
+        &format!("rod.youngs_modulus_pa={:e}", 2.0 * TAU / sperm.powi(4) / INERTIA),
+        "rod.density_kg_m3=1e-2",
+        "solver.duration_s=12.0",
+        &format!("solver.time_step_s={:e}", 1.0 / STEPS as f64),
+    ];
+    let mut force = Vec::new();
+    run_with(&scene_of(ROD, &changes), |stepper| force.push(stepper.meter().now.head_force.x));
+    let period = &force[force.len() - STEPS..];
+    -period.iter().sum::<f64>() / STEPS as f64 / (TAU * angle * angle)
+}
+
+/// The limit of [`thrust`] on fine meshes, from two at second order.
+fn fine_thrust(sperm: f64, angle: f64) -> f64 {
+    let [coarse, fine] = [33, 65].map(|nodes| thrust(sperm, angle, nodes));
+    fine + (fine - coarse) / 3.0
+}
+
+#[test]
+fn a_tail_driven_by_its_base_pushes_as_wiggins_and_goldstein_say() {
+    for (sperm, published) in [(1.0, 0.009659), (2.0, 0.058308), (3.0, 0.019142)] {
+        let theory = linear_thrust(sperm);
+        assert!((theory - published).abs() < 6e-7, "{sperm}: {theory}");
+        let ratio = fine_thrust(sperm, 0.05) / theory;
+        println!("{sperm}: {ratio}");
+        // Measured:
+        assert!((ratio - 1.0).abs() < 2e-4, "{sperm}: {ratio}");
+    }
+    // 7/720 Sp⁴ of a short tail, and the greatest thrust.
+    assert!((linear_thrust(0.1) / 0.1f64.powi(4) * 720.0 / 7.0 - 1.0).abs() < 1e-4);
+    let [at, most] = greatest(1.0, 3.0, linear_thrust);
+    assert!((at - 1.877).abs() < 5e-4 && (most - 0.06019).abs() < 5e-6, "{at} {most}");
+    // With stiffness, frequency and drag given the length is free: in ℓ = (EI/ξω)^¼ the thrust is Sp² times that.
+    let [at, most] = greatest(1.0, 3.0, |sperm| linear_thrust(sperm) * sperm * sperm);
+    assert!((at - 2.158).abs() < 5e-4 && (most - 0.2420).abs() < 5e-5, "{at} {most}");
+    let [shorter, best, longer] = [1.9, at, 2.4].map(|sperm| thrust(sperm, 0.05, 33) * sperm * sperm);
+    assert!(best > shorter && best > longer && (best / most - 1.0).abs() < 1e-2, "{shorter} {best} {longer}");
+}
+
+#[test]
+fn a_tail_driven_by_its_base_at_a_quarter_of_a_right_angle_pushes_less_than_linear_theory_says() {
+    // Yu, Lauga and Hosoi's angle; values by an independent program.
+    for (sperm, expected) in [(1.0, 0.00943), (2.0, 0.05660), (3.0, 0.01895)] {
+        let found = fine_thrust(sperm, 0.435);
+        println!("{sperm}: {found}");
+        // Measured:
+        assert!((found - expected).abs() < 1.5e-5, "{sperm}: {found}");
+        assert!(found < linear_thrust(sperm));
+    }
+}
+
+#[test]
+fn a_rod_falls_obliquely_by_the_ratio_of_its_drags() {
+    for (drag, ratio) in [
+        (TWICE.to_string(), 0.5),
+        ("drag={ law = \"cox\" }".to_string(), {
+            let slender = 100f64.ln();
+            0.5 * (slender - 0.5 + LN_2) / (slender - 1.5 + LN_2)
+        }),
+    ] {
+        let drift = |angle: f64| {
+            let down = Vector2::new(angle.cos(), angle.sin());
+            let gravity = format!("loads.gravity_m_s2=[{:e}, {:e}]", down.x, down.y);
+            let changes = [&drag, &gravity, "rod.youngs_modulus_pa=1e9", "solver.duration_s=40.0", "solver.time_step_s=1.0"];
+            let stepper = run(&scene_of(ROD, &changes));
+            let v = node(&stepper.state().v, 0);
+            (v.perp(&down) / v.dot(&down)).abs()
+        };
+        for degrees in [10.0f64, 30.0, 54.0, 80.0] {
+            let angle = degrees.to_radians();
+            let expected = (1.0 - ratio) * angle.tan() / (1.0 + ratio * angle.tan().powi(2));
+            let off = (drift(angle) / expected - 1.0).abs();
+            println!("{degrees}: {off:.1e}");
+            // Measured:
+            assert!(off < 1e-9, "{degrees}: {off:e}");
+        }
+        // The steepest: asin((1 − γ)/(1 + γ)), 19.47° for γ = ½.
+        let most = drift((1.0 / ratio).sqrt().atan()).atan();
+        assert!((most - ((1.0 - ratio) / (1.0 + ratio)).asin()).abs() < 1e-9, "{}", most.to_degrees());
+        assert!(ratio != 0.5 || (most.to_degrees() - 19.47).abs() < 5e-3);
+    }
+}
+
+/// Quadratic drag alone: a fluid of next to no viscosity.
+const FORM: [&str; 2] = ["medium.viscosity_pa_s=1e-30", "drag={ law = \"cross-flow\" }"];
+
+#[test]
+fn a_rod_coasts_as_quadratic_drag_lets_it() {
+    // M ẇ = −½ρD C_d w² per length: w = v₀/(1 + kt), k = ½ρD C_d v₀/M. A flow past the resting rod is the same in another frame.
+    let errors = [0.02, 0.01, 0.005].map(|time_step| {
+        let step = format!("solver.time_step_s={time_step}");
+        let changes =
+            [FORM[0], FORM[1], "medium.flow_m_s=[0.0, -1.0]", "solver.integrator=newmark", "solver.duration_s=0.5", &step];
+        let scene = scene_of(ROD, &changes);
+        let model = scene.model().unwrap();
+        let k = 0.5 * 1000.0 * 0.02 * 1.1 / model.rod.total_mass();
+        let relative = node(&run(&scene).state().v, 16).y + 1.0;
+        relative * (1.0 + 0.5 * k) - 1.0
+    });
+    println!("{errors:?}");
+    for pair in errors.windows(2) {
+        // Measured:
+        let found = order(pair[0], pair[1]);
+        assert!((found - 2.0).abs() < 0.1, "{found} {errors:?}");
+    }
+    // Measured:
+    assert!(errors[1].abs() < 5e-3, "{errors:?}");
+}
+
+#[test]
+fn a_rod_sinks_at_the_speed_at_which_drag_carries_it() {
+    let gravity = "loads={ gravity_m_s2 = [0.0, -9.81], buoyancy = true }";
+    for viscosity in [1e-3f64, 1.0] {
+        let changes = [
+            &format!("medium.viscosity_pa_s={viscosity}") as &str,
+            FORM[1],
+            gravity,
+            "rod.density_kg_m3=1400.0",
+            "solver.integrator=implicit-euler",
+            "solver.time_step_s=0.5",
+            "solver.duration_s=100.0",
+        ];
+        let stepper = run(&scene_of(ROD, &changes));
+        // Per length, water and depth as they are in the scene.
+        let (density, depth) = (1000.0, 0.02);
+        let weight = 400.0 * PI * 1e-4 * 9.81;
+        let viscous = 4.0 * PI * viscosity / (100f64.ln() + 2f64.ln() - 0.5);
+        let layer = 2.0 * density * depth * (viscosity / density / depth).sqrt();
+        let drag = |w: f64| viscous * w + layer * w.powf(1.5) + 0.5 * density * depth * 1.1 * w * w;
+        let (mut low, mut high) = (0.0, 10.0);
+        while high - low > 1e-15 {
+            let middle: f64 = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if drag(middle) < weight { low = middle } else { high = middle }
+        }
+        let off = (-node(&stepper.state().v, 16).y / low - 1.0).abs();
+        println!("{viscosity}: {low} {off:e}");
+        // Measured:
+        assert!(off < 1e-12, "{viscosity}: {off:e}");
+    }
+}
+
+#[test]
+fn the_thrust_of_small_waves_in_a_flow_is_lighthill_s() {
+    let errors = [33, 65, 129].map(|nodes| {
+        let nodes = format!("rod.nodes={nodes}");
+        let changes = ["medium.flow_m_s=[1.0, 0.0]", "reactive.shedding=1.0", &nodes];
+        let model = scene_of(ROD, &changes).model().unwrap();
+        let mass = 1000.0 * FRAC_PI_4 * 4e-4;
+        // h = (b + s²) a cos(ks − ωt): a wave that grows towards the tail and runs faster than the flow.
+        const PHASES: u32 = 16;
+        let (wave, omega, size) = (TAU, 1.3 * TAU, 1e-4);
+        let envelope = |s: f64| size * (0.2 + 0.8 * s * s);
+        let slope = |s: f64| size * 1.6 * s;
+        let (mut thrust, mut power, mut theory) = (0.0, 0.0, [0.0; 2]);
+        for phase in 0..PHASES {
+            let wt = TAU * f64::from(phase) / f64::from(PHASES);
+            let mut motion = Motion::default();
+            for k in 0..model.rod.nodes {
+                let s = model.rod.arc_length(k);
+                let (sin, cos) = (wave * s - wt).sin_cos();
+                let h = envelope(s) * cos;
+                let h_t = envelope(s) * omega * sin;
+                motion.push(Vector2::new(s, h), Vector2::y() * h_t, Vector2::y() * (-omega * omega * h));
+            }
+            let share = 1.0 / f64::from(PHASES);
+            for (k, force) in motion.forces(&model.forces, model.fluid).iter().enumerate() {
+                thrust -= force.x * share;
+                power += force.dot(&node(&motion.v, k)) * share;
+            }
+            for (end, sign) in [(1.0, 1.0), (0.0, 0.0)] {
+                let (sin, cos) = (wave * end - wt).sin_cos();
+                let (h_t, h_x) = (envelope(end) * omega * sin, slope(end) * cos - envelope(end) * wave * sin);
+                theory[0] += sign * share * 0.5 * mass * (h_t * h_t - h_x * h_x);
+                theory[1] += sign * share * mass * h_t * (h_t + h_x);
+            }
+        }
+        println!("{nodes}: thrust {} power {} {theory:?}", -thrust / theory[0], power / theory[1]);
+        [thrust / theory[0], power / theory[1]]
+    });
+    println!("{errors:?}");
+}
+
+/// M, C and K of the motion across a clamped rod that lies straight in its flow, without the clamped node.
+fn across(model: Model) -> [DMatrix<f64>; 3] {
+    let nodes = model.rod.nodes;
+    let mut dynamics = Dynamics::new(Arc::new(model));
+    let straight = dynamics.first_state();
+    [Direction::ACCELERATIONS, Direction::VELOCITIES, Direction::POSITIONS].map(|direction| {
+        let mut matrix = BandMatrix::new(nodes);
+        let linearisation = Linearisation { matrix: &mut matrix, direction };
+        dynamics.unconstrained(&straight, &mut vec![0.0; 2 * nodes], Some(linearisation)).unwrap();
+        DMatrix::from_fn(nodes - 1, nodes - 1, |i, j| matrix.entry(2 * i + 3, 2 * j + 3))
+    })
+}
+
+/// A clamped plate of 65 nodes with the share β of the water in its inertia, in a flow of u √(EI/m_a)/L.
+fn plate(beta: f64, u: f64, shedding: f64) -> Model {
+    let added = 1000.0 * FRAC_PI_4 * 4e-4; // of a round rod of 2 cm in water, kg/m
+    let own = added * (1.0 - beta) / beta;
+    let changes = [
+        "head.kind=clamped",
+        "rod.nodes=65",
+        &format!("rod.density_kg_m3={:e}", own / (PI * 1e-4)),
+        &format!("medium.flow_m_s=[{:e}, 0.0]", u * (1e7 * INERTIA / added).sqrt()),
+        &format!("reactive.shedding={shedding}"),
+    ];
+    scene_of(ROD, &changes).model().unwrap()
+}
+
+#[test]
+fn water_lowers_the_frequencies_of_a_plate_by_its_added_mass() {
+    // m_a/m = 4: frequencies fall by √5.
+    let model = plate(0.8, 0.0, 1.0);
+    let rod = model.rod.clone();
+    let unit = (rod.ei / (rod.length.powi(3) * 5.0 * rod.total_mass())).sqrt();
+    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid))).unwrap();
+    let scaled = DMatrix::from_fn(64, 64, |i, j| {
+        let (i, j) = (2 * i + 3, 2 * j + 3);
+        matrices.stiffness.entry(i, j) / (matrices.mass[i] * matrices.mass[j]).sqrt()
+    });
+    let mut squares: Vec<f64> = scaled.symmetric_eigenvalues().iter().copied().collect();
+    squares.sort_by(f64::total_cmp);
+    for ((square, published), tolerance) in
+        squares.iter().zip([1.875104068711961, 4.694091132974175, 7.854757438237613]).zip([3e-4, 1.5e-3, 3e-3])
+    {
+        let off = square.sqrt() / (unit * published * published) - 1.0;
+        println!("{off:e}");
+        // Measured:
+        assert!(off.abs() < tolerance, "{off:e}");
+    }
+}
+
+/// The largest growth rate of M ÿ + C ẏ + K y = 0, 1/s.
+fn growth([mass, damping, stiffness]: &[DMatrix<f64>; 3]) -> f64 {
+    let n = mass.nrows();
+    let inverse = mass.clone().try_inverse().unwrap();
+    let mut companion = DMatrix::zeros(2 * n, 2 * n);
+    companion.view_mut((0, n), (n, n)).fill_with_identity();
+    companion.view_mut((n, 0), (n, n)).copy_from(&(-&inverse * stiffness));
+    companion.view_mut((n, n), (n, n)).copy_from(&(-&inverse * damping));
+    let square = faer::Mat::from_fn(2 * n, 2 * n, |i, j| companion[(i, j)]);
+    let found: Vec<faer::c64> = square.eigenvalues().unwrap();
+    found.iter().map(|value| value.re).fold(f64::NEG_INFINITY, f64::max)
+}
+
+/// The least u between `low` and `high` from which `unstable` holds.
+fn threshold(mut low: f64, mut high: f64, unstable: impl Fn(f64) -> bool) -> f64 {
+    assert!(!unstable(low) && unstable(high));
+    while high - low > 1e-5 {
+        let middle = 0.5 * (low + high);
+        if unstable(middle) { high = middle } else { low = middle }
+    }
+    0.5 * (low + high)
+}
+
+#[test]
+fn a_clamped_plate_flutters_in_the_flow_of_theory() {
+    // y⁗ + u²y″ + 2u√β ẏ′ + ÿ = 0; values by Galerkin's method, 5.6, 9.3 and 13.5 of Gregory and Paidoussis.
+    for (beta, published) in [(0.2, 5.5914), (0.5, 9.3224), (0.8, 13.493)] {
+        let rate = (1e7 * INERTIA / (1000.0 * FRAC_PI_4 * 4e-4 / beta)).sqrt(); // 1/s, of the plate
+        let found = threshold(published - 0.2, published + 0.2, |u| growth(&across(plate(beta, u, 1.0))) > 1e-6 * rate);
+        let off = found / published - 1.0;
+        println!("{beta}: {found} {off:e}");
+        // Measured:
+        assert!(off.abs() < 1e-3, "{beta}: {found}");
+    }
+}
+
+#[test]
+fn without_the_flow_s_coriolis_force_a_plate_flutters_as_beck_s_column() {
+    let flutters = |u: f64| {
+        let [mass, damping, stiffness] = across(plate(0.5, u, 1.0));
+        growth(&[mass, damping * 0.0, stiffness]) > 1e-3
+    };
+    let found = threshold(4.3, 4.7, flutters).powi(2);
+    println!("{found}");
+    // Measured:
+    assert!((found / 20.0509 - 1.0).abs() < 2e-3, "{found}");
+}
+
+#[test]
+fn a_plate_that_sheds_little_diverges_in_the_flow_of_theory() {
+    // cos u = 1 − 1/f, f the share of the tip's force that is missing.
+    for share in [1.0, 0.8, 0.6f64] {
+        let theory = (1.0 - 1.0 / share).acos();
+        let diverges = |u: f64| across(plate(0.5, u, 1.0 - share))[2].clone().lu().determinant() < 0.0;
+        let off = threshold(theory - 0.1, theory + 0.1, diverges) - theory;
+        println!("{share}: {theory} {off:e}");
+        // Measured:
+        assert!(off.abs() < 5e-4, "{share}: {off:e}");
+    }
+}
+
+#[test]
+fn the_flagella_of_pyelastica_swim_as_published() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference/fluid");
+    let scene = Scene::load(folder.join("pyelastica_flagella.toml")).unwrap();
+    let mut at = Vec::new();
+    run_with(&scene, |stepper| at.push(stepper.meter().now.com));
+    // Of the tenth period, over the length.
+    let found = (at[999] - at[899]).norm();
+    println!("{found}");
+    // Measured:
+    assert!((found / 0.01400 - 1.0).abs() < 0.01, "{found}");
+}
+
+#[test]
+fn meshes_converge_at_second_order_whatever_the_fluid_does() {
+    let water = ["medium.viscosity_pa_s=1e-3", "drag={ law = \"cross-flow\" }", "reactive.shedding=1.0"];
+    let oil = ["medium.viscosity_pa_s=2.0", "drag={ law = \"cox\" }"];
+    let wave = "actuation={ kind = \"travelling-wave\", kappa_amp = 3.0, frequency_hz = 1.0, wavelength_m = 1.0, envelope = [0.3, 0.7] }";
+    let driven = "head={ kind = \"driven\", angle_rad = { amplitude = 0.2, frequency_hz = 1.0, phase_rad = 1.5707963267948966 } }";
+    for fluid in [&oil[..], &water] {
+        for motion in [[wave, "start={ kind = \"ramp\", ramp_s = 0.5 }"], [driven, "rod.depth_m=0.03"]] {
+            let ends = [9, 17, 33, 65].map(|nodes: usize| {
+                let nodes_key = format!("rod.nodes={nodes}");
+                let more = ["solver.duration_s=1.0", "solver.time_step_s=0.005", "rod.youngs_modulus_pa=3e6", &nodes_key];
+                let stepper = run(&scene_of(ROD, &[fluid, &motion, &more].concat()));
+                let q = &stepper.state().q;
+                (0..9).flat_map(|k| <[f64; 2]>::from(node(q, k * (nodes - 1) / 8))).collect::<Vec<f64>>()
+            });
+            let changes: Vec<f64> = ends.windows(2).map(|pair| common::distance(&pair[0], &pair[1])).collect();
+            let orders: Vec<f64> = changes.windows(2).map(|pair| order(pair[0], pair[1])).collect();
+            println!("{changes:?} {orders:?}");
+            // Measured:
+            assert!((orders[1] - 2.0).abs() < 0.15, "{orders:?} {changes:?}");
+        }
+    }
+}
