@@ -245,7 +245,7 @@ fn a_flow_is_a_frame_that_moves() {
         let moved = |values: &[f64], by: Vector2<f64>| here.vectors(values, by);
         let positions = difference(&moved(&b.q, flow * (b.t - 0.3)), &a.q);
         let velocities = difference(&moved(&b.v, flow), &a.v);
-        println!("{:?}: {positions:.1e} {velocities:.1e}", scene.drag.as_ref().unwrap().law_name());
+        // Measured: at most 4.4e-16 m and 2.7e-14 m/s.
         assert!(positions < 1e-13, "positions: {positions:e}");
         assert!(velocities < 1e-11, "velocities: {velocities:e}");
         // Measured without the flow that the frame moves with: at least 2e-3 m.

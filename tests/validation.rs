@@ -67,7 +67,7 @@ impl Motion {
 }
 
 /// Nodes of a wave.
-const PER_WAVE: usize = 60;
+const PER_WAVE: usize = 240;
 
 /// y = b sin x, where the nodes of a wave are along its arc.
 struct Sine {
@@ -117,7 +117,7 @@ fn endless(beta: f64, gamma: f64) -> f64 {
 /// The speed over the wave's of a free body without inertia that is waves of `sine`.
 fn speed(sine: &Sine, model: &Model) -> f64 {
     /// Nodes that the wave passes between two looks.
-    const PASSED: usize = 2;
+    const PASSED: usize = 8;
     let nodes = model.rod.nodes;
     let scale = model.rod.spacing / (TAU * sine.stretch / PER_WAVE as f64);
     let spin = |q: Vector2<f64>| Vector2::new(-q.y, q.x);
@@ -166,16 +166,14 @@ fn waves_swim_as_fast_as_gray_hancock_and_lighthill_say() {
         let theory = endless(sine.beta(), 0.5);
         assert!((theory - published).abs() < 6e-6, "{slope}: {theory}");
         let ratio = speed(&sine, &eight) / theory;
-        println!("{slope}: {ratio}");
-        // Measured:
-        assert!(ratio > 0.993 && ratio < 0.999, "{slope}: {ratio}");
+        // Measured: 0.9952, 0.9955, 0.9961, 0.9965: the ends take the rest.
+        assert!(ratio > 0.994 && ratio < 0.998, "{slope}: {ratio}");
     }
     let sine = Sine::new(0.2);
     for (waves, expected) in [(1, 0.700), (2, 0.925), (4, 0.981)] {
         let ratio = speed(&sine, &body(waves)) / endless(sine.beta(), 0.5);
-        println!("{waves} waves: {ratio}");
-        // Measured:
-        assert!((ratio - expected).abs() < 2e-3, "{waves} waves: {ratio}");
+        // Measured: 0.7006, 0.9251, 0.9812.
+        assert!((ratio - expected).abs() < 1e-3, "{waves} waves: {ratio}");
     }
 }
 
@@ -191,7 +189,7 @@ fn a_stiff_rod_of_eight_waves_swims_as_fast_as_lighthill_says_of_its_shape() {
             wave,
             &amplitude,
             "rod.length_m=8.0",
-            "rod.nodes=193",
+            "rod.nodes=385",
             "rod.youngs_modulus_pa=1e12",
             "rod.density_kg_m3=1.0",
             "solver.duration_s=2.0",
@@ -202,9 +200,8 @@ fn a_stiff_rod_of_eight_waves_swims_as_fast_as_lighthill_says_of_its_shape() {
         let along = mean(&|x| (angle * x.cos()).cos());
         let expected = endless(mean(&|x| (angle * x.cos()).cos().powi(2)), 0.5) * along;
         let ratio = (at[199] - at[99]).norm() / expected;
-        println!("{angle}: {ratio}");
-        // Measured:
-        assert!((ratio - 0.995).abs() < 4e-3, "{angle}: {ratio}");
+        // Measured: 0.9951, 0.9944.
+        assert!((ratio - 0.995).abs() < 1.5e-3, "{angle}: {ratio}");
     }
 }
 
@@ -221,7 +218,8 @@ fn greatest(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> [f64; 2] {
 #[test]
 fn no_wave_swims_better_than_a_saw_tooth_of_forty_degrees() {
     for (ratio, best, degrees) in [(0.5f64, 0.0858, 40.06), (0.7, 0.0267, f64::NAN)] {
-        let model = scene_of(ROD, &["rod.nodes=5", &TWICE.replace("2.0", &format!("{}", 1.0 / ratio))]).model().unwrap();
+        let model =
+            scene_of(ROD, &["rod.nodes=5", &TWICE.replace("2.0", &format!("{}", 1.0 / ratio))]).model().unwrap();
         // ξ∥ΛU²/P of a straight piece of the wave, at angle θ to the axis; the other half is its mirror image.
         let efficiency = |angle: f64| {
             let t = Vector2::new(angle.cos(), angle.sin());
@@ -263,7 +261,7 @@ fn linear_thrust(sperm: f64) -> f64 {
 
 /// The same of the rod at the angle θ₀, on `nodes` nodes, in its twelfth period.
 fn thrust(sperm: f64, angle: f64, nodes: u32) -> f64 {
-    const STEPS: usize = 64;
+    const STEPS: usize = 128;
     let head = format!("head={{ kind = \"driven\", angle_rad = {{ amplitude = {angle}, frequency_hz = 1.0 }} }}");
     let changes = [
         TWICE,
@@ -291,9 +289,8 @@ fn a_tail_driven_by_its_base_pushes_as_wiggins_and_goldstein_say() {
     for (sperm, published) in [(1.0, 0.009659), (2.0, 0.058308), (3.0, 0.019142)] {
         let theory = linear_thrust(sperm);
         assert!((theory - published).abs() < 6e-7, "{sperm}: {theory}");
-        let ratio = fine_thrust(sperm, 0.05) / theory;
-        println!("{sperm}: {ratio}");
-        // Measured:
+        let ratio = fine_thrust(sperm, 0.02) / theory;
+        // Measured: 7e-5, −5e-5, −2e-5; of θ₀ = 0.05, where theory of small angles is 4e-4 too high: −4e-4 for Sp = 2.
         assert!((ratio - 1.0).abs() < 2e-4, "{sperm}: {ratio}");
     }
     // 7/720 Sp⁴ of a short tail, and the greatest thrust.
@@ -312,8 +309,7 @@ fn a_tail_driven_by_its_base_at_a_quarter_of_a_right_angle_pushes_less_than_line
     // Yu, Lauga and Hosoi's angle; values by an independent program.
     for (sperm, expected) in [(1.0, 0.00943), (2.0, 0.05660), (3.0, 0.01895)] {
         let found = fine_thrust(sperm, 0.435);
-        println!("{sperm}: {found}");
-        // Measured:
+        // Measured: 0.009431, 0.056587, 0.018946.
         assert!((found - expected).abs() < 1.5e-5, "{sperm}: {found}");
         assert!(found < linear_thrust(sperm));
     }
@@ -331,7 +327,8 @@ fn a_rod_falls_obliquely_by_the_ratio_of_its_drags() {
         let drift = |angle: f64| {
             let down = Vector2::new(angle.cos(), angle.sin());
             let gravity = format!("loads.gravity_m_s2=[{:e}, {:e}]", down.x, down.y);
-            let changes = [&drag, &gravity, "rod.youngs_modulus_pa=1e9", "solver.duration_s=40.0", "solver.time_step_s=1.0"];
+            let changes =
+                [&drag, &gravity, "rod.youngs_modulus_pa=1e9", "solver.duration_s=40.0", "solver.time_step_s=1.0"];
             let stepper = run(&scene_of(ROD, &changes));
             let v = node(&stepper.state().v, 0);
             (v.perp(&down) / v.dot(&down)).abs()
@@ -340,8 +337,7 @@ fn a_rod_falls_obliquely_by_the_ratio_of_its_drags() {
             let angle = degrees.to_radians();
             let expected = (1.0 - ratio) * angle.tan() / (1.0 + ratio * angle.tan().powi(2));
             let off = (drift(angle) / expected - 1.0).abs();
-            println!("{degrees}: {off:.1e}");
-            // Measured:
+            // Measured: at most 7.4e-14.
             assert!(off < 1e-9, "{degrees}: {off:e}");
         }
         // The steepest: asin((1 − γ)/(1 + γ)), 19.47° for γ = ½.
@@ -351,30 +347,76 @@ fn a_rod_falls_obliquely_by_the_ratio_of_its_drags() {
     }
 }
 
+#[test]
+fn waves_in_water_swim_as_fast_as_taylor_s_drag_lets_them() {
+    for slope in [0.36f64, 0.65] {
+        let angle = slope.atan();
+        let (nu, depth) = (1e-6, 0.02);
+        // Taylor's forces per length on a round body at speed Q and incidence i, ½ρdQ²(sin²i + 4 R^−½ sin^{3/2} i) across and
+        // ½ρdQ² 5.4 R^−½ cos i sin^½ i along; their sum along the axis of an endless wave θ = θ₀ cos, over ρ.
+        let resultant = |swim: f64, along: f64| -> f64 {
+            let piece = |i: u32| {
+                let theta = angle * (TAU * f64::from(i) / 400.0).cos();
+                let v = Vector2::new(along - swim - theta.cos(), -theta.sin());
+                let (t, n) = (Vector2::new(theta.cos(), theta.sin()), Vector2::new(-theta.sin(), theta.cos()));
+                let (speed, [u, w]) = (v.norm(), [v.dot(&t), v.dot(&n)]);
+                let (cos, sin, root) = (u / speed, (w / speed).abs(), (speed * depth / nu).powf(-0.5));
+                let size = 0.5 * depth * speed * speed;
+                let across = size * (sin * sin + 4.0 * root * sin.powf(1.5)) * w.signum();
+                (n * across + t * (size * 5.4 * root * cos * sin.sqrt())).x
+            };
+            (0..400).map(piece).sum()
+        };
+        let along = (0..400).map(|i| (angle * (TAU * f64::from(i) / 400.0).cos()).cos()).sum::<f64>() / 400.0;
+        let theory = threshold(0.0, 0.99 * along, |swim| resultant(swim, along) < 0.0);
+        let changes = [
+            "medium.viscosity_pa_s=1e-3",
+            "drag={ law = \"cross-flow\", form_drag = 1.0, skin_friction = 5.4 }",
+            "actuation={ kind = \"travelling-wave\", kappa_amp = 1.0, frequency_hz = 1.0, wavelength_m = 1.0 }",
+            &format!("actuation.kappa_amp={:e}", TAU * angle),
+            "rod.length_m=3.0",
+            "rod.nodes=145",
+            "rod.youngs_modulus_pa=1e10",
+            "solver.duration_s=20.0",
+            "solver.time_step_s=0.02",
+        ];
+        let mut at = Vec::new();
+        run_with(&scene_of(ROD, &changes), |stepper| at.push(stepper.meter().now.com));
+        let found = (at[999] - at[949]).norm();
+        // Measured: −1.8 %, −0.6 %: the ends.
+        assert!((found / theory - 1.0).abs() < 0.05, "{slope}: {found} {theory}");
+    }
+}
+
 /// Quadratic drag alone: a fluid of next to no viscosity.
 const FORM: [&str; 2] = ["medium.viscosity_pa_s=1e-30", "drag={ law = \"cross-flow\" }"];
 
 #[test]
 fn a_rod_coasts_as_quadratic_drag_lets_it() {
     // M ẇ = −½ρD C_d w² per length: w = v₀/(1 + kt), k = ½ρD C_d v₀/M. A flow past the resting rod is the same in another frame.
-    let errors = [0.02, 0.01, 0.005].map(|time_step| {
+    let errors = [0.005, 0.0025, 0.00125].map(|time_step| {
         let step = format!("solver.time_step_s={time_step}");
-        let changes =
-            [FORM[0], FORM[1], "medium.flow_m_s=[0.0, -1.0]", "solver.integrator=newmark", "solver.duration_s=0.5", &step];
+        let changes = [
+            FORM[0],
+            FORM[1],
+            "medium.flow_m_s=[0.0, -1.0]",
+            "solver.integrator=newmark",
+            "solver.duration_s=0.5",
+            &step,
+        ];
         let scene = scene_of(ROD, &changes);
         let model = scene.model().unwrap();
         let k = 0.5 * 1000.0 * 0.02 * 1.1 / model.rod.total_mass();
         let relative = node(&run(&scene).state().v, 16).y + 1.0;
         relative * (1.0 + 0.5 * k) - 1.0
     });
-    println!("{errors:?}");
     for pair in errors.windows(2) {
-        // Measured:
+        // Measured: 2.005, 2.001.
         let found = order(pair[0], pair[1]);
         assert!((found - 2.0).abs() < 0.1, "{found} {errors:?}");
     }
-    // Measured:
-    assert!(errors[1].abs() < 5e-3, "{errors:?}");
+    // Measured: 4.9e-5 at 1.25 ms.
+    assert!(errors[2].abs() < 1e-4, "{errors:?}");
 }
 
 #[test]
@@ -406,51 +448,55 @@ fn a_rod_sinks_at_the_speed_at_which_drag_carries_it() {
             if drag(middle) < weight { low = middle } else { high = middle }
         }
         let off = (-node(&stepper.state().v, 16).y / low - 1.0).abs();
-        println!("{viscosity}: {low} {off:e}");
-        // Measured:
+        // Measured: at most 7.5e-15.
         assert!(off < 1e-12, "{viscosity}: {off:e}");
     }
 }
 
 #[test]
-fn the_thrust_of_small_waves_in_a_flow_is_lighthill_s() {
+fn the_thrust_and_power_of_small_waves_in_a_flow_are_lighthill_s() {
+    // At the tail ½m⟨h_t² − U²h_x²⟩ and mU⟨h_t(h_t + Uh_x)⟩, here with U = 1, of h = a(s) cos(ks − ωt).
+    const PHASES: u32 = 16;
+    let (wave, omega, size) = (0.8 * TAU, TAU, 1e-4);
+    let mass = 1000.0 * FRAC_PI_4 * 4e-4;
+    let h = |s: f64, wt: f64| {
+        let ((sin, cos), a, a_s) = ((wave * s - wt).sin_cos(), size * (0.2 + 0.8 * s * s), size * 1.6 * s);
+        [a * cos, a * omega * sin, -a * omega * omega * cos, a_s * cos - a * wave * sin]
+    };
+    let phases = || (0..PHASES).map(|i| TAU * f64::from(i) / f64::from(PHASES));
+    let mut theory = [0.0; 2];
+    for wt in phases() {
+        let [_, h_t, _, h_x] = h(1.0, wt);
+        theory[0] += 0.5 * mass * (h_t * h_t - h_x * h_x) / f64::from(PHASES);
+        theory[1] += mass * h_t * (h_t + h_x) / f64::from(PHASES);
+    }
     let errors = [33, 65, 129].map(|nodes| {
         let nodes = format!("rod.nodes={nodes}");
         let changes = ["medium.flow_m_s=[1.0, 0.0]", "reactive.shedding=1.0", &nodes];
         let model = scene_of(ROD, &changes).model().unwrap();
-        let mass = 1000.0 * FRAC_PI_4 * 4e-4;
-        // h = (b + s²) a cos(ks − ωt): a wave that grows towards the tail and runs faster than the flow.
-        const PHASES: u32 = 16;
-        let (wave, omega, size) = (TAU, 1.3 * TAU, 1e-4);
-        let envelope = |s: f64| size * (0.2 + 0.8 * s * s);
-        let slope = |s: f64| size * 1.6 * s;
-        let (mut thrust, mut power, mut theory) = (0.0, 0.0, [0.0; 2]);
-        for phase in 0..PHASES {
-            let wt = TAU * f64::from(phase) / f64::from(PHASES);
+        let mut found = [0.0; 2];
+        for wt in phases() {
             let mut motion = Motion::default();
-            for k in 0..model.rod.nodes {
-                let s = model.rod.arc_length(k);
-                let (sin, cos) = (wave * s - wt).sin_cos();
-                let h = envelope(s) * cos;
-                let h_t = envelope(s) * omega * sin;
-                motion.push(Vector2::new(s, h), Vector2::y() * h_t, Vector2::y() * (-omega * omega * h));
+            for s in (0..model.rod.nodes).map(|k| model.rod.arc_length(k)) {
+                let [h, h_t, h_tt, _] = h(s, wt);
+                motion.push(Vector2::new(s, h), Vector2::y() * h_t, Vector2::y() * h_tt);
             }
-            let share = 1.0 / f64::from(PHASES);
             for (k, force) in motion.forces(&model.forces, model.fluid).iter().enumerate() {
-                thrust -= force.x * share;
-                power += force.dot(&node(&motion.v, k)) * share;
-            }
-            for (end, sign) in [(1.0, 1.0), (0.0, 0.0)] {
-                let (sin, cos) = (wave * end - wt).sin_cos();
-                let (h_t, h_x) = (envelope(end) * omega * sin, slope(end) * cos - envelope(end) * wave * sin);
-                theory[0] += sign * share * 0.5 * mass * (h_t * h_t - h_x * h_x);
-                theory[1] += sign * share * mass * h_t * (h_t + h_x);
+                found[0] += force.x / f64::from(PHASES);
+                found[1] += force.dot(&node(&motion.v, k)) / f64::from(PHASES);
             }
         }
-        println!("{nodes}: thrust {} power {} {theory:?}", -thrust / theory[0], power / theory[1]);
-        [thrust / theory[0], power / theory[1]]
+        [found[0] / theory[0] - 1.0, found[1] / theory[1] - 1.0]
     });
-    println!("{errors:?}");
+    for i in 0..2 {
+        let [_, coarse, fine] = errors.map(|error| error[i]);
+        // Measured: −2.4e-3 and −1.6e-3 on 129 nodes; 1.96, 1.93.
+        let found = order(coarse, fine);
+        assert!((found - 2.0).abs() < 0.1, "{found} {errors:?}");
+        // Measured: −9.5e-5 and −1.1e-4.
+        let limit = fine + (fine - coarse) / 3.0;
+        assert!(limit.abs() < 5e-4, "{limit:e} {errors:?}");
+    }
 }
 
 /// M, C and K of the motion across a clamped rod that lies straight in its flow, without the clamped node.
@@ -466,13 +512,13 @@ fn across(model: Model) -> [DMatrix<f64>; 3] {
     })
 }
 
-/// A clamped plate of 65 nodes with the share β of the water in its inertia, in a flow of u √(EI/m_a)/L.
-fn plate(beta: f64, u: f64, shedding: f64) -> Model {
+/// A clamped plate with the share β of the water in its inertia, in a flow of u √(EI/m_a)/L.
+fn plate(nodes: u32, beta: f64, u: f64, shedding: f64) -> Model {
     let added = 1000.0 * FRAC_PI_4 * 4e-4; // of a round rod of 2 cm in water, kg/m
     let own = added * (1.0 - beta) / beta;
     let changes = [
         "head.kind=clamped",
-        "rod.nodes=65",
+        &format!("rod.nodes={nodes}"),
         &format!("rod.density_kg_m3={:e}", own / (PI * 1e-4)),
         &format!("medium.flow_m_s=[{:e}, 0.0]", u * (1e7 * INERTIA / added).sqrt()),
         &format!("reactive.shedding={shedding}"),
@@ -483,7 +529,7 @@ fn plate(beta: f64, u: f64, shedding: f64) -> Model {
 #[test]
 fn water_lowers_the_frequencies_of_a_plate_by_its_added_mass() {
     // m_a/m = 4: frequencies fall by √5.
-    let model = plate(0.8, 0.0, 1.0);
+    let model = plate(65, 0.8, 0.0, 1.0);
     let rod = model.rod.clone();
     let unit = (rod.ei / (rod.length.powi(3) * 5.0 * rod.total_mass())).sqrt();
     let matrices = Matrices::of(&rod, Some((model.forces, model.fluid))).unwrap();
@@ -497,8 +543,7 @@ fn water_lowers_the_frequencies_of_a_plate_by_its_added_mass() {
         squares.iter().zip([1.875104068711961, 4.694091132974175, 7.854757438237613]).zip([3e-4, 1.5e-3, 3e-3])
     {
         let off = square.sqrt() / (unit * published * published) - 1.0;
-        println!("{off:e}");
-        // Measured:
+        // Measured: −2.1e-4, −1.0e-3, −2.2e-3.
         assert!(off.abs() < tolerance, "{off:e}");
     }
 }
@@ -531,24 +576,26 @@ fn a_clamped_plate_flutters_in_the_flow_of_theory() {
     // y⁗ + u²y″ + 2u√β ẏ′ + ÿ = 0; values by Galerkin's method, 5.6, 9.3 and 13.5 of Gregory and Paidoussis.
     for (beta, published) in [(0.2, 5.5914), (0.5, 9.3224), (0.8, 13.493)] {
         let rate = (1e7 * INERTIA / (1000.0 * FRAC_PI_4 * 4e-4 / beta)).sqrt(); // 1/s, of the plate
-        let found = threshold(published - 0.2, published + 0.2, |u| growth(&across(plate(beta, u, 1.0))) > 1e-6 * rate);
-        let off = found / published - 1.0;
-        println!("{beta}: {found} {off:e}");
-        // Measured:
-        assert!(off.abs() < 1e-3, "{beta}: {found}");
+        let [coarse, fine] = [33, 65].map(|nodes| {
+            let flutters = |u: f64| growth(&across(plate(nodes, beta, u, 1.0))) > 1e-6 * rate;
+            threshold(published - 0.2, published + 0.2, flutters) / published - 1.0
+        });
+        let limit = fine + (fine - coarse) / 3.0;
+        // Measured: −3.7e-5, −9.9e-5, −1.8e-4; on 65 nodes −8.2e-4, −1.3e-3, −2.0e-3.
+        assert!(limit.abs() < 1e-3, "{beta}: {limit:e}");
+        assert!(beta != 0.2 || fine.abs() < 1e-3, "{beta}: {fine:e}");
     }
 }
 
 #[test]
 fn without_the_flow_s_coriolis_force_a_plate_flutters_as_beck_s_column() {
     let flutters = |u: f64| {
-        let [mass, damping, stiffness] = across(plate(0.5, u, 1.0));
+        let [mass, damping, stiffness] = across(plate(65, 0.5, u, 1.0));
         growth(&[mass, damping * 0.0, stiffness]) > 1e-3
     };
-    let found = threshold(4.3, 4.7, flutters).powi(2);
-    println!("{found}");
-    // Measured:
-    assert!((found / 20.0509 - 1.0).abs() < 2e-3, "{found}");
+    let found = threshold(4.3, 4.7, flutters).powi(2) / 20.0509 - 1.0;
+    // Measured: −1.1e-3 on 65 nodes.
+    assert!(found.abs() < 2e-3, "{found}");
 }
 
 #[test]
@@ -556,11 +603,10 @@ fn a_plate_that_sheds_little_diverges_in_the_flow_of_theory() {
     // cos u = 1 − 1/f, f the share of the tip's force that is missing.
     for share in [1.0, 0.8, 0.6f64] {
         let theory = (1.0 - 1.0 / share).acos();
-        let diverges = |u: f64| across(plate(0.5, u, 1.0 - share))[2].clone().lu().determinant() < 0.0;
-        let off = threshold(theory - 0.1, theory + 0.1, diverges) - theory;
-        println!("{share}: {theory} {off:e}");
-        // Measured:
-        assert!(off.abs() < 5e-4, "{share}: {off:e}");
+        let diverges = |u: f64| across(plate(65, 0.5, u, 1.0 - share))[2].clone().lu().determinant() < 0.0;
+        let off = threshold(theory - 0.1, theory + 0.1, diverges) / theory - 1.0;
+        // Measured: −2.5e-5, 2.5e-5, 2.0e-4.
+        assert!(off.abs() < 3e-4, "{share}: {off:e}");
     }
 }
 
@@ -572,8 +618,7 @@ fn the_flagella_of_pyelastica_swim_as_published() {
     run_with(&scene, |stepper| at.push(stepper.meter().now.com));
     // Of the tenth period, over the length.
     let found = (at[999] - at[899]).norm();
-    println!("{found}");
-    // Measured:
+    // Measured: 0.01390.
     assert!((found / 0.01400 - 1.0).abs() < 0.01, "{found}");
 }
 
@@ -585,18 +630,18 @@ fn meshes_converge_at_second_order_whatever_the_fluid_does() {
     let driven = "head={ kind = \"driven\", angle_rad = { amplitude = 0.2, frequency_hz = 1.0, phase_rad = 1.5707963267948966 } }";
     for fluid in [&oil[..], &water] {
         for motion in [[wave, "start={ kind = \"ramp\", ramp_s = 0.5 }"], [driven, "rod.depth_m=0.03"]] {
-            let ends = [9, 17, 33, 65].map(|nodes: usize| {
+            let ends = [17, 33, 65, 129].map(|nodes: usize| {
                 let nodes_key = format!("rod.nodes={nodes}");
-                let more = ["solver.duration_s=1.0", "solver.time_step_s=0.005", "rod.youngs_modulus_pa=3e6", &nodes_key];
+                let more =
+                    ["solver.duration_s=1.0", "solver.time_step_s=0.005", "rod.youngs_modulus_pa=3e6", &nodes_key];
                 let stepper = run(&scene_of(ROD, &[fluid, &motion, &more].concat()));
                 let q = &stepper.state().q;
                 (0..9).flat_map(|k| <[f64; 2]>::from(node(q, k * (nodes - 1) / 8))).collect::<Vec<f64>>()
             });
             let changes: Vec<f64> = ends.windows(2).map(|pair| common::distance(&pair[0], &pair[1])).collect();
             let orders: Vec<f64> = changes.windows(2).map(|pair| order(pair[0], pair[1])).collect();
-            println!("{changes:?} {orders:?}");
-            // Measured:
-            assert!((orders[1] - 2.0).abs() < 0.15, "{orders:?} {changes:?}");
+            // Measured: 1.996, 2.014, 1.987, 2.065.
+            assert!((orders[1] - 2.0).abs() < 0.1, "{orders:?} {changes:?}");
         }
     }
 }

@@ -138,6 +138,11 @@ impl DragTable {
             let owners = owners.collect::<Vec<_>>().join(", ");
             return fault(key, format!("found with law = \"{}\"; allowed: only with {owners}", law.name));
         }
+        for (key, profile) in [("along_n_s_m2", &self.along_n_s_m2), ("across_n_s_m2", &self.across_n_s_m2)] {
+            if let Some(found) = profile.as_ref().and_then(Along::disorder) {
+                return fault(key, value::refused(found, "points [xi, number] with rising xi from 0 to 1"));
+            }
+        }
         let viscous = self.viscous()?;
         let needs =
             if law.keys.contains(&"viscous") { [law.needs, viscous.needs].concat() } else { law.needs.to_vec() };

@@ -345,15 +345,6 @@ impl Along<NotNegative> {
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Along<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        /// A value, which `T` allows.
-        struct Allowed<T>(f64, PhantomData<T>);
-        impl<'de, T: Deserialize<'de>> Deserialize<'de> for Allowed<T> {
-            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-                let x = Finite::deserialize(deserializer)?.get();
-                T::deserialize(F64Deserializer::<D::Error>::new(x))?;
-                Ok(Self(x, PhantomData))
-            }
-        }
         struct Either<T>(PhantomData<T>);
         impl<'de, T: Deserialize<'de>> Visitor<'de> for Either<T> {
             type Value = Along<T>;
@@ -376,8 +367,9 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Along<T> {
 
             fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Along<T>, A::Error> {
                 let mut points = Vec::new();
-                while let Some(Pair([xi, value])) = seq.next_element::<Pair<Allowed<T>>>()? {
-                    points.push([xi.0, value.0]);
+                while let Some(Pair([xi, value])) = seq.next_element::<Pair<Finite>>()? {
+                    T::deserialize(F64Deserializer::<A::Error>::new(value.get()))?;
+                    points.push([xi.get(), value.get()]);
                 }
                 Ok(Along { points, number: None })
             }
