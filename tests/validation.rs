@@ -512,18 +512,29 @@ fn across(model: Model) -> [DMatrix<f64>; 3] {
     })
 }
 
-/// A clamped plate with the share β of the water in its inertia, in a flow of u √(EI/m_a)/L.
-fn plate(nodes: u32, beta: f64, u: f64, shedding: f64) -> Model {
-    let added = 1000.0 * FRAC_PI_4 * 4e-4; // of a round rod of 2 cm in water, kg/m
-    let own = added * (1.0 - beta) / beta;
+/// Added mass per length of a round rod of 2 cm in water, kg/m.
+const ADDED: f64 = 1000.0 * FRAC_PI_4 * 4e-4;
+
+/// A clamped plate with the share β of the water in its inertia, in a flow of u √(EI/m_a)/L, with `more`.
+fn plate_with(nodes: u32, beta: f64, u: f64, more: &[&str]) -> Scene {
     let changes = [
         "head.kind=clamped",
+        "reactive.shedding=1.0",
         &format!("rod.nodes={nodes}"),
-        &format!("rod.density_kg_m3={:e}", own / (PI * 1e-4)),
-        &format!("medium.flow_m_s=[{:e}, 0.0]", u * (1e7 * INERTIA / added).sqrt()),
-        &format!("reactive.shedding={shedding}"),
+        &format!("rod.density_kg_m3={:e}", ADDED * (1.0 - beta) / beta / (PI * 1e-4)),
+        &format!("medium.flow_m_s=[{:e}, 0.0]", u * (1e7 * INERTIA / ADDED).sqrt()),
     ];
-    scene_of(ROD, &changes).model().unwrap()
+    scene_of(ROD, &[&changes, more].concat())
+}
+
+/// The same with nothing but the water that it accelerates.
+fn plate(nodes: u32, beta: f64, u: f64, shedding: f64) -> Model {
+    plate_with(nodes, beta, u, &[&format!("reactive.shedding={shedding}")]).model().unwrap()
+}
+
+/// What its times are measured in, s: L² √((m + m_a)/EI).
+fn unit(beta: f64) -> f64 {
+    (ADDED / beta / (1e7 * INERTIA)).sqrt()
 }
 
 #[test]
@@ -548,8 +559,8 @@ fn water_lowers_the_frequencies_of_a_plate_by_its_added_mass() {
     }
 }
 
-/// The largest growth rate of M ÿ + C ẏ + K y = 0, 1/s.
-fn growth([mass, damping, stiffness]: &[DMatrix<f64>; 3]) -> f64 {
+/// The eigenvalue of M ÿ + C ẏ + K y = 0 that grows fastest, 1/s.
+fn leading([mass, damping, stiffness]: &[DMatrix<f64>; 3]) -> faer::c64 {
     let n = mass.nrows();
     let inverse = mass.clone().try_inverse().unwrap();
     let mut companion = DMatrix::zeros(2 * n, 2 * n);
@@ -558,7 +569,12 @@ fn growth([mass, damping, stiffness]: &[DMatrix<f64>; 3]) -> f64 {
     companion.view_mut((n, n), (n, n)).copy_from(&(-&inverse * damping));
     let square = faer::Mat::from_fn(2 * n, 2 * n, |i, j| companion[(i, j)]);
     let found: Vec<faer::c64> = square.eigenvalues().unwrap();
-    found.iter().map(|value| value.re).fold(f64::NEG_INFINITY, f64::max)
+    found.into_iter().max_by(|a, b| a.re.total_cmp(&b.re)).unwrap()
+}
+
+/// Its growth rate, 1/s.
+fn growth(matrices: &[DMatrix<f64>; 3]) -> f64 {
+    leading(matrices).re
 }
 
 /// The least u between `low` and `high` from which `unstable` holds.
@@ -575,15 +591,60 @@ fn threshold(mut low: f64, mut high: f64, unstable: impl Fn(f64) -> bool) -> f64
 fn a_clamped_plate_flutters_in_the_flow_of_theory() {
     // y⁗ + u²y″ + 2u√β ẏ′ + ÿ = 0; values by Galerkin's method, 5.6, 9.3 and 13.5 of Gregory and Paidoussis.
     for (beta, published) in [(0.2, 5.5914), (0.5, 9.3224), (0.8, 13.493)] {
-        let rate = (1e7 * INERTIA / (1000.0 * FRAC_PI_4 * 4e-4 / beta)).sqrt(); // 1/s, of the plate
         let [coarse, fine] = [33, 65].map(|nodes| {
-            let flutters = |u: f64| growth(&across(plate(nodes, beta, u, 1.0))) > 1e-6 * rate;
+            let flutters = |u: f64| growth(&across(plate(nodes, beta, u, 1.0))) > 1e-6 / unit(beta);
             threshold(published - 0.2, published + 0.2, flutters) / published - 1.0
         });
         let limit = fine + (fine - coarse) / 3.0;
         // Measured: −3.7e-5, −9.9e-5, −1.8e-4; on 65 nodes −8.2e-4, −1.3e-3, −2.0e-3.
         assert!(limit.abs() < 1e-3, "{beta}: {limit:e}");
         assert!(beta != 0.2 || fine.abs() < 1e-3, "{beta}: {fine:e}");
+    }
+}
+
+/// Velocity and place of the tip across the flow at every step of 1/400 of a time unit, β = 0.2.
+fn flapping(u: f64, units: f64, more: &[&str]) -> Vec<[f64; 2]> {
+    let changes = [
+        "solver.integrator=newmark",
+        &format!("solver.time_step_s={:e}", unit(0.2) / 400.0) as &str,
+        &format!("solver.duration_s={:e}", unit(0.2) * units),
+    ];
+    let mut tip = Vec::new();
+    run_with(&plate_with(33, 0.2, u, &[&changes, more].concat()), |stepper| {
+        tip.push([stepper.state().v[65], stepper.state().q[65]]);
+    });
+    tip
+}
+
+#[test]
+fn a_plate_flutters_in_time_as_its_eigenvalue_says() {
+    let expected = leading(&across(plate(33, 0.2, 6.2, 1.0)));
+    let expected = faer::c64::new(expected.re, expected.im.abs());
+    let tip = flapping(6.2, 6.0, &["loads.point=[{ node = -1, force_n = [0.0, 1e-7] }]"]);
+    // Once the other modes are gone v_{k+1} = a v_k + b v_{k−1}, with the roots exp(λ Δt): over 16 steps each.
+    let back = |k: usize| tip[tip.len() - 1 - 16 * k][0];
+    let det = back(1) * back(3) - back(2) * back(2);
+    let trace = (back(0) * back(3) - back(1) * back(2)) / det;
+    let product = (back(0) * back(2) - back(1) * back(1)) / det;
+    let span = 16.0 * unit(0.2) / 400.0;
+    let found = faer::c64::new(0.5 * product.ln(), (0.5 * trace / product.sqrt()).acos()) / span;
+    // Measured: 1.3116 + 13.6946i of 1.3120 + 13.6959i in time units, 1.0e-4.
+    assert!((found - expected).norm() < 1e-3 * expected.norm(), "{found} {expected}");
+}
+
+#[test]
+fn a_flag_rests_below_the_flutter_speed_and_flaps_in_a_limit_cycle_above() {
+    let start =
+        ["loads.point=[{ node = -1, force_n = [0.0, 1e-3] }]", "medium.viscosity_pa_s=1e-3", "drag.law=cross-flow"];
+    let largest = |tip: &[[f64; 2]], i: usize| common::largest(tip.iter().map(|tip| tip[i]));
+    let still = flapping(5.4, 40.0, &start);
+    // Measured: 4.4e-4.
+    assert!(largest(&still[15600..], 0) < 1e-2 * largest(&still[..400], 0));
+    for u in [6.2, 8.0] {
+        let tip = flapping(u, 40.0, &start);
+        let (before, after) = (largest(&tip[12000..14000], 1), largest(&tip[14000..], 1));
+        // Measured: 0.0092 and 0.0292 m, the same to 2e-7.
+        assert!(after > 0.005 && (after / before - 1.0).abs() < 1e-4, "{before} {after}");
     }
 }
 
