@@ -6,11 +6,12 @@ mod common;
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::cell::Cell;
 
+use caudal::fluid::laws::LAWS;
 use caudal::integrator::{METHODS, Method};
 use caudal::reduced::RUNGS;
 use caudal::stepper::{Change, Stepper};
 use caudal::system::Form;
-use common::{DRAG, GLYCEROL, SILICONE, WAVE, scene_by};
+use common::{DRAG, GLYCEROL, SILICONE, WATER, WAVE, scene_by};
 
 /// The system's allocator, which counts what each thread asks for.
 struct Counting;
@@ -77,6 +78,23 @@ fn a_step_allocates_nothing_whatever_the_method_the_form_and_the_head() {
         }
     }
     assert!(runs > 3 * METHODS.len());
+}
+
+#[test]
+fn a_step_in_water_allocates_nothing_whatever_the_law_of_drag() {
+    for law in LAWS.iter().filter(|law| law.needs.is_empty()) {
+        for form in ["positions", "chain"] {
+            let (form, law) = (format!("solver.form={form}"), format!("drag.law={}", law.name));
+            let changes = [SILICONE, WAVE, WATER, &law, "reactive.shedding=1.0", "rod.nodes=33", &form];
+            let method = Method::named("generalized-alpha").unwrap();
+            let mut stepper = Stepper::of(&scene_by(method, 1e-3, &changes)).unwrap();
+            let before = CALLS.get();
+            for _ in 0..20 {
+                stepper.do_step(1e-3).unwrap();
+            }
+            assert_eq!(CALLS.get(), before, "{law}, {form}");
+        }
+    }
 }
 
 #[test]
