@@ -4,7 +4,9 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
-use crate::fluid::Force;
+use crate::fluid::force::Validity;
+use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
+use crate::fluid::{Force, Forces};
 use crate::head::Signal;
 use crate::integrator::Pace;
 use crate::metrics::Energy;
@@ -21,6 +23,8 @@ use crate::system::{Form, State};
 const MODES_UP_TO: u64 = 201;
 /// Reynolds number from which a drag linear in velocity is out of its range.
 const CREEPING: f64 = 1.0;
+/// Stokes number below which the boundary layer's share of the added mass is over a fifth.
+const THIN_LAYER: f64 = 100.0;
 /// Fewest steps in a period of the drive.
 const STEPS_A_PERIOD: f64 = 20.0;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
@@ -221,6 +225,61 @@ impl Assessment {
                 fact(name, format!("{value:.4e}{meaning}"));
             }
         }
+        self.describe_fluid(scene, stepper.model());
+    }
+
+    /// The forces of the fluid, the flow around the rod, and what other laws would say.
+    fn describe_fluid(&mut self, scene: &Scene, model: &Model) {
+        let Model { rod, forces, fluid, .. } = model;
+        let Some(regime) = scene.regime(rod) else { return };
+        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        for force in forces.iter() {
+            let Validity { range, source } = force.validity();
+            fact("force", format!("{}: holds for {range} ({source})", force.name()));
+        }
+        if regime.speed > 0.0 {
+            fact(
+                "flow around the rod",
+                format!(
+                    "Re_d = {:.3e} by the depth of {:.3e} m and {:.3e} m/s across the rod; length over radius {:.1}",
+                    regime.reynolds, regime.depth, regime.speed, regime.slenderness
+                ),
+            );
+        }
+        if let (Some(stokes), Some(carpenter)) = (regime.stokes, regime.keulegan_carpenter) {
+            let sea = if stokes < THIN_LAYER { "; added mass is larger by 4/√(πβ)" } else { "" };
+            fact(
+                "oscillation",
+                format!(
+                    "β = fD²/ν = {stokes:.3e}{sea}, KC = {carpenter:.3e}, added mass over the rod's own {:.3e}",
+                    regime.mass_ratio
+                ),
+            );
+        }
+        // Along and across, at the speeds of the motion.
+        let speed = if regime.speed > 0.0 { regime.speed } else { 1e-9 * rod.length };
+        let coefficients = |forces: &Forces| forces.coefficients(rod, *fluid, speed);
+        let Some([along, across]) = coefficients(forces) else { return };
+        fact(
+            "drag per length and speed",
+            format!("{along:.4e} N s/m^2 along, {across:.4e} across, at the speed across"),
+        );
+        let own: Vec<&str> = forces.iter().map(Force::name).collect();
+        let wave = scene.actuation.as_ref().map(|actuation| actuation.wavelength_m.get());
+        let recipe = Recipe { wavelength: wave, frequency: scene.drive_frequency(), ..Recipe::plain(rod) };
+        let radius = rod.sections.outer.largest();
+        let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);
+        let others = LAWS.iter().filter(|law| law.needs.is_empty() && !own.contains(&law.name) && slender(law));
+        let says = |law: &&DragLaw| {
+            let [t, n] = coefficients(&Forces(vec![(law.build)(&recipe)]))?;
+            let percent = |x: f64, own: f64| 100.0 * (x / own - 1.0);
+            Some(format!("{} {:+.0} % along, {:+.0} % across", law.name, percent(t, along), percent(n, across)))
+        };
+        let texts: Vec<String> =
+            others.filter(|law| law.name != laws::auto::LAW.name).filter_map(|law| says(law)).collect();
+        if !texts.is_empty() && along > 0.0 {
+            fact("other laws", texts.join("; "));
+        }
     }
 
     fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
@@ -232,6 +291,12 @@ impl Assessment {
         }) {
             warnings.push(format!(
                 "the drag law is outside its range: it is linear in velocity, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}"
+            ));
+        }
+        if stepper.model().forces.iter().any(|force| force.name() == laws::stokes_like::LAW.name) {
+            let range = laws::stokes_like::LAW.validity.range;
+            warnings.push(format!(
+                "drag.law = \"stokes-like\" is kept for {range}; law = \"cox\" or \"cross-flow\" holds at any"
             ));
         }
         // Steps that a tolerance chooses are judged by it.

@@ -68,6 +68,7 @@ pub mod head;
 pub mod start;
 
 pub mod model;
+pub mod regime;
 
 pub mod integrator;
 pub mod metrics;

@@ -176,7 +176,7 @@ impl Reading {
         }
         let edges = dynamics.edges();
         let mut stretch: f64 = 0.0;
-        for ((tangent, edge), cell) in self.tangent.iter_mut().zip(edges).zip(&rod.cells) {
+        for ((tangent, edge), cell) in self.tangent.iter_mut().zip(edges).zip(rod.cells.iter()) {
             *tangent = edge.t;
             stretch = stretch.max((edge.length / cell.rest - 1.0).abs());
             energy.stretching += cell.energy(edge);
@@ -187,7 +187,7 @@ impl Reading {
                 let tension = edge.t.dot(&Vector2::from(link.force));
                 0.5 * tension * tension / cell.axial
             };
-            energy.stretching = edges.iter().zip(&state.links).zip(&rod.cells).map(stored).sum();
+            energy.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
         energy.fluid = power.add_forces(&dynamics.model.forces, &dynamics.kinematics(state));
         if let Some([_, _, angle]) = dynamics.held {

@@ -160,7 +160,7 @@ fn a_force_changes_with_its_parameters_as_it_says() {
         for key in force.parameters() {
             let (VISCOSITY | DENSITY) = *key else { continue };
             let mut exact = vec![0.0; 2 * NODES];
-            let energy = case.with(|rod| force.add_by_parameter(key, rod, &mut exact));
+            let [energy, _] = case.with(|rod| force.add_by_parameter(key, rod, &mut exact));
             let size = if *key == VISCOSITY { case.fluid.viscosity } else { case.fluid.density };
             let at = |by: f64| {
                 let mut case = case.clone();

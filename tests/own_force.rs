@@ -56,14 +56,14 @@ impl Force for Quadratic {
         &[COEFFICIENT]
     }
 
-    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         if key == COEFFICIENT {
             for k in (0..rod.edges.len()).flat_map(|e| [e, e + 1]) {
                 let w = rod.against_fluid(k);
                 add(out, k, w * w.norm());
             }
         }
-        0.0
+        [0.0; 2]
     }
 }
 
@@ -181,15 +181,15 @@ impl Force for AddedMass {
         &[MASS]
     }
 
-    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         if key != MASS {
-            return 0.0;
+            return [0.0; 2];
         }
         let unit = Self { mass: 1.0 };
         for e in 0..rod.edges.len() {
             (0..2).for_each(|i| add(out, e + i, unit.on(rod, e)[i]));
         }
-        unit.energy(rod, 0.0, None)
+        [unit.energy(rod, 0.0, None), 0.0]
     }
 }
 
@@ -261,13 +261,14 @@ impl Force for Spring {
         &[STIFFNESS]
     }
 
-    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         if key != STIFFNESS {
-            return 0.0;
+            return [0.0; 2];
         }
-        let off = node(rod.q, 0) - Spring::point(rod.t)[0];
+        let [point, velocity] = Spring::point(rod.t);
+        let off = node(rod.q, 0) - point;
         add(out, 0, off);
-        0.5 * off.norm_squared()
+        [0.5 * off.norm_squared(), -off.dot(&velocity)]
     }
 }
 

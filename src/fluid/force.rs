@@ -241,10 +241,10 @@ pub trait Force: std::fmt::Debug + Send + Sync {
         &[]
     }
 
-    /// Adds ∂(force)/∂p to `out`, two entries per node, and returns ∂(energy)/∂p; `key` is one of its
-    /// [`parameters`](Self::parameters), others change nothing.
-    fn add_by_parameter(&self, _key: Key, _rod: &Kinematics<'_>, _out: &mut [f64]) -> f64 {
-        0.0
+    /// Adds ∂(force)/∂p to `out`, two entries per node, and returns ∂/∂p of its [`energy`](Self::energy) and of its
+    /// [`energy_by_time`](Self::energy_by_time); `key` is one of its [`parameters`](Self::parameters), others change nothing.
+    fn add_by_parameter(&self, _key: Key, _rod: &Kinematics<'_>, _out: &mut [f64]) -> [f64; 2] {
+        [0.0; 2]
     }
 }
 
@@ -304,14 +304,16 @@ impl Forces {
         self.on_tip(rod, None).for_each(|tip| add(out, rod.edges.len(), tip.force));
     }
 
-    /// Adds ∂(force)/∂p to `out` and returns ∂(energy)/∂p.
-    pub fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
-        self.iter().map(|force| force.add_by_parameter(key, rod, out)).sum()
+    /// Adds ∂(force)/∂p to `out`.
+    pub fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) {
+        for force in self.iter() {
+            force.add_by_parameter(key, rod, out);
+        }
     }
 
     /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves slowly through `fluid`.
     pub fn resistance(&self, rod: &Rod, fluid: Fluid) -> Option<[f64; 2]> {
-        let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
+        let edges = straight(rod);
         let zeros = vec![0.0; 2 * rod.nodes];
         let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
         let rest = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &zeros, a: &zeros, fluid };
@@ -324,9 +326,26 @@ impl Forces {
         found
     }
 
+    /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves across itself at `speed` (m/s) and
+    /// a tenth of it along.
+    pub fn coefficients(&self, rod: &Rod, fluid: Fluid, speed: f64) -> Option<[f64; 2]> {
+        let edges = straight(rod);
+        let (v, zeros) = ([0.1 * speed, speed].repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
+        let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
+        let moving = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid };
+        let middle = (rod.nodes - 1) / 2;
+        let mut found = [0.0; 2];
+        let drags = || self.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid());
+        on_edges(drags(), &moving, None, middle..middle + 1, |e, on| {
+            let per = 1.0 / (0.5 * rod.cells[e].rest * speed);
+            found = [on.force(1).x * per / 0.1, on.force(1).y * per];
+        });
+        drags().next().map(|_| found)
+    }
+
     /// The drag (N) of `rod` lying straight, towed along itself at `speed` (m/s) through `fluid` at rest, head first.
     pub fn towing(&self, rod: &Rod, fluid: Fluid, speed: f64) -> f64 {
-        let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
+        let edges = straight(rod);
         let mut q = vec![0.0; 2 * rod.nodes];
         (0..rod.nodes).for_each(|k| q[2 * k] = rod.arc_length(k));
         let (v, a) = ([-speed, 0.0].repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
@@ -360,6 +379,11 @@ impl Around for ActingOn<'_> {
     fn on(&self, i: usize) -> Option<&OnEdge> {
         self.room.get(i)
     }
+}
+
+/// The edges of `rod` lying straight, unstretched.
+fn straight(rod: &Rod) -> Vec<Edge> {
+    rod.cells.iter().take(rod.nodes - 1).map(|cell| Edge::along(Vector2::x(), cell.rest)).collect()
 }
 
 /// Sums what `forces` do on `edges` in `room`.

@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use super::force::{Force, Kinematics, OnEdge, Tally, Validity};
 use super::medium::{Fluid, Key};
 use crate::linear::{Block, lanes};
-use crate::rod::{Edge, Half, Rod, add};
+use crate::rod::{Alike, Edge, Half, Rod, add};
 use crate::system::Direction;
 
 /// Force per unit length (N/m) that opposes a velocity with the components `along` and `across` the rod.
@@ -33,7 +33,7 @@ pub struct TractionSlopes {
 /// A local drag law.
 pub trait Law: std::fmt::Debug + Send + Sync {
     /// What it knows of half an edge.
-    type Half: std::fmt::Debug + Copy + PartialEq + Send + Sync;
+    type Half: std::fmt::Debug + Copy + Default + PartialEq + Send + Sync;
     /// What it makes of the fluid, once for all halves.
     type Fluid: Copy;
 
@@ -81,8 +81,8 @@ impl HeadWeight {
 #[derive(Debug)]
 pub struct LocalDrag<L: Law> {
     law: L,
-    /// For both halves of every edge: its weighted length, m, and what the law knows of it. All edges beyond are like the last.
-    halves: Vec<[(f64, L::Half); 2]>,
+    /// For both halves of every edge: its weighted length, m, and what the law knows of it.
+    halves: Alike<[(f64, L::Half); 2]>,
 }
 
 impl<L: Law> LocalDrag<L> {
@@ -93,27 +93,14 @@ impl<L: Law> LocalDrag<L> {
             let inside = (head.length - (h.middle - 0.5 * h.length)).clamp(0.0, h.length);
             (h.length + (head.weight - 1.0) * inside, half(h))
         };
-        let mut halves: Vec<_> = rod.halves().map(|both| both.map(|h| weighted(&h))).collect();
-        while let [.., other, last] = &halves[..]
-            && other == last
-        {
-            halves.pop();
-        }
-        halves.shrink_to_fit();
-        Self { law, halves }
-    }
-
-    /// The halves of edge `e`; none of a rod without edges.
-    #[inline(always)]
-    fn halves(&self, e: usize) -> Option<&[(f64, L::Half); 2]> {
-        self.halves.get(e).or_else(|| self.halves.last())
+        let halves: Vec<_> = rod.halves().map(|both| both.map(|h| weighted(&h))).collect();
+        Self { law, halves: halves.into() }
     }
 
     /// The traction's derivative by `key` times the weighted length, for every end.
     fn each_by_parameter(&self, key: Key, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, Vector2<f64>)) {
         for (e, edge) in rod.edges.iter().enumerate() {
-            let Some(halves) = self.halves(e) else { continue };
-            for (i, (length, half)) in halves.iter().enumerate() {
+            for (i, (length, half)) in self.halves[e].iter().enumerate() {
                 let w = rod.against_fluid(e + i);
                 let by = self.law.by_parameter(key, half, rod.fluid, w.dot(&edge.t), w.dot(&edge.n()));
                 visit(e + i, (edge.t * by.along + edge.n() * by.across) * *length);
@@ -167,17 +154,15 @@ impl<L: Law> Force for LocalDrag<L> {
         let first = edges.start;
         let some = &rod.edges[edges.clone()];
         let v = &v[first..=edges.end];
-        let here = edges.map(|e| self.halves(e)).zip(some).zip(v.windows(2));
+        let here = edges.map(|e| &self.halves[e]).zip(some).zip(v.windows(2));
         let against = |v: &[f64; 2]| Vector2::from(*v) - flow;
         match along {
-            Some(direction) => sums.each(here, |((halves, edge), v)| {
-                let Some([first, second]) = halves else { return OnEdge::ZERO };
+            Some(direction) => sums.each(here, |(([first, second], edge), v)| {
                 let (f0, own0, edge0) = end(&self.law, first, fluid, edge, against(&v[0]), direction);
                 let (f1, own1, edge1) = end(&self.law, second, fluid, edge, against(&v[1]), direction);
                 OnEdge::new([f0, f1], [own0, own1], [edge0, edge1])
             }),
             None => sums.each(here, |((halves, edge), v)| {
-                let Some(halves) = halves else { return OnEdge::ZERO };
                 let force = |i: usize| {
                     let ((length, half), w) = (&halves[i], against(&v[i]));
                     let Traction { along, across } = self.law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
@@ -192,10 +177,10 @@ impl<L: Law> Force for LocalDrag<L> {
         self.law.parameters()
     }
 
-    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         if self.law.parameters().contains(&key) {
             self.each_by_parameter(key, rod, |k, force| add(out, k, force));
         }
-        0.0
+        [0.0; 2]
     }
 }

@@ -16,14 +16,14 @@ use nalgebra::{Matrix2, Vector2};
 use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validity};
 use super::medium::{DENSITY, Key};
 use crate::linear::Block;
-use crate::rod::{Rod, add, node};
+use crate::rod::{Alike, Rod, add, node};
 use crate::system::Direction;
 
 /// The inertia of the water around the rod.
 #[derive(Debug)]
 pub struct Reactive {
     /// c/ρ for both halves of every edge, m².
-    halves: Vec<[f64; 2]>,
+    halves: Alike<[f64; 2]>,
 }
 
 /// What the vortex sheet takes that leaves the tail.
@@ -44,12 +44,7 @@ impl Reactive {
     pub fn new(rod: &Rod) -> Self {
         // c = ρ g with g = (1/ΔL) ∫ ¼πD² ds, so that T_f is exact for a straight rod.
         let half = |half: &crate::rod::Half| FRAC_PI_4 * half.depth_squared * half.length / rod.spacing;
-        Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect() }
-    }
-
-    /// Added mass per length (kg/m) at the head end of half an edge, for a density of 1.
-    pub fn areas(&self) -> impl Iterator<Item = f64> {
-        self.halves.iter().flatten().map(|half| 2.0 * half)
+        Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 }
 
@@ -135,7 +130,7 @@ impl Force for Reactive {
 
     fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
         let mut energy = 0.0;
-        for (k, (edge, halves)) in rod.edges.iter().zip(&self.halves).enumerate() {
+        for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
             let (t, n) = (edge.t, edge.n());
             for (i, half) in halves.iter().enumerate() {
                 let c = rod.fluid.density * half;
@@ -157,14 +152,14 @@ impl Force for Reactive {
         &[DENSITY]
     }
 
-    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         if key != DENSITY {
-            return 0.0;
+            return [0.0; 2];
         }
         // Linear in the density.
         let unit = Kinematics { fluid: super::Fluid { density: 1.0, ..rod.fluid }, ..*rod };
         super::force::visit_alone(self, &unit, |k, force| add(out, k, force));
-        self.energy(&unit, 0.0, None)
+        [self.energy(&unit, 0.0, None), 0.0]
     }
 }
 
@@ -240,10 +235,10 @@ impl Force for Wake {
         &[DENSITY]
     }
 
-    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> f64 {
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         if let (DENSITY, Some((force, ..))) = (key, self.on_tip(rod)) {
             add(out, rod.edges.len(), force * -self.mass);
         }
-        0.0
+        [0.0; 2]
     }
 }

@@ -103,8 +103,9 @@ impl Deformed<'_> {
         let mut before = f64x2::ZERO;
         let (mut diagonal, mut q_here, mut qt_here) = (Block::ZERO, Block::ZERO, Block::ZERO);
         let ends = joints.iter().zip(joints.iter().skip(1));
-        let here = edges.iter().zip(&rod.cells).zip(ends).zip(a).zip(&rod.mass).enumerate();
-        for (k, ((((edge, cell), (start, end)), a), mass)) in here {
+        let here = edges.iter().zip(ends).zip(a).zip(&rod.mass).enumerate();
+        for (k, (((edge, (start, end)), a), mass)) in here {
+            let cell = &rod.cells[k];
             if k % TOGETHER == 0 {
                 around.look(k..edges.len().min(k + TOGETHER));
             }

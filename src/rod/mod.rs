@@ -2,6 +2,7 @@
 //!
 //! Both energies depend on the nodes through edge vectors only, so the elements give derivatives with respect to edges.
 
+mod alike;
 pub mod bend;
 pub mod elastic;
 pub mod section;
@@ -10,6 +11,7 @@ pub mod stretch;
 use nalgebra::Vector2;
 use serde::Deserialize;
 
+pub use alike::Alike;
 pub use section::{Half, Profile, Section, Sections};
 pub use stretch::Cell;
 
@@ -107,7 +109,7 @@ pub struct Rod {
     /// Young's modulus Y, Pa.
     pub youngs: f64,
     /// How each edge resists stretching.
-    pub cells: Vec<Cell>,
+    pub cells: Alike<Cell>,
     /// First node with a joint: 1, or 0 where the head is held and a half-cell joint acts on the first edge.
     pub first_joint: usize,
     /// Stiffness B (N m) of the energy ½B(κ−κ̄)² of the joint at each node: EI_k/ΔL inside, 2EI₀/ΔL for the half-cell
@@ -165,7 +167,7 @@ impl Rod {
             youngs: *youngs,
             ea: largest(&mut ea.iter().copied()),
             ei: largest(&mut (0..nodes).map(ei)),
-            cells: ea.iter().map(|ea| Cell { rest: spacing, axial: ea / spacing }).collect(),
+            cells: ea.iter().map(|ea| Cell { rest: spacing, axial: ea / spacing }).collect::<Vec<_>>().into(),
             first_joint: usize::from(!held_head),
             joint,
             total_mass: mass.iter().sum(),

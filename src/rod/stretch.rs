@@ -3,7 +3,7 @@
 use super::Edge;
 
 /// How an edge resists stretching.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Cell {
     /// Length at rest ℓ₀, m.
     pub rest: f64,

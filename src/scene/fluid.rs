@@ -11,6 +11,7 @@ use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
 use crate::fluid::reactive::Wake;
 use crate::fluid::{Fluid, Force, Forces, HeadWeight, Reactive};
 use crate::head::Signal;
+use crate::regime::{self, Regime};
 use crate::rod::Rod;
 
 /// `[medium]`.
@@ -176,6 +177,11 @@ impl DragTable {
         Ok(Recipe {
             wavelength: scene.actuation.as_ref().map(|actuation| actuation.wavelength_m.get()),
             frequency: scene.drive_frequency(),
+            reynolds: if self.law_name() == laws::auto::LAW.name {
+                scene.regime(rod).map_or(0.0, |r| r.reynolds)
+            } else {
+                0.0
+            },
             head: HeadWeight {
                 weight: self.head_weight.map_or(1.0, NotNegative::get),
                 length: self.head_length_m.map_or(0.0, Positive::get),
@@ -245,6 +251,16 @@ impl Scene {
         };
         let found = self.head.formulas().filter_map(frequency);
         found.fold(None, |highest, frequency| Some(highest.map_or(frequency, |other: f64| other.max(frequency))))
+    }
+
+    /// The flow around `rod`, its own; none without a medium, or where a table of its head cannot be read.
+    pub fn regime(&self, rod: &Rod) -> Option<Regime> {
+        let fluid = self.medium.as_ref()?.fluid();
+        let actuation = self.actuation.as_ref().map(|actuation| actuation.build(rod));
+        let head = self.head_motion().ok()?;
+        let gravity = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
+        let gravity = gravity.map_or(0.0, |gravity| regime::size(gravity.map(Finite::get)));
+        Some(Regime::of(rod, actuation.as_ref(), head.as_ref(), fluid, gravity))
     }
 
     /// The forces of the fluid on `rod`.

@@ -346,6 +346,24 @@ impl At<'_> {
         g.natural[k] -= factor * stiffness;
     }
 
+    /// What the forces that take nothing store, J (`rate` 0), or put in by themselves, W (1); adds `factor` times its
+    /// derivatives.
+    fn stored(&self, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
+        let moving = self.dynamics.kinematics(self.state);
+        let mut sum = 0.0;
+        for force in self.dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
+            sum += match rate {
+                0 => force.energy(&moving, factor, Some(g.slopes())),
+                _ => force.energy_by_time(&moving, factor, Some(g.slopes())),
+            };
+            for (key, by) in &mut g.keys {
+                let mut unused = vec![0.0; self.state.q.len()];
+                *by += factor * force.add_by_parameter(key, &moving, &mut unused)[rate];
+            }
+        }
+        sum
+    }
+
     /// What the forces with that sink take, W; adds `factor` times its derivatives.
     fn power_to(&self, sink: Sink, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.dynamics.kinematics(self.state);
@@ -457,7 +475,7 @@ impl Quantity {
             }
             Self::Stretching => {
                 let mut energy = 0.0;
-                for (k, (edge, cell)) in dynamics.edges().iter().zip(&rod.cells).enumerate() {
+                for (k, (edge, cell)) in dynamics.edges().iter().zip(rod.cells.iter()).enumerate() {
                     let pull = edge.t * (factor * cell.tension(edge));
                     add(&mut g.q, k, -pull);
                     add(&mut g.q, k + 1, pull);
@@ -497,31 +515,13 @@ impl Quantity {
             }
             Self::ViscousPower => at.power_to(Sink::Drag, factor, g),
             Self::WakePower => at.power_to(Sink::Wake, factor, g),
-            Self::OtherPower => {
-                let moving = dynamics.kinematics(state);
-                let storing = dynamics.model.forces.iter().filter(|force| force.sink().is_none());
-                let by_time =
-                    |force: &dyn Force, g: &mut Gradient| force.energy_by_time(&moving, factor, Some(g.slopes()));
-                let put_in: f64 = storing.map(|force| by_time(force, g)).sum();
-                put_in - at.power_to(Sink::Other, -factor, g)
-            }
+            Self::OtherPower => at.stored(1, factor, g) - at.power_to(Sink::Other, -factor, g),
             Self::FlowPower => {
                 let flow = dynamics.inputs.fluid.flow;
                 let of_fluid = |force: &dyn Force| force.is_of_fluid();
                 at.power_along(of_fluid, |_| -flow, factor, g)
             }
-            Self::Fluid => {
-                let moving = dynamics.kinematics(state);
-                let mut energy = 0.0;
-                for force in dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
-                    energy += force.energy(&moving, factor, Some(g.slopes()));
-                    let mut unused = vec![0.0; state.q.len()];
-                    for (key, by) in &mut g.keys {
-                        *by += factor * force.add_by_parameter(key, &moving, &mut unused);
-                    }
-                }
-                energy
-            }
+            Self::Fluid => at.stored(0, factor, g),
             Self::LoadPower => {
                 let mut power = 0.0;
                 for k in (0..rod.nodes).filter(|_| dynamics.is_loaded()) {

@@ -127,11 +127,12 @@ impl Tangent {
         for own in dynamics.model.forces.iter() {
             opposing.fill(0.0);
             force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
-            let mut stored = 0.0;
+            let mut stored = [0.0; 2];
             for (key, change) in [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)] {
                 if change != 0.0 {
                     let mut by = vec![0.0; opposing.len()];
-                    stored += own.add_by_parameter(key, &moving, &mut by) * change;
+                    let of_energy = own.add_by_parameter(key, &moving, &mut by);
+                    (0..2).for_each(|i| stored[i] += of_energy[i] * change);
                     opposing.iter_mut().zip(by).for_each(|(sum, by)| *sum += change * by);
                 }
             }
@@ -160,7 +161,7 @@ impl Tangent {
                     let [q, v, a] = &mut by;
                     own.energy(&moving, 1.0, Some(Slopes { q, v, a }));
                     let along = |by: &[f64], d: &[f64]| by.iter().zip(d).map(|(x, y)| x * y).sum::<f64>();
-                    energy.fluid += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored;
+                    energy.fluid += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored[0];
                     energy.fluid -= (0..rod.nodes).map(|k| node(v, k).dot(&drift)).sum::<f64>();
                     if by_time {
                         energy.fluid += own.energy_by_time(&moving, 0.0, None);
@@ -168,7 +169,7 @@ impl Tangent {
                     by.iter_mut().for_each(|by| by.fill(0.0));
                     let [q, v, a] = &mut by;
                     own.energy_by_time(&moving, 1.0, Some(Slopes { q, v, a }));
-                    power.other += along(q, &d.q) + along(v, &d.v) + along(a, &d.a);
+                    power.other += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored[1];
                 }
             }
         }

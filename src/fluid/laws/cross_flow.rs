@@ -44,7 +44,7 @@ const BLASIUS: f64 = 1.42;
 struct CrossFlow;
 
 /// What does not depend on fluid and velocity.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Coefficients {
     /// ξ∥/μ, ξ⊥/μ.
     viscous: [f64; 2],

@@ -1,5 +1,6 @@
 //! Drag laws, one per file: range and source as data, coefficients and exact derivatives.
 
+pub mod auto;
 pub mod coefficients;
 pub mod cox;
 pub mod cross_flow;
@@ -26,6 +27,7 @@ pub static LAWS: &[&DragLaw] = &[
     &weak_inertia::LAW,
     &cross_flow::LAW,
     &stokes_like::LAW,
+    &auto::LAW,
 ];
 
 /// The law of a scene that names none.
@@ -78,6 +80,8 @@ pub struct Recipe<'a> {
     pub wavelength: Option<f64>,
     /// Frequency of what drives the rod, Hz.
     pub frequency: Option<f64>,
+    /// Reynolds number of the depth in the motion that the scene prescribes, see [`Regime`](crate::regime::Regime).
+    pub reynolds: f64,
     /// The drag on the head.
     pub head: HeadWeight,
     /// The law of the viscous part.
@@ -109,6 +113,7 @@ impl<'a> Recipe<'a> {
             rod,
             wavelength: None,
             frequency: None,
+            reynolds: 0.0,
             head: HeadWeight::NONE,
             viscous: DEFAULT,
             slender_length: None,

@@ -1,0 +1,39 @@
+//! Values along the edges of a rod, of which those towards the tip are usually alike.
+
+use std::ops::Index;
+
+/// A value for every edge: from some edge on all are the same and kept once.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Alike<T> {
+    own: Vec<T>,
+    rest: T,
+}
+
+impl<T: PartialEq + Default> From<Vec<T>> for Alike<T> {
+    fn from(mut own: Vec<T>) -> Self {
+        let rest = own.pop().unwrap_or_default();
+        while own.last() == Some(&rest) {
+            own.pop();
+        }
+        own.shrink_to_fit();
+        Self { own, rest }
+    }
+}
+
+impl<T> Index<usize> for Alike<T> {
+    type Output = T;
+
+    /// The value of edge `e`.
+    #[inline(always)]
+    fn index(&self, e: usize) -> &T {
+        self.own.get(e).unwrap_or(&self.rest)
+    }
+}
+
+impl<T> Alike<T> {
+    /// The values from the first edge on, without end.
+    #[inline]
+    pub fn iter(&self) -> impl Iterator<Item = &T> {
+        self.own.iter().chain(std::iter::repeat(&self.rest))
+    }
+}
