@@ -15,11 +15,12 @@ pub use course::Course;
 
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
-use crate::fluid::force::{ActingOn, OnEdge, TOGETHER};
+use crate::fluid::force::ActingOn;
 use crate::fluid::{Fluid, Forces, Kinematics};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
+use crate::rod::around::{Alone, OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
-use crate::rod::elastic::{self, Alone, Deformed};
+use crate::rod::elastic::{self, Deformed};
 use crate::rod::{Edge, Rod, add, node};
 use crate::start::{Start, add_spin};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};

@@ -6,14 +6,12 @@
 //! Hessian in edge vectors is block tridiagonal, T on its diagonal and Q beside it; nodes are differences of edges. What
 //! else acts on the ends of an edge depends on their motion and on the edge, so it joins them.
 
-use std::ops::Range;
-
 use nalgebra::Vector2;
 use wide::f64x2;
 
+use super::around::{Around, TOGETHER};
 use super::bend::Joint;
 use super::{Edge, Rod};
-use crate::fluid::force::{OnEdge, TOGETHER};
 use crate::linear::{Block, BlockRow, lanes};
 use crate::system::{Direction, Linearisation};
 
@@ -46,29 +44,6 @@ pub fn stiffness(edge: &Edge, axial: f64, tension: f64, [start, end]: [&Joint; 2
 pub fn coupling(before: &Edge, after: &Edge, joint: &Joint, factor: f64) -> Block {
     let size = -joint.stiffness * (factor * before.per_length) * after.per_length;
     Block::outer(before.n(), lanes(after.n()) * size)
-}
-
-/// What else acts on a rod, edge by edge.
-pub trait Around {
-    /// Looks at some edges in a row, at most [`TOGETHER`].
-    fn look(&mut self, edges: Range<usize>);
-
-    /// What acts on the `i`-th of them.
-    fn on(&self, i: usize) -> Option<&OnEdge>;
-}
-
-/// Nothing else acts on the rod.
-#[derive(Debug)]
-pub struct Alone;
-
-impl Around for Alone {
-    #[inline(always)]
-    fn look(&mut self, _: Range<usize>) {}
-
-    #[inline(always)]
-    fn on(&self, _: usize) -> Option<&OnEdge> {
-        None
-    }
 }
 
 /// A rod as it is at one time.

@@ -3,6 +3,7 @@
 //! Both energies depend on the nodes through edge vectors only, so the elements give derivatives with respect to edges.
 
 mod alike;
+pub mod around;
 pub mod bend;
 pub mod elastic;
 pub mod section;

@@ -1,0 +1,100 @@
+//! What acts on the edges of a rod from outside, as the assembly of the rod takes it.
+
+use std::ops::Range;
+
+use nalgebra::{Matrix2, Vector2};
+use wide::f64x2;
+
+use crate::linear::{Block, lanes};
+
+/// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
+pub const TOGETHER: usize = 32;
+
+/// What a force opposes the two ends of an edge with, and its derivatives along a direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OnEdge {
+    force: [f64x2; 2],
+    own: [Block; 2],
+    edge: [Block; 2],
+}
+
+impl OnEdge {
+    /// Nothing.
+    pub const ZERO: Self = Self { force: [f64x2::ZERO; 2], own: [Block::ZERO; 2], edge: [Block::ZERO; 2] };
+
+    /// From its parts for both ends, see [`force`](Self::force), [`own`](Self::own) and [`edge`](Self::edge).
+    #[inline(always)]
+    pub fn new(force: [Vector2<f64>; 2], own: [Block; 2], edge: [Block; 2]) -> Self {
+        Self { force: force.map(lanes), own, edge }
+    }
+
+    /// The force (N) on end `i`, 0 or 1.
+    #[inline(always)]
+    pub fn force(&self, i: usize) -> Vector2<f64> {
+        self.force[i].to_array().into()
+    }
+
+    /// The same in two lanes.
+    #[inline(always)]
+    pub(crate) fn force_lanes(&self, i: usize) -> f64x2 {
+        self.force[i]
+    }
+
+    /// How the force on end `i` changes where the whole edge moves, along the direction.
+    #[inline(always)]
+    pub fn own(&self, i: usize) -> Block {
+        self.own[i]
+    }
+
+    /// How the force on end `i` changes with the edge vector where that end stays, along the direction.
+    #[inline(always)]
+    pub fn edge(&self, i: usize) -> Block {
+        self.edge[i]
+    }
+
+    /// The change of the force on end `i` where the nodes of the edge move by `d`.
+    pub fn change(&self, i: usize, d: [Vector2<f64>; 2]) -> Vector2<f64> {
+        Matrix2::from(self.own[i]) * d[i] + Matrix2::from(self.edge[i]) * (d[1] - d[0])
+    }
+
+    /// The cotangents of both nodes for a cotangent `c` of the force on end `i`: the transpose of [`change`](Self::change).
+    pub fn change_transposed(&self, i: usize, c: Vector2<f64>) -> [Vector2<f64>; 2] {
+        let edge = Matrix2::from(self.edge[i]).tr_mul(&c);
+        let mut nodes = [-edge, edge];
+        nodes[i] += Matrix2::from(self.own[i]).tr_mul(&c);
+        nodes
+    }
+
+    /// Adds `other`.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, other: &Self) {
+        for i in 0..2 {
+            self.force[i] += other.force[i];
+            self.own[i] = self.own[i] + other.own[i];
+            self.edge[i] = self.edge[i] + other.edge[i];
+        }
+    }
+}
+
+/// What else acts on a rod, edge by edge.
+pub trait Around {
+    /// Looks at some edges in a row, at most [`TOGETHER`].
+    fn look(&mut self, edges: Range<usize>);
+
+    /// What acts on the `i`-th of them.
+    fn on(&self, i: usize) -> Option<&OnEdge>;
+}
+
+/// Nothing else acts on the rod.
+#[derive(Debug)]
+pub struct Alone;
+
+impl Around for Alone {
+    #[inline(always)]
+    fn look(&mut self, _: Range<usize>) {}
+
+    #[inline(always)]
+    fn on(&self, _: usize) -> Option<&OnEdge> {
+        None
+    }
+}
