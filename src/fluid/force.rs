@@ -314,7 +314,7 @@ impl Around for ActingOn<'_> {
 
 /// The edges of `rod` lying straight, unstretched.
 fn straight(rod: &Rod) -> Vec<Edge> {
-    rod.cells.iter().take(rod.nodes - 1).map(|cell| Edge::along(Vector2::x(), cell.rest)).collect()
+    rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect()
 }
 
 /// Sums what `forces` do on `edges` in `room`.

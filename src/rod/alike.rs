@@ -7,16 +7,18 @@ use std::ops::Index;
 pub struct Alike<T> {
     own: Vec<T>,
     rest: T,
+    edges: usize,
 }
 
 impl<T: PartialEq + Default> From<Vec<T>> for Alike<T> {
     fn from(mut own: Vec<T>) -> Self {
+        let edges = own.len();
         let rest = own.pop().unwrap_or_default();
         while own.last() == Some(&rest) {
             own.pop();
         }
         own.shrink_to_fit();
-        Self { own, rest }
+        Self { own, rest, edges }
     }
 }
 
@@ -31,9 +33,9 @@ impl<T> Index<usize> for Alike<T> {
 }
 
 impl<T> Alike<T> {
-    /// The values from the first edge on, without end.
+    /// The value of every edge.
     #[inline]
     pub fn iter(&self) -> impl Iterator<Item = &T> {
-        self.own.iter().chain(std::iter::repeat(&self.rest))
+        self.own.iter().chain(std::iter::repeat_n(&self.rest, self.edges - self.own.len()))
     }
 }
