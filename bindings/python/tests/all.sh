@@ -16,6 +16,6 @@ skip() {
 "$python" -m pip install --quiet -r bindings/fmi/tests/requirements.txt -r bindings/python/tests/requirements.txt ||
     skip "the packages of both requirements.txt must be within reach of pip"
 
-"$python" -m pip install --quiet --no-deps --force-reinstall ./bindings/python
-CAUDAL_COMMAND="$PWD/target/release/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
+CAUDAL_PROFILE=dev "$python" -m pip install --quiet --no-deps --force-reinstall ./bindings/python
+CAUDAL_COMMAND="$PWD/target/debug/caudal" "$python" -m pytest --quiet -p no:cacheprovider \
     bindings/python/tests bindings/fmi/examples
