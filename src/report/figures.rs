@@ -75,13 +75,13 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
         in_time(
             "head_force.svg",
             "force on the held head",
-            "force of the rod on what holds it (N)",
+            "force (N)",
             &[("x", "head_force_x_n"), ("y", "head_force_y_n")],
         ),
         in_time(
             "head_moment.svg",
             "moment on the held head",
-            "moment of the rod on what holds it (N m)",
+            "moment (N m)",
             &[("moment", "head_moment_n_m")],
         ),
         Some(Figure::new(
