@@ -275,8 +275,7 @@ impl Assessment {
             let percent = |x: f64, own: f64| 100.0 * (x / own - 1.0);
             Some(format!("{} {:+.0} % along, {:+.0} % across", law.name, percent(t, along), percent(n, across)))
         };
-        let texts: Vec<String> =
-            others.filter(|law| law.name != laws::auto::LAW.name).filter_map(|law| says(law)).collect();
+        let texts: Vec<String> = others.filter(|law| law.name != laws::auto::LAW.name).filter_map(says).collect();
         if !texts.is_empty() && along > 0.0 {
             fact("other laws", texts.join("; "));
         }

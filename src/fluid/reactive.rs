@@ -173,8 +173,8 @@ fn switch(x: f64) -> [f64; 2] {
 }
 
 impl Wake {
-    /// The force on the tip over density, and its derivatives by velocity and by the vectors of the last two edges.
-    fn on_tip(&self, rod: &Kinematics<'_>) -> Option<(Vector2<f64>, Matrix2<f64>, [Matrix2<f64>; 2])> {
+    /// The force that pulls the tip, over its mass, with its derivatives by velocity and by the vectors of the last two edges.
+    fn on_tip(rod: &Kinematics<'_>) -> Option<OnTip> {
         let [.., before, last] = rod.edges else { return None };
         // The direction of the rod's end, one half edge beyond the middle of the last: second order.
         let wanted = last.t * 3.0 - before.t;
@@ -185,7 +185,7 @@ impl Wake {
         let (u, w) = (velocity.dot(&d), velocity.dot(&n));
         let speed = u.hypot(w);
         if speed == 0.0 {
-            return Some((Vector2::zeros(), Matrix2::zeros(), [Matrix2::zeros(); 2]));
+            return Some(OnTip { force: Vector2::zeros(), own: Matrix2::zeros(), edges: [Matrix2::zeros(); 2] });
         }
         let x = u / speed;
         let [s, slope] = switch(x);
@@ -203,7 +203,7 @@ impl Wake {
             let normal = edge.n();
             by_turning * (normal * (factor * n.dot(&normal) * edge.per_length / size)).transpose()
         };
-        Some((plain * s, by_velocity, [turned(before, -1.0), turned(last, 3.0)]))
+        Some(OnTip { force: plain * s, own: by_velocity, edges: [turned(before, -1.0), turned(last, 3.0)] })
     }
 }
 
@@ -224,11 +224,10 @@ impl Force for Wake {
     fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, _: &mut Tally<'_>) {}
 
     fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<OnTip> {
-        let (force, by_velocity, by_edges) = self.on_tip(rod)?;
+        let OnTip { force, own, edges } = Self::on_tip(rod)?;
         let mass = -self.mass * rod.fluid.density; // it opposes
         let Direction { q, v, .. } = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-        let [before, last] = by_edges.map(|by| by * (mass * q));
-        Some(OnTip { force: force * mass, own: by_velocity * (mass * v), edges: [before, last] })
+        Some(OnTip { force: force * mass, own: own * (mass * v), edges: edges.map(|by| by * (mass * q)) })
     }
 
     fn parameters(&self) -> &[Key] {
@@ -236,8 +235,8 @@ impl Force for Wake {
     }
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
-        if let (DENSITY, Some((force, ..))) = (key, self.on_tip(rod)) {
-            add(out, rod.edges.len(), force * -self.mass);
+        if let (DENSITY, Some(tip)) = (key, Self::on_tip(rod)) {
+            add(out, rod.edges.len(), tip.force * -self.mass);
         }
         [0.0; 2]
     }

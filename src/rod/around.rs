@@ -70,8 +70,8 @@ impl OnEdge {
     pub(crate) fn add(&mut self, other: &Self) {
         for i in 0..2 {
             self.force[i] += other.force[i];
-            self.own[i] = self.own[i] + other.own[i];
-            self.edge[i] = self.edge[i] + other.edge[i];
+            self.own[i] += other.own[i];
+            self.edge[i] += other.edge[i];
         }
     }
 }

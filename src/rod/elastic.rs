@@ -103,7 +103,7 @@ impl Deformed<'_> {
                 let (mut right, mut left) = (t, t);
                 let mut own = [Block::ZERO; 2];
                 if let Some(around) = around {
-                    right = right + around.edge(0);
+                    right += around.edge(0);
                     left = left - around.edge(1);
                     own = [around.own(0), around.own(1)];
                 }
