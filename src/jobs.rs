@@ -336,6 +336,10 @@ impl FromStr for Shard {
     }
 }
 
+/// The stack of a thread, B, and what must be free before it is made: the stack, and room for what goes with it.
+const STACK: usize = 2 << 20;
+const ROOM: usize = STACK + (4 << 20);
+
 /// The number of threads that this machine's cores are for.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
@@ -369,9 +373,15 @@ pub fn run<T: Send>(
                     && sender.send((*index, work(*index))).is_ok()
                 {}
             };
-            if let Err(error) = std::thread::Builder::new().spawn_scoped(scope, worker) {
+            // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
+            let room = Vec::<u8>::new().try_reserve_exact(ROOM).map_err(|error| error.to_string());
+            let spawned = room.and_then(|()| {
+                let builder = std::thread::Builder::new().stack_size(STACK);
+                builder.spawn_scoped(scope, worker).map_err(|error| error.to_string())
+            });
+            if let Err(reason) = spawned {
                 ended.store(true, Ordering::Relaxed);
-                return Err(Error::Threads { wanted: threads, started, reason: error.to_string() });
+                return Err(Error::Threads { wanted: threads, started, reason });
             }
         }
         drop((closed, sender));
