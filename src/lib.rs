@@ -1,5 +1,5 @@
 //! caudal simulates bio-inspired tails and swimmers: a slender planar rod of N nodes, driven by a travelling natural
-//! curvature in a viscous fluid, stepped by implicit methods with exact banded Jacobians.
+//! curvature in a fluid, stepped by implicit methods with exact banded Jacobians.
 //!
 //! Data flows one way: a [`scene`] describes a [`model`] and an [`integrator`]; the [`stepper`] drives both and is what
 //! every face (command, files, hosts) sees, through the one table of [`variable`]s. SI units everywhere; two numbers a

@@ -162,6 +162,7 @@ pub struct Summary {
     pub nodes: usize,
     pub model: &'static str,
     pub model_reason: Option<String>,
+    pub forces: Vec<&'static str>,
     pub integrator: String,
     pub form: Form,
     pub time_step_s: f64,
@@ -301,6 +302,7 @@ impl Summary {
             nodes: model.rod.nodes,
             model: stepper.choice().map_or("full", |choice| choice.rung.name),
             model_reason: stepper.choice().and_then(|choice| choice.reason.clone()),
+            forces: model.forces.iter().map(|force| force.name()).collect(),
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
             time_step_s: match stepper.pace() {

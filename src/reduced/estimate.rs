@@ -12,7 +12,7 @@
 //! the rod takes up its speed. A free rod swims by a small difference of large forces: there the rigid motion without inertia is
 //! followed, then the same with the inertia it leaves out, −M a, as a load.
 //!
-//! Nothing here takes drag to be linear. Where an estimate cannot be trusted, or costs more than [`SHARE`] of the run it may
+//! Nothing here takes drag to be linear. Where an estimate cannot be trusted, or costs more than a tenth of the run it may
 //! spare, there is a reason instead of a number.
 
 use std::f64::consts::TAU;

@@ -51,8 +51,7 @@ pub struct DragLaw {
     pub needs: &'static [&'static str],
     /// Drag along and across the rod per length, speed and viscosity, of half an edge, where the law is of that form.
     pub resistance: Option<fn(&Recipe<'_>, &Half) -> [f64; 2]>,
-    /// The length ℒ (m) in its logarithm, and how many times the radius a of half an edge that must be at least; none for a
-    /// law without.
+    /// The length ℒ (m) in its logarithm, which must be at least e^[`SLENDER`] radii; none for a law without.
     pub slender: Option<fn(&Recipe<'_>) -> f64>,
     /// The force.
     pub build: fn(&Recipe<'_>) -> Box<dyn Force>,
