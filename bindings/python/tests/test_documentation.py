@@ -64,4 +64,4 @@ def test_every_error_of_the_library_has_its_class():
     ]
     assert "NotConverged" in variants and len(variants) > 15
     without = {variant for variant in variants if not hasattr(caudal.errors, f"{variant}Error")}
-    assert without == {"Chart", "Page", "OutsideStep"}  # nothing to tell by; and what no call here can ask for
+    assert without == {"Page", "OutsideStep"}  # nothing to tell by; and what no call here can ask for

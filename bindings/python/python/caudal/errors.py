@@ -68,6 +68,75 @@ class WriteError(Error, OSError):
     reason: str
 
 
+class SeveralError(Error, ValueError):
+    """A scene says several things that are not allowed; the text has a line for each.
+
+    Attributes
+    ----------
+    value : list of dict
+        The mistakes.
+    """
+
+    value: list[dict[str, object]]
+
+
+class OccupiedError(Error, OSError):
+    """A folder holds other results than those that would be written.
+
+    Attributes
+    ----------
+    path : str
+        The folder.
+    holds : str
+        What is there.
+    wanted : str
+        What would be written.
+    """
+
+    path: str
+    holds: str
+    wanted: str
+
+
+class RoomError(Error, OSError):
+    """What would be written does not fit on the disk.
+
+    Attributes
+    ----------
+    path : str
+        The folder.
+    what : str
+        What would be written, and the keys that say so.
+    needed : float
+        Its size, bytes.
+    free : float
+        Room on the disk, bytes.
+    """
+
+    path: str
+    what: str
+    needed: float
+    free: float
+
+
+class ThreadsError(Error, OSError):
+    """The system gives fewer threads than were asked for.
+
+    Attributes
+    ----------
+    wanted : int
+        How many were asked for.
+    started : int
+        How many there were.
+    reason : str
+        The operating system's reason.
+    """
+
+    wanted: int
+    started: int
+    reason: str
+
+
 class JournalError(Error):
     """A journal of results cannot be used.
 
