@@ -136,7 +136,8 @@ def test_a_failed_step_is_an_exception_with_its_numbers_and_what_came_before():
 
 
 INTERRUPTED = """
-import caudal, sys
+import caudal, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background job ignores it
 scene = caudal.load("models/driven-head.toml", set={"solver.duration_s": 1e6, "rod.nodes": 100, "record.every": 1000000})
 try:
     print("started", flush=True)
