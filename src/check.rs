@@ -13,11 +13,11 @@ use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
 use crate::reduced::RUNGS;
+use crate::regime;
 use crate::rod::{Rod, bend};
 use crate::scene::{Document, Fault, NodesTable, Scene, StartKind};
-use crate::start::Start;
 use crate::stepper::Stepper;
-use crate::system::{Form, State};
+use crate::system::Form;
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
 const MODES_UP_TO: u64 = 201;
@@ -359,8 +359,9 @@ impl Assessment {
 
 /// Frequency (Hz) of what drives the tail, and the largest |y| (m) of its tip in the shape that is prescribed.
 fn drive(model: &Model) -> Option<(f64, f64)> {
-    if let Some((_, drive)) = &model.actuation {
-        let tip = shapes(model).map(|shape| shape.q[2 * model.rod.nodes - 1].abs()).fold(0.0, f64::max);
+    if let Some((actuation, drive)) = &model.actuation {
+        let shapes = regime::shapes(&model.rod, &**actuation, *drive);
+        let tip = shapes.map(|shape| shape.q[2 * model.rod.nodes - 1].abs()).fold(0.0, f64::max);
         return Some((drive.frequency, tip));
     }
     let arms = [0.0, 1.0, model.rod.length];
@@ -372,17 +373,6 @@ fn drive(model: &Model) -> Option<(f64, f64)> {
         }
     }
     fastest.map(|frequency| (frequency, reach))
-}
-
-/// The shapes that the actuation prescribes over a period, at rest, with the straight rod's centre of mass.
-fn shapes(model: &Model) -> impl Iterator<Item = State> {
-    const PHASES: u32 = 32;
-    (0..PHASES).map(move |i| {
-        let mut state = State::zeros(2 * model.rod.nodes);
-        let natural = natural(model, TAU * f64::from(i) / f64::from(PHASES));
-        Start::Shaped.place(&model.rod, &natural, &vec![0.0; natural.len()], None, &mut state);
-        state
-    })
 }
 
 /// The fully grown natural curvature at a phase of the scene's drive.

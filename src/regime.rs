@@ -83,8 +83,7 @@ impl Regime {
 /// Mean square of the velocity (m/s) across itself of a rod that takes its natural curvature, its centre of mass and its
 /// direction at rest.
 fn wave(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
-    let shapes: Vec<State> =
-        (0..PHASES).map(|i| shape(rod, actuation, drive, f64::from(i) / f64::from(PHASES))).collect();
+    let shapes: Vec<State> = shapes(rod, actuation, drive).collect();
     let per_phase = f64::from(PHASES) * drive.frequency;
     let mut squares = 0.0;
     for (i, now) in shapes.iter().enumerate() {
@@ -99,18 +98,20 @@ fn wave(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
     squares / shapes.len() as f64
 }
 
-/// The shape that the actuation prescribes at a `part` of a period, at rest, with the straight rod's centre of mass.
-pub fn shape(rod: &Rod, actuation: &dyn Actuation, drive: Drive, part: f64) -> State {
-    let mut natural = vec![0.0; rod.nodes];
-    let zeros = vec![0.0; rod.nodes];
-    let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase: TAU * part, phase_rate: 0.0 };
-    actuation.add(wave, &mut natural, &mut zeros.clone());
-    let mut state = State::zeros(2 * rod.nodes);
-    Start::Shaped.place(rod, &natural, &zeros, None, &mut state);
-    state
+/// The shapes that the actuation prescribes over a period, at rest, with the straight rod's centre of mass.
+pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> impl Iterator<Item = State> {
+    (0..PHASES).map(move |i| {
+        let (mut natural, zeros) = (vec![0.0; rod.nodes], vec![0.0; rod.nodes]);
+        let phase = TAU * f64::from(i) / f64::from(PHASES);
+        let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
+        actuation.add(wave, &mut natural, &mut zeros.clone());
+        let mut state = State::zeros(2 * rod.nodes);
+        Start::Shaped.place(rod, &natural, &zeros, None, &mut state);
+        state
+    })
 }
 
-/// About the speed (m/s) at which a rod falls across itself: its weight against 4πμ/ln(10)·w + ½ρD w².
+/// About the speed (m/s) at which a rod falls across itself: its weight against about 2πμ w + ½ρD w².
 fn falling(line_density: f64, gravity: f64, depth: f64, fluid: Fluid) -> f64 {
     let weight = line_density * gravity.abs();
     let (viscous, form) = (TAU * fluid.viscosity, 0.5 * fluid.density * depth);

@@ -514,7 +514,7 @@ fn resting(document: &Document, scene: &Scene, profile: &Profile, positions: &[f
     let mut newton = Newton::new(dynamics.nodes(), scene.solver.newton_tolerance.get()).ok()?;
     let mut state = dynamics.first_state();
     state.q.copy_from_slice(positions);
-    newton.solve(&mut dynamics, &mut state, Direction { q: 1.0, v: 0.0, a: 0.0 }).ok()?;
+    newton.solve(&mut dynamics, &mut state, Direction::POSITIONS).ok()?;
     let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
 }

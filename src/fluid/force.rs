@@ -244,15 +244,13 @@ impl Forces {
 
     /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves slowly through `fluid`.
     pub fn resistance(&self, rod: &Rod, fluid: Fluid) -> Option<[f64; 2]> {
-        let edges = straight(rod);
-        let zeros = vec![0.0; 2 * rod.nodes];
-        let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
-        let rest = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &zeros, a: &zeros, fluid };
         let middle = (rod.nodes - 1) / 2;
         let mut found = None;
-        self.on_edges(&rest, Some(Direction::VELOCITIES), middle..middle + 1, |e, on| {
-            let [along, _, _, across] = on.own(1).into();
-            found = Some([along, across].map(|force: f64| force / (0.5 * rod.cells[e].rest)));
+        straight(rod, fluid, [0.0; 2], |rest| {
+            self.on_edges(rest, Some(Direction::VELOCITIES), middle..middle + 1, |e, on| {
+                let [along, _, _, across] = on.own(1).into();
+                found = Some([along, across].map(|force: f64| force / (0.5 * rod.cells[e].rest)));
+            });
         });
         found
     }
@@ -260,30 +258,25 @@ impl Forces {
     /// Drag per length and speed (N s/m²) along and across the middle of `rod`, where it moves across itself at `speed` (m/s) and
     /// a tenth of it along.
     pub fn coefficients(&self, rod: &Rod, fluid: Fluid, speed: f64) -> Option<[f64; 2]> {
-        let edges = straight(rod);
-        let (v, zeros) = ([0.1 * speed, speed].repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
-        let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
-        let moving = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid };
         let middle = (rod.nodes - 1) / 2;
         let mut found = [0.0; 2];
-        let drags = || self.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid());
-        on_edges(drags(), &moving, None, middle..middle + 1, |e, on| {
-            let per = 1.0 / (0.5 * rod.cells[e].rest * speed);
-            found = [on.force(1).x * per / 0.1, on.force(1).y * per];
+        straight(rod, fluid, [0.1 * speed, speed], |moving| {
+            on_edges(self.drags(), moving, None, middle..middle + 1, |e, on| {
+                let per = 1.0 / (0.5 * rod.cells[e].rest * speed);
+                found = [on.force(1).x * per / 0.1, on.force(1).y * per];
+            });
         });
-        drags().next().map(|_| found)
+        self.drags().next().map(|_| found)
     }
 
     /// The drag (N) of `rod` lying straight, towed along itself at `speed` (m/s) through `fluid` at rest, head first.
     pub fn towing(&self, rod: &Rod, fluid: Fluid, speed: f64) -> f64 {
-        let edges = straight(rod);
-        let mut q = vec![0.0; 2 * rod.nodes];
-        (0..rod.nodes).for_each(|k| q[2 * k] = rod.arc_length(k));
-        let (v, a) = ([-speed, 0.0].repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
-        let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
-        let kinematics = Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid };
-        let drags = self.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid());
-        -drags.map(|force| resultant(force, &kinematics).x).sum::<f64>()
+        straight(rod, fluid, [-speed, 0.0], |towed| -self.drags().map(|force| resultant(force, towed).x).sum::<f64>())
+    }
+
+    /// Those of a fluid that drag takes power by.
+    fn drags(&self) -> impl Iterator<Item = &dyn Force> + Clone {
+        self.iter().filter(|force| force.sink() == Some(Sink::Drag) && force.is_of_fluid())
     }
 }
 
@@ -312,9 +305,13 @@ impl Around for ActingOn<'_> {
     }
 }
 
-/// The edges of `rod` lying straight, unstretched.
-fn straight(rod: &Rod) -> Vec<Edge> {
-    rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect()
+/// Looks at `rod` lying straight, unstretched, and moving as a whole with `velocity` (m/s) through `fluid` at rest.
+fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: impl FnOnce(&Kinematics<'_>) -> T) -> T {
+    let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
+    let q: Vec<f64> = (0..rod.nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
+    let (v, a) = (velocity.repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
+    let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
+    look(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid })
 }
 
 /// Sums what `forces` do on `edges` in `room`.

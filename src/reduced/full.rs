@@ -18,9 +18,6 @@ pub static RUNG: Rung = Rung {
     build: |integrator| Box::new(Full { integrator, accelerations: Vec::new() }),
 };
 
-/// The direction that moves accelerations alone.
-const ACCELERATIONS: Direction = Direction { q: 0.0, v: 0.0, a: 1.0 };
-
 #[derive(Debug)]
 struct Full {
     integrator: Box<dyn Integrator>,
@@ -39,14 +36,14 @@ impl Mover for Full {
 
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
         // The accelerations are linear in f, so one iteration solves the equation of motion for them.
-        newton.iterate(dynamics, state, ACCELERATIONS)?;
+        newton.iterate(dynamics, state, Direction::ACCELERATIONS)?;
         self.integrator.begin(state);
         Ok(())
     }
 
     fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
         self.accelerations.clone_from(&state.a);
-        newton.iterate(dynamics, state, ACCELERATIONS)?;
+        newton.iterate(dynamics, state, Direction::ACCELERATIONS)?;
         for (w, (new, old)) in state.memory.iter_mut().zip(state.a.iter().zip(&self.accelerations)) {
             *w += new - old; // what a method remembers jumps with them
         }

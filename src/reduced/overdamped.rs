@@ -23,9 +23,6 @@ pub static RUNG: Rung = Rung {
     build: |_| Box::new(Overdamped::default()),
 };
 
-/// The direction that moves velocities alone.
-const VELOCITIES: Direction = Direction { q: 0.0, v: 1.0, a: 0.0 };
-
 /// The velocities of the first three stages.
 #[derive(Debug, Default)]
 struct Overdamped {
@@ -53,7 +50,7 @@ impl Mover for Overdamped {
     }
 
     fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
-        newton.iterate(dynamics, state, VELOCITIES).map(|_| ())
+        newton.iterate(dynamics, state, Direction::VELOCITIES).map(|_| ())
     }
 
     fn step(
@@ -65,7 +62,7 @@ impl Mover for Overdamped {
         to: &mut State,
     ) -> Result<StepError> {
         let end = to.t;
-        let stage = Stage { new: Direction { q: h * G, ..VELOCITIES }, h };
+        let stage = Stage { new: Direction { q: h * G, ..Direction::VELOCITIES }, h };
         self.v[0].copy_from_slice(&from.v);
         for i in 1..STAGES {
             to.t = if i == 1 { from.t + TIMES[i] * h } else { end };

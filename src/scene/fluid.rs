@@ -5,7 +5,7 @@ use serde::Deserialize;
 
 use super::document::Fault;
 use super::value::{self, Along, Finite, NotNegative, Positive};
-use super::{HeadKind, Scene};
+use super::{HeadKind, NODES, Scene};
 use crate::error::nearest;
 use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
 use crate::fluid::reactive::Wake;
@@ -153,7 +153,7 @@ impl DragTable {
         if self.head_weight.is_some_and(|weight| weight.get() != 1.0) && self.head_length_m.is_none() {
             return fault("head_length_m", "missing; a head_weight other than 1 needs the head's length".into());
         }
-        let rod = scene.plain_rod();
+        let rod = scene.rod_on(NODES[0] as usize); // sections and length are the same on any mesh
         let recipe = self.recipe(scene, &rod)?;
         let radius = rod.sections.outer.largest();
         if let Some(slender) = law.slender.map(|slender| slender(&recipe)).filter(|slender| slender.is_finite()) {

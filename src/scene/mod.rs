@@ -782,13 +782,13 @@ impl Scene {
         }
     }
 
-    /// Its rod.
-    fn plain_rod(&self) -> Rod {
+    /// Its rod on a mesh of `nodes` nodes.
+    fn rod_on(&self, nodes: usize) -> Rod {
         let table = &self.rod;
         let material =
             Material { sections: table.sections(), youngs: table.youngs_modulus_pa.get(), stiffness: self.stiffness() };
         let held = self.head.kind != HeadKind::Free;
-        Rod::new(table.nodes.get(), table.length_m.get(), &material, table.mass_lumping, held)
+        Rod::new(nodes, table.length_m.get(), &material, table.mass_lumping, held)
     }
 
     /// The model it describes.
@@ -796,7 +796,7 @@ impl Scene {
     /// # Errors
     /// [`Error::Read`] or [`Error::Scene`] for the table of a driven head.
     pub fn model(&self) -> Result<Model> {
-        let rod = self.plain_rod();
+        let rod = self.rod_on(self.rod.nodes.get());
         let loads = self.loads.as_ref();
         Ok(Model {
             actuation: self.actuation.as_ref().map(|actuation| actuation.build(&rod)),

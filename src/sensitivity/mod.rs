@@ -711,7 +711,7 @@ impl Problem {
             shape.take(dynamics, state.t);
             let rule = rules[usize::from(n > steps.whole)];
             let direction = match n {
-                0 => Direction { q: 1.0, v: 0.0, a: 0.0 },
+                0 => Direction::POSITIONS,
                 _ => Direction { q: rule.q_new, v: rule.v_new, a: 1.0 },
             };
             equations.assemble(dynamics, &state, direction)?;
@@ -869,7 +869,7 @@ fn first_columns(
     equations: &mut Equations,
     point: &mut Point,
 ) -> Result<Vec<Column>> {
-    equations.assemble(dynamics, state, Direction { q: 1.0, v: 0.0, a: 0.0 })?;
+    equations.assemble(dynamics, state, Direction::POSITIONS)?;
     point.look(dynamics, state);
     let at = At { dynamics, state, point };
     let mut columns = Vec::with_capacity(effects.len());
