@@ -9,8 +9,9 @@ use std::path::PathBuf;
 use caudal::fmu::Target;
 use percent_encoding::percent_decode_str;
 
-use crate::instance::{Experiment, Instance, Logger, Mode, Outcome, Status, refuse};
+use crate::instance::{Experiment, Instance, Logger, Mode};
 use crate::states::{STATEFUL, deserialize, forget, restore, save, serialize, state};
+use crate::status::{Outcome, Status, refuse};
 use crate::{call, call_raw, free, instantiate, put, text, values, values_mut};
 
 type Component = *mut c_void;

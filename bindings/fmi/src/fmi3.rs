@@ -9,8 +9,9 @@ use std::path::Path;
 
 use caudal::fmu::Target;
 
-use crate::instance::{Experiment, Instance, IntermediateUpdate, Logger, Mode, Outcome, Status, refuse};
+use crate::instance::{Experiment, Instance, IntermediateUpdate, Logger, Mode};
 use crate::states::{deserialize, forget, restore, save, serialize, state};
+use crate::status::{Outcome, Status, refuse};
 use crate::{call, call_raw, free, instantiate, put, text, values, values_mut};
 
 type Handle = *mut c_void;

@@ -7,11 +7,13 @@ mod fmi2;
 mod fmi3;
 mod instance;
 mod states;
+mod status;
 
 use std::ffi::{CStr, c_char, c_void};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use instance::{Instance, Mode, Outcome, Refusal, Status, refuse};
+use instance::{Instance, Mode};
+use status::{Outcome, Refusal, Status, refuse};
 
 /// Runs `work` and turns its outcome into a status; a panic ends the instance.
 ///

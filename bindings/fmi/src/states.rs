@@ -2,7 +2,8 @@
 
 use std::ffi::c_void;
 
-use crate::instance::{Instance, Mode, Outcome, SavedState, refuse};
+use crate::instance::{Instance, Mode, SavedState};
+use crate::status::{Outcome, refuse};
 use crate::{values, values_mut};
 
 /// Modes in which states are saved and restored.

@@ -1,0 +1,128 @@
+//! Communication steps, and what a host does in the middle of one.
+
+use std::ops::ControlFlow;
+use std::ptr::NonNull;
+
+use caudal::stepper::Stepper;
+
+use super::{Instance, Mode};
+use crate::status::{Outcome, Refusal, Status, refuse};
+
+/// How far a step came.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reached {
+    pub time: f64,
+    pub early: bool,
+}
+
+impl Instance {
+    /// Refuses a step that the host may not ask for.
+    fn check_step(&self, current: f64, h: f64) -> Outcome {
+        let now = self.time();
+        if !(h.is_finite() && h > 0.0) {
+            return refuse(format!("a step of {h} s cannot be made: it must be positive and finite"));
+        }
+        // Hosts add up their steps with rounding errors of their own.
+        let slack = |time: f64| 1e-3 * h + 1e-9 * time.abs();
+        if (current - now).abs() > slack(now) || !current.is_finite() {
+            return refuse(format!("the communication point {current} s is not the time of this instance, {now} s"));
+        }
+        match self.experiment.stop {
+            Some(stop) if now + h > stop + slack(stop) => {
+                refuse(format!("a step from {now} s by {h} s goes beyond the stop time, {stop} s"))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Moves on from `current` by `h` (s); `look` sees every internal step by its time and whether it is the last, and may
+    /// break there with the time at which it wants to end.
+    ///
+    /// # Safety
+    /// `this` is an instance. No reference to it lives while `look` runs, so a host may call with it.
+    pub unsafe fn do_step(
+        this: *mut Self,
+        current: f64,
+        h: f64,
+        look: Option<&mut dyn FnMut(f64, bool) -> ControlFlow<f64>>,
+    ) -> Outcome<Reached> {
+        // SAFETY: the caller's promise; this reference ends before `look` runs.
+        let instance = unsafe { &mut *this };
+        instance.check_step(current, h)?;
+        instance.ready()?;
+        let Some(mut stepper) = instance.stepper.own.take() else { return refuse("there is no model") };
+        let (start, from) = (instance.experiment.start, stepper.time());
+        let before = (stepper.work().newton_iterations, stepper.meter().totals.steps);
+        let outcome = match look {
+            None => stepper.do_step(h).map(|()| true).map_err(Refusal::discard),
+            // SAFETY: the same promise.
+            Some(look) => unsafe { Self::do_step_watched(this, &mut stepper, h, look) },
+        };
+        let (time, iterations, steps) =
+            (stepper.time(), stepper.work().newton_iterations - before.0, stepper.meter().totals.steps - before.1);
+        // SAFETY: the same promise.
+        let instance = unsafe { &mut *this };
+        instance.stepper.own = Some(stepper);
+        if instance.logged.contains(&Status::Ok.category()) {
+            let (from, to) = (start + from, start + time);
+            instance.say(
+                Status::Ok,
+                &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"),
+            );
+        }
+        outcome.map(|whole| Reached { time: start + time, early: !whole })
+    }
+
+    /// # Safety
+    /// Those of [`do_step`](Self::do_step).
+    unsafe fn do_step_watched(
+        this: *mut Self,
+        stepper: &mut Stepper,
+        h: f64,
+        look: &mut dyn FnMut(f64, bool) -> ControlFlow<f64>,
+    ) -> Outcome<bool> {
+        let goal = stepper.time() + h;
+        let (mut wish, mut refusal) = (None, None);
+        let mut watch = |stepper: &mut Stepper| {
+            // SAFETY: the caller's promise; each reference ends with its statement.
+            let start = unsafe { &mut *this }.lend(stepper);
+            let answer = look(start + stepper.time(), stepper.time() >= goal);
+            // SAFETY: the same.
+            refusal = unsafe { &mut *this }.take_back().err();
+            match answer {
+                ControlFlow::Continue(()) if refusal.is_none() => ControlFlow::Continue(()),
+                ControlFlow::Continue(()) => ControlFlow::Break(()),
+                ControlFlow::Break(time) => {
+                    wish = Some(time - start);
+                    ControlFlow::Break(())
+                }
+            }
+        };
+        let whole = stepper.do_step_with(h, &mut watch).map_err(Refusal::discard)?;
+        if let Some(refusal) = refusal {
+            return Err(refusal);
+        }
+        // On to the time at which the host wants to end.
+        let left = wish.map_or(0.0, |wish: f64| wish.min(goal) - stepper.time());
+        if whole || left <= 1e-9 * h {
+            return Ok(whole);
+        }
+        stepper.do_step(left).map_err(Refusal::discard)?;
+        Ok(stepper.time() >= goal)
+    }
+
+    /// Gives calls of the host in the middle of a step the stepper to work on; returns the start of the experiment, s.
+    fn lend(&mut self, stepper: &mut Stepper) -> f64 {
+        self.stepper.lent = Some(NonNull::from(stepper));
+        self.mode = Mode::Intermediate;
+        self.experiment.start
+    }
+
+    /// Hands over what the host has set in the middle of a step.
+    fn take_back(&mut self) -> Outcome {
+        let outcome = if self.inputs.any { self.hand_over() } else { Ok(()) };
+        self.stepper.lent = None;
+        self.mode = Mode::Step;
+        outcome
+    }
+}

@@ -1,0 +1,155 @@
+//! Getting and setting: a host's inputs wait here until they are needed.
+
+use caudal::fmu::Target;
+use caudal::model::Model;
+use caudal::model::course::HIGHEST_ORDER;
+use caudal::stepper::Change;
+use caudal::variable::{Causality, Size, VARIABLES};
+use serde::{Deserialize, Serialize};
+
+use super::Instance;
+use crate::status::{Outcome, refuse};
+
+/// The host's inputs, which wait here until they are needed: one flat array for each input, in nodes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Inputs {
+    /// Values and their derivatives; empty for what is no input, or no derivative yet.
+    pub(super) values: Vec<[Vec<f64>; HIGHEST_ORDER + 1]>,
+    /// Set since they were last handed over.
+    pub(super) waiting: Vec<[bool; HIGHEST_ORDER + 1]>,
+    pub(super) any: bool,
+}
+
+impl Instance {
+    /// Reads a value; inputs were handed over before.
+    #[inline]
+    pub fn value(&self, target: Target) -> f64 {
+        match (target, self.stepper.get()) {
+            (Target::Parameter(place), _) => self.settings.parameters[place],
+            (Target::Variable(place, node), Some(stepper)) => {
+                let variable = &VARIABLES[place];
+                let value = variable.at(&stepper.view(), node);
+                if variable.causality == Causality::Independent { self.experiment.start + value } else { value }
+            }
+            (Target::Variable(..), None) => f64::NAN,
+        }
+    }
+
+    /// Makes ready for reading.
+    #[inline]
+    pub fn settle(&mut self) -> Outcome {
+        if self.inputs.any || self.stale {
+            self.ready()?;
+        }
+        Ok(())
+    }
+
+    /// Reads all entries of a variable of FMI 3.0; the length has been checked.
+    pub fn read(&self, target: Target, out: &mut [f64]) {
+        match target {
+            Target::Variable(place, _) if out.len() > 1 => {
+                let nodes = self.entries(place);
+                for (k, out) in out.iter_mut().enumerate() {
+                    *out = if nodes.contains(&k) { self.value(Target::Variable(place, k)) } else { 0.0 };
+                }
+            }
+            _ => out[0] = self.value(target),
+        }
+    }
+
+    /// Sets entries of a variable from `node` on, or a parameter.
+    pub fn set(&mut self, target: Target, values: &[f64]) -> Outcome {
+        match target {
+            Target::Parameter(place) => {
+                let parameter = &self.catalogue.parameters[place];
+                if self.is_running() {
+                    return refuse(format!("{} is fixed: it can be set until initialisation ends", parameter.name()));
+                }
+                let value = values[0];
+                if !value.is_finite() || !parameter.range.contains(&value) {
+                    return refuse(format!("{}: found {value}; allowed: {:?}", parameter.name(), parameter.range));
+                }
+                if self.settings.parameters[place] != value {
+                    self.settings.parameters[place] = value;
+                    self.stale = true;
+                }
+                Ok(())
+            }
+            Target::Variable(place, node) => self.set_input(place, node, 0, values),
+        }
+    }
+
+    /// Sets a derivative of an input.
+    pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> Outcome {
+        match (target, usize::try_from(order)) {
+            (Target::Variable(place, node), Ok(order @ 1..=HIGHEST_ORDER)) => {
+                self.set_input(place, node, order, &[value])
+            }
+            (Target::Variable(..), _) => {
+                refuse(format!("a derivative of order {order} cannot be set; allowed: 1 to {HIGHEST_ORDER}"))
+            }
+            (Target::Parameter(_), _) => refuse("a parameter has no derivative"),
+        }
+    }
+
+    fn set_input(&mut self, place: usize, node: usize, order: usize, values: &[f64]) -> Outcome {
+        let variable = &VARIABLES[place];
+        if !variable.is_input() {
+            return refuse(format!("{} is not an input: it cannot be set", variable.name));
+        }
+        let finite = values.iter().find(|value| !value.is_finite());
+        if let Some((value, allowed)) =
+            finite.map(|x| (*x, "a finite number")).or_else(|| if order == 0 { variable.refused(values) } else { None })
+        {
+            return refuse(format!("{}: found {value}; allowed: {allowed}", variable.name));
+        }
+        if order == 0 && !self.inputs.waiting[place][0] {
+            // Entries that are not set now stay as they are, and after a new value nothing goes on by itself.
+            if self.stale || self.stepper.get().is_none() {
+                self.ready()?;
+            }
+            let mut now = std::mem::take(&mut self.inputs.values[place]);
+            now[0].resize(self.lengths[place], 0.0);
+            for k in self.entries(place) {
+                now[0][k] = self.value(Target::Variable(place, k));
+            }
+            now[1..].iter_mut().for_each(Vec::clear);
+            self.inputs.values[place] = now;
+            self.inputs.waiting[place] = Default::default();
+        }
+        self.inputs.waiting[place][order] = true;
+        self.inputs.any = true;
+        let entries = &mut self.inputs.values[place][order];
+        entries.resize(self.lengths[place], 0.0);
+        entries[node..node + values.len()].copy_from_slice(values);
+        Ok(())
+    }
+
+    /// Gives the stepper the inputs that wait.
+    pub(super) fn hand_over(&mut self) -> Outcome {
+        let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
+        let inputs = inputs_by_place(&self.inputs, stepper.model());
+        let outcome = stepper.set_all(inputs);
+        // Whatever the answer, nothing waits: what was refused is gone.
+        self.inputs.waiting.fill(Default::default());
+        self.inputs.any = false;
+        if outcome.is_err() {
+            self.inputs.values.iter_mut().flatten().for_each(Vec::clear);
+        }
+        Ok(outcome?)
+    }
+}
+
+/// The changes that wait.
+fn inputs_by_place<'a>(inputs: &'a Inputs, model: &Model) -> impl Iterator<Item = Change<'a>> + Clone + use<'a> {
+    let first = usize::from(model.head.is_none());
+    let last = model.rod.nodes - 1;
+    let waiting = VARIABLES.iter().zip(&inputs.values).zip(&inputs.waiting);
+    waiting.flat_map(move |((variable, values), waiting)| {
+        let of = values.iter().zip(waiting).enumerate().filter(|(_, (_, waiting))| **waiting);
+        of.map(move |(order, (values, _))| {
+            let values = if variable.size == Size::Joints { &values[first..last] } else { &values[..] };
+            Change { variable, order, values }
+        })
+    })
+}

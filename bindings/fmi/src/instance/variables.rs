@@ -1,0 +1,93 @@
+//! The variables of an instance by the value references of both versions.
+
+use caudal::fmu::Target;
+use caudal::scene::NODES;
+use caudal::variable::{Size, VARIABLES};
+
+use super::Instance;
+use crate::status::{Outcome, refuse};
+
+impl Instance {
+    /// Entries of a variable of FMI 3.0.
+    #[inline]
+    pub fn len3(&self, reference: u32) -> Option<usize> {
+        match self.catalogue.target(reference)? {
+            Target::Variable(place, _) => Some(self.lengths[place]),
+            Target::Parameter(_) => Some(1),
+        }
+    }
+
+    /// The target of a scalar of FMI 2.0.
+    #[inline]
+    pub fn scalar(&self, reference: u32) -> Outcome<Target> {
+        match self.catalogue.scalar_target(reference) {
+            Some(target @ Target::Variable(place, node)) if node < self.lengths[place] => {
+                let nodes = if node == 0 && self.lengths[place] == 1 { 0..1 } else { self.entries(place) };
+                if nodes.contains(&node) { Ok(target) } else { unknown(reference) }
+            }
+            Some(target @ Target::Parameter(_)) => Ok(target),
+            _ => unknown(reference),
+        }
+    }
+
+    /// The nodes at which a variable has entries.
+    pub(super) fn entries(&self, place: usize) -> std::ops::Range<usize> {
+        let nodes = self.settings.nodes as usize;
+        match VARIABLES[place].size {
+            Size::Scalar => 0..1,
+            Size::Nodes => 0..nodes,
+            Size::Joints => usize::from(self.scene.head.kind == caudal::scene::HeadKind::Free)..nodes - 1,
+        }
+    }
+
+    /// The target of a variable of FMI 3.0.
+    #[inline]
+    pub fn target(&self, reference: u32) -> Outcome<Target> {
+        self.catalogue.target(reference).map_or_else(|| unknown(reference), Ok)
+    }
+
+    /// The target of a real scalar of FMI 2.0.
+    #[inline]
+    pub fn real(&self, reference: u32) -> Outcome<Target> {
+        self.no_integer(self.scalar(reference)?)
+    }
+
+    /// The target of a Float64 of FMI 3.0.
+    #[inline]
+    pub fn float(&self, reference: u32) -> Outcome<Target> {
+        self.no_integer(self.target(reference)?)
+    }
+
+    fn no_integer(&self, target: Target) -> Outcome<Target> {
+        match target {
+            Target::Variable(place, _) if place == self.nodes_place => refuse("`nodes` is an integer"),
+            other => Ok(other),
+        }
+    }
+
+    /// The value of an integer; there is one, the number of nodes.
+    pub fn integer(&self, target: Target) -> Outcome<u64> {
+        match target {
+            Target::Variable(place, _) if place == self.nodes_place => Ok(self.settings.nodes),
+            _ => refuse("this variable is no integer"),
+        }
+    }
+
+    /// Sets the structural parameter.
+    pub fn set_nodes(&mut self, nodes: u64) -> Outcome {
+        if !(NODES[0]..=NODES[1]).contains(&nodes) {
+            return refuse(format!("nodes: found {nodes}; allowed: {} to {}", NODES[0], NODES[1]));
+        }
+        if nodes != self.settings.nodes {
+            self.settings.nodes = nodes;
+            (self.stale, self.stepper.own) = (true, None);
+            self.size();
+        }
+        Ok(())
+    }
+}
+
+#[cold]
+fn unknown<T>(reference: u32) -> Outcome<T> {
+    refuse(format!("there is no variable with value reference {reference}"))
+}
