@@ -3,6 +3,7 @@
 use std::f64::consts::TAU;
 use std::ops::Range;
 
+use super::output::{At, Gradient};
 use crate::actuation::Wave;
 use crate::fluid::Key;
 use crate::model::Dynamics;
@@ -121,4 +122,31 @@ impl Parameter {
             Self::OfForces(key) => Effect { key: Some(key), ..none },
         }
     }
+}
+
+/// The keys of the forces' parameters among `parameters`.
+pub(super) fn keys(parameters: &[Parameter]) -> Vec<Key> {
+    let key = |parameter: &Parameter| if let Parameter::OfForces(key) = parameter { Some(*key) } else { None };
+    parameters.iter().filter_map(key).collect()
+}
+
+/// The derivative that does not go through the state; over a step with the shapes at its ends.
+pub(super) fn direct(
+    gradient: &Gradient,
+    effect: &Effect,
+    shape: &Shape,
+    step: Option<([&Shape; 2], Parameter, &At<'_>)>,
+) -> f64 {
+    let mut sum = effect.key.map_or(0.0, |key| gradient.by_key(key));
+    for k in effect.joints.clone() {
+        sum += gradient.stiffness[k] * effect.stiffness
+            + gradient.natural[k] * effect.natural(shape, k)
+            + gradient.natural_rate[k] * effect.rate(shape, k);
+        if let Some(([from, to], parameter, at)) = step.filter(|_| effect.bends()) {
+            let rod = &at.dynamics.model.rod;
+            let change = parameter.effect(rod, to).natural(to, k) - parameter.effect(rod, from).natural(from, k);
+            sum += gradient.natural_step[k] * change;
+        }
+    }
+    sum
 }

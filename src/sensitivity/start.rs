@@ -2,8 +2,11 @@
 
 use nalgebra::{Rotation2, Vector2};
 
+use super::parameter::{Effect, Shape};
 use crate::head::Pose;
+use crate::model::Dynamics;
 use crate::rod::{Rod, bend};
+use crate::start::Start;
 
 /// A vector and its derivative.
 type Tangent = [Vector2<f64>; 2];
@@ -13,10 +16,26 @@ fn turned(x: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-x.y, x.x)
 }
 
+/// The derivatives of the first positions and velocities.
+pub(super) fn first_by(dynamics: &Dynamics, effect: &Effect, shape: &Shape) -> [Vec<f64>; 2] {
+    let rod = &dynamics.model.rod;
+    let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
+    if dynamics.model.start == Start::Shaped && effect.bends() {
+        let mut change = [vec![0.0; rod.nodes], vec![0.0; rod.nodes]];
+        for k in effect.joints.clone() {
+            (change[0][k], change[1][k]) = (effect.natural(shape, k), effect.rate(shape, k));
+        }
+        let [natural, rate] = &change;
+        let [q, v] = &mut by;
+        shaped(rod, [&dynamics.natural, &dynamics.natural_rate], [natural, rate], dynamics.held.as_ref(), q, v);
+    }
+    by
+}
+
 /// Writes the derivatives of the first positions and velocities to `q` and `v`, two entries a node, along the direction
 /// in which the natural curvatures `natural` and their rates `rate` (1/s) move by `by` and `rate_by`; `held` is the pose
 /// of a held head. It follows [`Start::place`](crate::start::Start::place) line by line: chain, turn, rest.
-pub fn shaped(
+fn shaped(
     rod: &Rod,
     [natural, rate]: [&[f64]; 2],
     [by, rate_by]: [&[f64]; 2],

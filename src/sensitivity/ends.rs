@@ -1,0 +1,48 @@
+//! The steps on both sides of a state, for work that is summed over them.
+
+use super::output::Span;
+use super::parameter::Shape;
+use super::problem::Steps;
+use crate::model::Dynamics;
+use crate::system::{State, System};
+
+/// Drives and heads over the steps beside a state, for work that is summed over them.
+#[derive(Debug)]
+pub(super) struct Ends {
+    /// Shapes at the last time, now, and the next.
+    pub(super) shapes: [Shape; 3],
+    natural: [Vec<f64>; 3],
+    /// The step to here, and the one from here.
+    pub(super) spans: [Span; 2],
+    scratch: State,
+}
+
+impl Ends {
+    pub(super) fn new(nodes: usize) -> Self {
+        Self {
+            shapes: std::array::from_fn(|_| Shape::new(nodes)),
+            natural: std::array::from_fn(|_| vec![0.0; nodes]),
+            spans: std::array::from_fn(|_| Span { natural: vec![0.0; nodes], ..Span::default() }),
+            scratch: State::zeros(2 * nodes),
+        }
+    }
+
+    /// Looks around from time `n` of `count` + 1; `dynamics` is left at that time.
+    pub(super) fn look(&mut self, dynamics: &mut Dynamics, problem: Steps, n: usize) {
+        let mut poses = [None; 3];
+        for (i, m) in [(0, n.saturating_sub(1)), (2, (n + 1).min(problem.count())), (1, n)] {
+            let t = problem.time(m);
+            dynamics.move_to(t, &mut self.scratch);
+            self.shapes[i].take(dynamics, t);
+            self.natural[i].copy_from_slice(&dynamics.natural);
+            poses[i] = dynamics.held;
+        }
+        for (i, span) in self.spans.iter_mut().enumerate() {
+            span.h = if i == 0 { problem.length(n) } else { problem.length(n + 1) };
+            for (k, change) in span.natural.iter_mut().enumerate() {
+                *change = self.natural[i + 1][k] - self.natural[i][k];
+            }
+            span.poses = poses[i].zip(poses[i + 1]).map(|(from, to)| [from, to]);
+        }
+    }
+}

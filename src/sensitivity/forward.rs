@@ -1,0 +1,246 @@
+//! Derivatives that are carried along with the simulation: one column a parameter.
+
+use super::ends::Ends;
+use super::equations::Equations;
+use super::output::{At, Gradient, Output, Point, Work};
+use super::parameter::{Effect, Parameter, Shape, direct, keys};
+use super::problem::Problem;
+use super::{Column, dot, start};
+use crate::error::Result;
+use crate::integrator::Rule;
+use crate::model::Dynamics;
+use crate::system::{Direction, State, System};
+
+/// What [`Problem::forward`] finds.
+#[derive(Debug, Clone, Default)]
+pub struct Sensitivities {
+    /// The recorded times, s.
+    pub times: Vec<f64>,
+    /// Values, one row a time, one entry an output.
+    pub values: Vec<f64>,
+    /// Derivatives: a block a time, in it a row an output, one entry a parameter.
+    pub derivatives: Vec<f64>,
+    outputs: usize,
+    parameters: usize,
+}
+
+impl Sensitivities {
+    /// The value of output `o` at recorded time `n`.
+    pub fn value(&self, n: usize, o: usize) -> f64 {
+        self.values[n * self.outputs + o]
+    }
+
+    /// The derivatives of output `o` at recorded time `n`, one a parameter.
+    pub fn row(&self, n: usize, o: usize) -> &[f64] {
+        let start = (n * self.outputs + o) * self.parameters;
+        &self.derivatives[start..start + self.parameters]
+    }
+}
+
+impl Problem {
+    /// Simulates and carries the derivatives of all `outputs` by all `parameters` along; records every `every` steps,
+    /// and the end. `look` sees every state.
+    ///
+    /// # Errors
+    /// Those of [`simulate`](Self::simulate).
+    pub fn forward(
+        &mut self,
+        parameters: &[Parameter],
+        outputs: &[Output],
+        every: usize,
+        mut look: impl FnMut(&State),
+    ) -> Result<Sensitivities> {
+        let (nodes, steps) = (self.dynamics.nodes(), self.steps);
+        let mut equations = Equations::new(self.model())?;
+        let mut point = Point::new(nodes, &keys(parameters));
+        let mut shape = Shape::new(nodes);
+        let mut gradient = Gradient::new(nodes, &keys(parameters));
+        let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
+        let mut columns: Vec<Column> = Vec::new();
+        let summing = outputs.iter().any(|output| !output.work.is_empty());
+        let mut ends = Ends::new(nodes);
+        let (width, size) = (parameters.len(), outputs.len() * parameters.len());
+        let mut first = vec![0.0; outputs.len() + size];
+        let mut sums = vec![0.0; outputs.len() + size];
+        let mut now = vec![0.0; outputs.len() + size];
+        let mut row = vec![0.0; width];
+        let mut rhs = vec![0.0; 2 * nodes];
+        let mut star = vec![0.0; 2 * nodes];
+        let mut found = Sensitivities { outputs: outputs.len(), parameters: width, ..Sensitivities::default() };
+        let rules = self.rules()?;
+
+        self.advance(|dynamics, n, state, h| {
+            look(state);
+            shape.take(dynamics, state.t);
+            effects.clear();
+            effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
+            if n == 0 {
+                columns = first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point)?;
+            } else {
+                let rule = rules[usize::from(n > steps.whole)];
+                let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
+                equations.assemble(dynamics, state, direction)?;
+                point.look(dynamics, state);
+                let at = At { dynamics, state, point: &point };
+                for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
+                    feet(&rule, h, column, &mut star);
+                    equations.differences(&star, &mut rhs);
+                    resist(&mut equations, &at, effect, &shape, rule.q_new, &column.v, &mut rhs);
+                    if j == 0 {
+                        equations.factor(&mut rhs, false)?;
+                    } else {
+                        equations.solve(&mut rhs, false);
+                    }
+                    land(&rule, column, &star, &rhs);
+                }
+            }
+            let recorded = n % every == 0 || n == steps.count();
+            if !(recorded || summing || n == 0) {
+                return Ok(());
+            }
+            if summing {
+                ends.look(dynamics, steps, n);
+                dynamics.shape(state)?;
+            }
+            let at = At { dynamics, state, point: &point };
+            let derivatives = |gradient: &Gradient, step: Option<[&Shape; 2]>, row: &mut [f64]| {
+                for ((entry, column), (effect, parameter)) in
+                    row.iter_mut().zip(&columns).zip(effects.iter().zip(parameters))
+                {
+                    *entry = dot(&gradient.q, &column.q) + dot(&gradient.v, &column.v) + dot(&gradient.a, &column.a);
+                    *entry += direct(gradient, effect, &shape, step.map(|ends| (ends, *parameter, &at)));
+                }
+            };
+            now.fill(0.0);
+            for (o, output) in outputs.iter().enumerate() {
+                // A value and its derivatives, wherever they are.
+                let block = outputs.len() + o * width;
+                let own = || [o].into_iter().chain(block..block + width);
+                let mut sum = |i: usize, sums: &mut [f64]| {
+                    let span = &ends.spans[i];
+                    if output.work.is_empty() || span.h == 0.0 {
+                        return;
+                    }
+                    gradient.clear();
+                    let add = |(c, work): &(f64, Work)| c * work.add(&at, span, i == 0, *c, &mut gradient);
+                    sums[o] += output.work.iter().map(add).sum::<f64>();
+                    derivatives(&gradient, Some([&ends.shapes[i], &ends.shapes[i + 1]]), &mut row);
+                    sums[block..block + width].iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
+                };
+                sum(0, &mut sums);
+                own().for_each(|k| now[k] = sums[k]);
+                sum(1, &mut sums); // the share of the step that begins here, for the next time
+                gradient.clear();
+                now[o] += output.now.iter().map(|(c, quantity)| c * quantity.add(&at, *c, &mut gradient)).sum::<f64>();
+                derivatives(&gradient, None, &mut row);
+                now[block..block + width].iter_mut().zip(&row).for_each(|(now, x)| *now += x);
+                if n == 0 && output.since_start {
+                    own().for_each(|k| first[k] = now[k]);
+                }
+            }
+            if recorded {
+                for (now, first) in now.iter_mut().zip(&first) {
+                    *now -= first;
+                }
+                found.times.push(state.t);
+                found.values.extend_from_slice(&now[..outputs.len()]);
+                found.derivatives.extend_from_slice(&now[outputs.len()..]);
+            }
+            Ok(())
+        })?;
+        Ok(found)
+    }
+}
+
+/// The derivatives of the first state; its accelerations fulfil M a = F.
+fn first_columns(
+    dynamics: &mut Dynamics,
+    state: &State,
+    effects: &[Effect],
+    shape: &Shape,
+    equations: &mut Equations,
+    point: &mut Point,
+) -> Result<Vec<Column>> {
+    equations.assemble(dynamics, state, Direction::POSITIONS)?;
+    point.look(dynamics, state);
+    let at = At { dynamics, state, point };
+    let mut columns = Vec::with_capacity(effects.len());
+    for effect in effects {
+        let [q, v] = start::first_by(dynamics, effect, shape);
+        let mut a = vec![0.0; q.len()];
+        equations.differences(&q, &mut a);
+        resist(equations, &at, effect, shape, 1.0, &v, &mut a);
+        equations.divide_by_inertia(&dynamics.model.rod.mass, &mut a)?;
+        columns.push(Column { q, v, memory: a.clone(), a });
+    }
+    Ok(columns)
+}
+
+/// Adds `factor`·f_p to `force`.
+#[inline]
+fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f64]) {
+    let (dynamics, rod) = (at.dynamics, &at.dynamics.model.rod);
+    if let Some(key) = effect.key {
+        force.iter_mut().zip(at.point.by_key(key)).for_each(|(f, by)| *f += factor * by);
+    }
+    for k in effect.joints.clone() {
+        let deviation = dynamics.kappa()[k] - dynamics.natural[k];
+        let size = effect.stiffness * deviation - rod.joint[k] * effect.natural(shape, k);
+        at.point.scatter(k, factor * size, force);
+    }
+}
+
+/// Q* to `star` and V* to the column's velocities; its memory becomes what it keeps of the old accelerations.
+#[inline]
+fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
+    let Column { q, v, a, memory } = column;
+    match rule.memory {
+        None => {
+            for (((star, q), v), a) in star.iter_mut().zip(&*q).zip(v).zip(&*a) {
+                *star = q + h * *v + rule.q_old * a;
+                *v += rule.v_old * a;
+            }
+        }
+        Some(m) => {
+            for ((((star, q), v), a), w) in star.iter_mut().zip(&*q).zip(v).zip(&*a).zip(memory) {
+                *star = q + h * *v + rule.q_old * a + m.q * *w;
+                *v += rule.v_old * a + m.v * *w;
+                *w = m.kept * *w + m.old * a;
+            }
+        }
+    }
+}
+
+/// Adds −A (f_v V* + f_p), and makes the whole zero at a held node.
+fn resist(
+    equations: &mut Equations,
+    at: &At<'_>,
+    effect: &Effect,
+    shape: &Shape,
+    size: f64,
+    v_star: &[f64],
+    rhs: &mut [f64],
+) {
+    rhs.iter_mut().zip(equations.damp(v_star, false)).for_each(|(rhs, damped)| *rhs -= size * damped);
+    push(at, effect, shape, -size, rhs);
+    if at.dynamics.held.is_some() {
+        rhs[..2].fill(0.0);
+    }
+}
+
+/// The column at the new time from Q − Q*.
+#[inline]
+fn land(rule: &Rule, column: &mut Column, star: &[f64], moved: &[f64]) {
+    let Column { q, v, a, memory } = column;
+    let per = 1.0 / rule.q_new;
+    for ((((q, v), a), star), new) in q.iter_mut().zip(v).zip(&mut *a).zip(star).zip(moved) {
+        *q = star + new;
+        *a = new * per;
+        *v += rule.v_new * *a;
+    }
+    if let Some(m) = rule.memory {
+        for (w, a) in memory.iter_mut().zip(&*a) {
+            *w += m.new * a;
+        }
+    }
+}

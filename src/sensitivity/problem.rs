@@ -1,0 +1,207 @@
+//! A scene whose simulation can be differentiated.
+
+use std::sync::Arc;
+
+use super::trajectory::Trajectory;
+use crate::actuation::Actuation;
+use crate::error::{Error, Result};
+use crate::integrator::{Integrator, Pace, Rule};
+use crate::linear::Choice;
+use crate::model::{Dynamics, Inputs, Model};
+use crate::newton::Newton;
+use crate::scene::{Scene, whole_steps};
+use crate::system::{Direction, Form, State, System};
+
+/// A scene whose simulation can be differentiated, with the parameters as they are now.
+#[derive(Debug)]
+pub struct Problem {
+    pub(super) dynamics: Dynamics,
+    /// The actuation as the scene has it.
+    actuation: Option<Box<dyn Actuation>>,
+    pub(super) integrator: Box<dyn Integrator>,
+    tolerance: f64,
+    linear: Choice,
+    pub(super) steps: Steps,
+}
+
+/// The times of a simulation.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Steps {
+    pub(super) whole: usize,
+    length: f64,
+    last: Option<f64>,
+}
+
+impl Steps {
+    pub(super) fn count(&self) -> usize {
+        self.whole + usize::from(self.last.is_some())
+    }
+
+    pub(super) fn time(&self, n: usize) -> f64 {
+        if n <= self.whole { n as f64 * self.length } else { self.whole as f64 * self.length + self.length(n) }
+    }
+
+    /// The length of the step that ends at time `n`; zero where there is none.
+    pub(super) fn length(&self, n: usize) -> f64 {
+        match n {
+            0 => 0.0,
+            n if n <= self.whole => self.length,
+            n if n <= self.count() => self.last.unwrap_or(0.0),
+            _ => 0.0,
+        }
+    }
+}
+
+impl Problem {
+    /// The problem of a scene.
+    ///
+    /// # Errors
+    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene whose steps are adaptive, whose method has several stages, or
+    /// that is solved in the chain form.
+    pub fn of(scene: &Scene) -> Result<Self> {
+        Self::of_model(scene, scene.model()?)
+    }
+
+    /// The problem of another `model` than the scene's own, solved as the scene says.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of).
+    pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
+        let refuse = |key: &str, problem: &str| {
+            Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
+        };
+        let Pace::Fixed(length) = scene.pace() else {
+            return refuse("solver.tolerance", "derivatives need fixed steps; allowed: solver.time_step_s");
+        };
+        let integrator = scene.integrator()?;
+        if integrator.rule(length).is_none() {
+            let allowed = "derivatives need a method of one stage; allowed: implicit-euler, newmark, generalized-alpha";
+            return refuse("solver.integrator", allowed);
+        }
+        if scene.form(&model.rod) == Form::Chain {
+            return refuse(
+                "solver.form",
+                "derivatives need positions as unknowns; allowed: fewer nodes, or \"positions\"",
+            );
+        }
+        let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);
+        Ok(Self {
+            dynamics: Dynamics::new(Arc::new(model)),
+            actuation: scene.model()?.actuation.map(|(actuation, _)| actuation),
+            integrator,
+            tolerance: scene.solver.newton_tolerance.get(),
+            linear: scene.solver.linear,
+            steps: Steps { whole: whole as usize, length, last },
+        })
+    }
+
+    /// The model as it is now.
+    pub fn model(&self) -> &Model {
+        &self.dynamics.model
+    }
+
+    /// The inputs, which hold over the whole simulation.
+    pub fn inputs(&mut self) -> &mut Inputs {
+        &mut self.dynamics.inputs
+    }
+
+    /// Bending stiffness EI_k of the joints, N m², in their order.
+    pub fn stiffness(&self) -> Vec<f64> {
+        let rod = &self.model().rod;
+        rod.joints().map(|k| rod.joint_stiffness(k)).collect()
+    }
+
+    /// Sets the bending stiffness EI_k of the joints, N m², in their order.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`].
+    pub fn set_stiffness(&mut self, values: &[f64]) -> Result<()> {
+        let expected = self.model().rod.joints().len();
+        if values.len() != expected {
+            return Err(Error::WrongLength { name: "joint_stiffness_n_m2", expected, found: values.len() });
+        }
+        if let Some(model) = Arc::get_mut(&mut self.dynamics.model) {
+            let rod = &mut model.rod;
+            for (k, ei) in rod.joints().zip(values) {
+                rod.joint[k] = ei / (rod.joint_part(k) * rod.spacing);
+            }
+        }
+        Ok(())
+    }
+
+    /// Sets what the amplitude of the scene's actuation is multiplied by, and the phases (rad) subtracted inside it, at the
+    /// joints in their order.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`].
+    pub fn set_actuation(&mut self, factors: &[f64], phases: &[f64]) -> Result<()> {
+        let joints = self.model().rod.joints();
+        for (name, found) in
+            [("actuation.amplitude_profile", factors.len()), ("actuation.phase_profile_rad", phases.len())]
+        {
+            if found != joints.len() {
+                return Err(Error::WrongLength { name, expected: joints.len(), found });
+            }
+        }
+        let nodes = self.model().rod.nodes;
+        let along = |values: &[f64], rest: f64| {
+            let mut all = vec![rest; nodes];
+            all[joints.clone()].copy_from_slice(values);
+            all
+        };
+        let own = self.actuation.as_ref().map(|own| own.profiled(&along(factors, 1.0), &along(phases, 0.0)));
+        if let (Some(model), Some(own)) = (Arc::get_mut(&mut self.dynamics.model), own)
+            && let Some((actuation, _)) = &mut model.actuation
+        {
+            *actuation = own;
+        }
+        Ok(())
+    }
+
+    /// Times, the start's first, s.
+    pub fn times(&self) -> Vec<f64> {
+        (0..=self.steps.count()).map(|n| self.steps.time(n)).collect()
+    }
+
+    /// The rules of its steps: of whole ones, and of the last.
+    pub(super) fn rules(&self) -> Result<[Rule; 2]> {
+        let rule = |h: f64| self.integrator.rule(h).ok_or(Error::Step(h)); // `of` has asked for one
+        Ok([rule(self.steps.length)?, rule(self.steps.last.unwrap_or(self.steps.length))?])
+    }
+
+    /// Steps through the simulation; `look` sees the number of the time, where it came from, and where it is.
+    pub(super) fn advance(
+        &mut self,
+        mut look: impl FnMut(&mut Dynamics, usize, &State, f64) -> Result<()>,
+    ) -> Result<()> {
+        let steps = self.steps;
+        let dynamics = &mut self.dynamics;
+        let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
+        let mut state = dynamics.first_state();
+        newton.iterate(dynamics, &mut state, Direction::ACCELERATIONS)?;
+        self.integrator.begin(&mut state);
+        let mut next = state.clone();
+        look(dynamics, 0, &state, 0.0)?;
+        for n in 1..=steps.count() {
+            let h = steps.length(n);
+            next.t = steps.time(n);
+            self.integrator.step(dynamics, &mut newton, &state, h, &mut next)?;
+            std::mem::swap(&mut state, &mut next);
+            look(dynamics, n, &state, h)?;
+        }
+        Ok(())
+    }
+
+    /// Simulates.
+    ///
+    /// # Errors
+    /// A step that fails; it is not halved.
+    pub fn simulate(&mut self) -> Result<Trajectory> {
+        let mut trajectory = Trajectory::default();
+        self.advance(|_, _, state, _| {
+            trajectory.push(state);
+            Ok(())
+        })?;
+        Ok(trajectory)
+    }
+}

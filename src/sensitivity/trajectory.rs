@@ -1,0 +1,59 @@
+//! A stored simulation.
+
+use crate::head::{Row, hermite};
+use crate::system::State;
+
+/// A simulation as it was: times (s), and positions (m), velocities (m/s) and accelerations (m/s²) of every step, two entries
+/// per node.
+#[derive(Debug, Clone, Default)]
+pub struct Trajectory {
+    /// Times, the start's first.
+    pub times: Vec<f64>,
+    q: Vec<f64>,
+    v: Vec<f64>,
+    a: Vec<f64>,
+}
+
+impl Trajectory {
+    /// Positions at time `n`.
+    pub fn positions(&self, n: usize) -> &[f64] {
+        let width = self.q.len() / self.times.len();
+        &self.q[n * width..(n + 1) * width]
+    }
+
+    /// Velocities at time `n`.
+    pub fn velocities(&self, n: usize) -> &[f64] {
+        let width = self.v.len() / self.times.len();
+        &self.v[n * width..(n + 1) * width]
+    }
+
+    /// Positions at `time` (s), by cubic Hermite polynomials between the steps; none beyond the simulation.
+    pub fn at(&self, time: f64) -> Option<Vec<f64>> {
+        let last = *self.times.last()?;
+        if !(self.times[0]..=last * (1.0 + 1e-9)).contains(&time) {
+            return None;
+        }
+        let n = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
+        let rows = |n: usize| {
+            let values = self.positions(n).iter().zip(self.velocities(n));
+            values.map(move |(q, v)| Row { time: self.times[n], value: *q, rate: *v })
+        };
+        Some(rows(n - 1).zip(rows(n)).map(|(from, to)| hermite(&from, &to, time.min(last)).value).collect())
+    }
+
+    /// Adds a state.
+    pub(crate) fn push(&mut self, state: &State) {
+        self.times.push(state.t);
+        self.q.extend_from_slice(&state.q);
+        self.v.extend_from_slice(&state.v);
+        self.a.extend_from_slice(&state.a);
+    }
+
+    pub(super) fn load(&self, n: usize, state: &mut State) {
+        state.t = self.times[n];
+        state.q.copy_from_slice(self.positions(n));
+        state.v.copy_from_slice(self.velocities(n));
+        let width = state.a.len();
+        state.a.copy_from_slice(&self.a[n * width..(n + 1) * width]);
+    }
+}
