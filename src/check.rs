@@ -265,7 +265,7 @@ impl Assessment {
             format!("{along:.4e} N s/m^2 along, {across:.4e} across, at the speed across"),
         );
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
-        let wave = scene.actuation.as_ref().map(|actuation| actuation.wavelength_m.get());
+        let wave = scene.wavelength();
         let recipe = Recipe { wavelength: wave, frequency: scene.drive_frequency(), ..Recipe::plain(rod) };
         let radius = rod.sections.outer.largest();
         let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);

@@ -9,7 +9,7 @@ use std::process::Command;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use caudal::actuation::{Actuation, TravellingWave, Wave};
+use caudal::actuation::{Actuation, Recipe, TravellingWave, Wave};
 use caudal::fluid::force::{Force, OnTip, Tally, Validity};
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
@@ -319,7 +319,13 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                 let mut model = scene_of(SOFT, &[]).model().unwrap();
                 let (law, kind) = (Arc::new(AtomicU64::new(0)), Arc::new(AtomicU64::new(0)));
                 let rod = &model.rod;
-                let travelling = TravellingWave::new(rod.nodes, rod.spacing, [1.0, 0.0], 1.0, 1.0);
+                let travelling = TravellingWave::new(&Recipe {
+                    nodes: rod.nodes,
+                    spacing: rod.spacing,
+                    envelope: [1.0, 0.0],
+                    reference_length: 1.0,
+                    wavelength: 1.0,
+                });
                 let edges = rod.nodes as u64 - 1;
                 let counted = |force| Box::new(Counted(force, Arc::clone(&law))) as Box<dyn Force>;
                 let forces = std::mem::take(&mut model.forces);

@@ -4,6 +4,44 @@ pub mod travelling_wave;
 
 pub use travelling_wave::TravellingWave;
 
+/// All kinds; adding one is its file and its line here.
+pub static KINDS: &[&Kind] = &[&travelling_wave::KIND];
+
+/// What is known of a kind, and how to make it.
+#[derive(Debug)]
+pub struct Kind {
+    /// Name in a scene.
+    pub name: &'static str,
+    /// The keys of `[actuation]` that it takes beside those of every kind.
+    pub keys: &'static [&'static str],
+    /// Those of them that it cannot do without.
+    pub needs: &'static [&'static str],
+    /// The actuation.
+    pub build: fn(&Recipe) -> Box<dyn Actuation>,
+}
+
+impl Kind {
+    /// The kind of this name.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        KINDS.iter().copied().find(|kind| kind.name == name)
+    }
+}
+
+/// What kinds are made from. What a kind needs is there, by its [`Kind::needs`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Recipe {
+    /// Number of nodes.
+    pub nodes: usize,
+    /// Their spacing, m.
+    pub spacing: f64,
+    /// [e₀, e₁] of the amplitude e₀ + e₁ξ along the rod.
+    pub envelope: [f64; 2],
+    /// ℓ_ref, m; an amplitude is a turning per ℓ_ref, so 1 m makes it a curvature in 1/m.
+    pub reference_length: f64,
+    /// `wavelength_m`.
+    pub wavelength: f64,
+}
+
 /// Where a drive is in its cycle: natural curvature is `gain`·`amplitude` times a function of `phase` alone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wave {

@@ -2,7 +2,15 @@
 
 use std::f64::consts::TAU;
 
-use super::{Actuation, Wave};
+use super::{Actuation, Kind, Recipe, Wave};
+
+/// This kind.
+pub static KIND: Kind = Kind {
+    name: "travelling-wave",
+    keys: &["wavelength_m"],
+    needs: &["wavelength_m"],
+    build: |recipe| Box::new(TravellingWave::new(recipe)),
+};
 
 /// A travelling wave with a linear envelope.
 ///
@@ -16,9 +24,9 @@ pub struct TravellingWave {
 }
 
 impl TravellingWave {
-    /// The wave on `nodes` nodes at `spacing` (m): `envelope` [e₀, e₁], `wavelength` λ (m), `reference_length` ℓ_ref
-    /// (m; an amplitude is a turning per ℓ_ref, so 1 m makes it a curvature in 1/m).
-    pub fn new(nodes: usize, spacing: f64, envelope: [f64; 2], wavelength: f64, reference_length: f64) -> Self {
+    /// The wave that `recipe` describes.
+    pub fn new(recipe: &Recipe) -> Self {
+        let Recipe { nodes, spacing, envelope, reference_length, wavelength } = *recipe;
         let table = (0..nodes)
             .map(|k| {
                 let xi = k as f64 / (nodes - 1) as f64;

@@ -460,7 +460,7 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), Fault> {
     }
     let Some(DeValue::Table(solver)) = root.get("solver").map(Spanned::get_ref) else { return Ok(()) };
     let integrator = inside("solver", "integrator").and_then(DeValue::as_str);
-    solver.keys().try_for_each(|key| super::check_solver_key(key.get_ref(), integrator))
+    solver.keys().try_for_each(|key| super::solver::check_solver_key(key.get_ref(), integrator))
 }
 
 /// serde's words for what is wrong at `key`, in those of this program; `source` is the text of the wrong value.

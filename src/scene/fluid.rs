@@ -175,7 +175,7 @@ impl DragTable {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
         let profile = |along: &Option<Along<NotNegative>>| along.as_ref().map_or(0.0.into(), Along::profile);
         Ok(Recipe {
-            wavelength: scene.actuation.as_ref().map(|actuation| actuation.wavelength_m.get()),
+            wavelength: scene.wavelength(),
             frequency: scene.drive_frequency(),
             reynolds: if self.law_name() == laws::auto::LAW.name {
                 scene.regime(rod).map_or(0.0, |r| r.reynolds)
@@ -256,7 +256,7 @@ impl Scene {
     /// The flow around `rod`, its own; none without a medium, or where a table of its head cannot be read.
     pub fn regime(&self, rod: &Rod) -> Option<Regime> {
         let fluid = self.medium.as_ref()?.fluid();
-        let actuation = self.actuation.as_ref().map(|actuation| actuation.build(rod));
+        let actuation = self.drive(rod).ok()?;
         let head = self.head_motion().ok()?;
         let gravity = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
         let gravity = gravity.map_or(0.0, |gravity| regime::size(gravity.map(Finite::get)));

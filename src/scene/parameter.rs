@@ -2,8 +2,8 @@
 
 use std::ops::RangeInclusive;
 
-use super::value::Share;
-use super::{Along, Finite, Gradient, NotNegative, Positive, Scene, Tolerance};
+use super::Scene;
+use super::value::{Along, Finite, Gradient, NotNegative, Positive, Share, Tolerance};
 
 /// A scalar value of a scene.
 #[derive(Debug, Clone, PartialEq)]
@@ -109,7 +109,9 @@ impl Scene {
             let reference = actuation.kappa_reference_length_m;
             list.add("actuation.kappa_reference_length_m", "m", "reference length of the amplitude", reference);
             list.add("actuation.frequency_hz", "Hz", "frequency of the actuation", actuation.frequency_hz);
-            list.add("actuation.wavelength_m", "m", "wavelength of the actuation", actuation.wavelength_m);
+            if let Some(wavelength) = actuation.wavelength_m {
+                list.add("actuation.wavelength_m", "m", "wavelength of the actuation", wavelength);
+            }
             let descriptions = ["e0 of the amplitude e0 + e1 xi along the rod", "e1 of it"];
             list.pair("actuation.envelope", "1", descriptions, actuation.envelope);
         }

@@ -1,0 +1,130 @@
+//! `[actuation]`: natural curvature along the rod, read by its kind.
+
+use serde::Deserialize;
+
+use super::Scene;
+use super::document::Fault;
+use super::rod::check_points;
+use super::value::{self, Finite, NotNegative, Positive};
+use crate::actuation::{Actuation, KINDS, Kind, Recipe};
+use crate::error::nearest;
+use crate::model::Drive;
+use crate::rod::{Profile, Rod};
+
+/// `[actuation]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ActuationTable {
+    /// Name of the kind of actuation.
+    pub kind: String,
+    /// Amplitude, a turning per reference length.
+    pub kappa_amp: Finite,
+    /// Reference length, m; 1 m makes the amplitude a curvature in 1/m.
+    #[serde(default = "one_metre")]
+    pub kappa_reference_length_m: Positive,
+    /// Frequency, Hz.
+    pub frequency_hz: NotNegative,
+    /// Wavelength, m, of `travelling-wave`.
+    pub wavelength_m: Option<Positive>,
+    /// [e₀, e₁]: amplitude e₀ + e₁ξ along the rod; [1, 0] where it is not given.
+    #[serde(default = "even_envelope", deserialize_with = "value::pair")]
+    pub envelope: [Finite; 2],
+    /// Points (ξ, factor) of what the amplitude is multiplied by, linear in between.
+    pub amplitude_profile: Option<Vec<[NotNegative; 2]>>,
+    /// Points (ξ, rad) of a phase that is subtracted inside the sine, linear in between.
+    pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
+}
+
+/// An actuation with what drives it.
+type Driven = (Box<dyn Actuation>, Drive);
+
+fn one_metre() -> Positive {
+    Positive::constant(1.0)
+}
+
+fn even_envelope() -> [Finite; 2] {
+    [Finite::constant(1.0), Finite::constant(0.0)]
+}
+
+impl ActuationTable {
+    /// Its kind.
+    fn kind(&self) -> Result<&'static Kind, Fault> {
+        let names = || KINDS.iter().map(|kind| kind.name);
+        Kind::named(&self.kind).ok_or_else(|| {
+            let near = nearest(&self.kind, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            let listed = names().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+            let problem = value::refused(format_args!("{:?}", self.kind), format_args!("{listed}{near}"));
+            Fault { key: "actuation.kind".into(), problem }
+        })
+    }
+
+    /// Its keys that belong to some kinds only, where they are given.
+    fn given(&self) -> impl Iterator<Item = &'static str> {
+        let keys = [("wavelength_m", self.wavelength_m.is_some())];
+        keys.into_iter().filter_map(|(key, given)| given.then_some(key))
+    }
+
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        let fault = |key: &str, problem: String| Err(Fault { key: format!("actuation.{key}"), problem });
+        let kind = self.kind()?;
+        if let Some(key) = self.given().find(|key| !kind.keys.contains(key)) {
+            let owners = KINDS.iter().filter(|kind| kind.keys.contains(&key)).map(|kind| kind.name);
+            let owners = owners.collect::<Vec<_>>().join(", ");
+            return fault(key, format!("found with kind = \"{}\"; allowed: only with {owners}", kind.name));
+        }
+        if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| given == **key)) {
+            return fault(key, format!("missing; kind = \"{}\" has no default for it", kind.name));
+        }
+        if let Some(profile) = &self.amplitude_profile {
+            let allowed = "points [xi, factor] with rising xi from 0 to 1";
+            let points = profile.iter().map(|point| point.map(NotNegative::get));
+            check_points("actuation.amplitude_profile", points, allowed, |_| true)?;
+        }
+        if let Some(profile) = &self.phase_profile_rad {
+            let allowed = "points [xi, phase] with rising xi from 0 to 1";
+            let points = profile.iter().map(|point| point.map(Finite::get));
+            check_points("actuation.phase_profile_rad", points, allowed, |_| true)?;
+        }
+        Ok(())
+    }
+
+    /// The points of the profiles of amplitude and phase; none where they are not given.
+    pub(crate) fn profiles(&self) -> [Vec<[f64; 2]>; 2] {
+        let amplitude = self.amplitude_profile.iter().flatten().map(|point| point.map(NotNegative::get));
+        let phase = self.phase_profile_rad.iter().flatten().map(|point| point.map(Finite::get));
+        [amplitude.collect(), phase.collect()]
+    }
+
+    fn build(&self, rod: &Rod) -> Result<Driven, Fault> {
+        let drive = Drive { amplitude: self.kappa_amp.get(), frequency: self.frequency_hz.get() };
+        let actuation = (self.kind()?.build)(&Recipe {
+            nodes: rod.nodes,
+            spacing: rod.spacing,
+            envelope: self.envelope.map(Finite::get),
+            reference_length: self.kappa_reference_length_m.get(),
+            wavelength: self.wavelength_m.map_or(f64::INFINITY, Positive::get),
+        });
+        if self.amplitude_profile.is_none() && self.phase_profile_rad.is_none() {
+            return Ok((actuation, drive));
+        }
+        let [amplitude, phase] = self.profiles();
+        let along = |points: &[[f64; 2]], default: f64| -> Vec<f64> {
+            let xi = (0..rod.nodes).map(|k| k as f64 / (rod.nodes - 1) as f64);
+            let profile = Profile::through(points.to_vec()).unwrap_or(default.into());
+            xi.map(|xi| profile.at(xi)).collect()
+        };
+        Ok((actuation.profiled(&along(&amplitude, 1.0), &along(&phase, 0.0)), drive))
+    }
+}
+
+impl Scene {
+    /// The wavelength (m) of its actuation, where it has one.
+    pub(crate) fn wavelength(&self) -> Option<f64> {
+        Some(self.actuation.as_ref()?.wavelength_m?.get())
+    }
+
+    /// What drives `rod`, its own.
+    pub(super) fn drive(&self, rod: &Rod) -> Result<Option<Driven>, Fault> {
+        self.actuation.as_ref().map(|actuation| actuation.build(rod)).transpose()
+    }
+}

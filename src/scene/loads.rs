@@ -1,0 +1,79 @@
+//! `[loads]`: gravity, buoyancy and point loads.
+
+use serde::Deserialize;
+
+use super::document::Fault;
+use super::record::{allowed_nodes, is_node};
+use super::value::{self, Finite};
+use crate::rod::Rod;
+
+/// `[loads]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LoadsTable {
+    /// Gravity, m/s²; a neutrally buoyant tail has none.
+    #[serde(default, deserialize_with = "value::optional_pair")]
+    pub gravity_m_s2: Option<[Finite; 2]>,
+    /// True where the medium carries the rod.
+    #[serde(default)]
+    pub buoyancy: bool,
+    /// Forces on single nodes.
+    #[serde(default)]
+    pub point: Vec<PointLoad>,
+}
+
+/// `[[loads.point]]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PointLoad {
+    /// Node; a negative one counts from the tip, −1.
+    pub node: i64,
+    /// Force, N.
+    #[serde(deserialize_with = "value::pair")]
+    pub force_n: [Finite; 2],
+}
+
+impl LoadsTable {
+    pub(super) fn check(&self, nodes: usize) -> Result<(), Fault> {
+        for (i, load) in self.point.iter().enumerate() {
+            if !is_node(load.node, nodes) {
+                let problem = value::refused(load.node, allowed_nodes(nodes));
+                return Err(Fault { key: format!("loads.point.{i}.node"), problem });
+            }
+        }
+        Ok(())
+    }
+
+    /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node: −V g with the volume V of every node.
+    pub(super) fn buoyancy(&self, rod: &Rod) -> Option<Vec<f64>> {
+        let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
+        if !self.buoyancy || gravity == [0.0; 2] {
+            return None;
+        }
+        let mut force = vec![0.0; 2 * rod.nodes];
+        for (e, halves) in rod.halves().enumerate() {
+            for (i, half) in halves.iter().enumerate() {
+                for (axis, g) in gravity.iter().enumerate() {
+                    force[2 * (e + i) + axis] -= half.displaced * half.length * g;
+                }
+            }
+        }
+        Some(force)
+    }
+
+    /// The forces of gravity and point loads (N), two entries a node; none where there are no loads.
+    pub(super) fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
+        let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
+        if gravity == [0.0; 2] && self.point.is_empty() {
+            return None;
+        }
+        let mut force: Vec<f64> = rod.mass.iter().flat_map(|mass| gravity.map(|g| g * mass)).collect();
+        for load in &self.point {
+            let node = load.node.rem_euclid(rod.nodes as i64) as usize;
+            for (i, component) in load.force_n.iter().enumerate() {
+                force[2 * node + i] += component.get();
+            }
+        }
+        Some(force)
+    }
+}

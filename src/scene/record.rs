@@ -1,0 +1,109 @@
+//! `[record]`: what of a run is kept.
+
+use serde::Deserialize;
+
+use super::Scene;
+use super::document::Fault;
+use super::value::{self, NotNegative, Positive, Whole};
+
+/// `[record]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RecordTable {
+    /// Steps between recorded times, 1 where it is not given; the first and the last time are always recorded.
+    pub every: Option<Whole<1, 1_000_000_000>>,
+    /// Time between recorded times, s, whatever the steps.
+    pub interval_s: Option<Positive>,
+    /// First time of the table of nodes, s.
+    #[serde(default = "from_start")]
+    pub nodes_from_s: NotNegative,
+    /// The nodes of that table; a negative one counts from the tip, −1. All where it is not given.
+    pub nodes: Option<Vec<i64>>,
+    /// Form of that table; by default up to 200 nodes have a CSV file and more have none.
+    pub nodes_table: Option<NodesTable>,
+}
+
+/// Forms of the table of node positions.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NodesTable {
+    /// nodes.csv: one row a time, two columns a node.
+    Csv,
+    /// nodes.parquet: one row a time and node.
+    Parquet,
+    /// No table.
+    None,
+}
+
+impl Default for RecordTable {
+    fn default() -> Self {
+        Self { every: None, interval_s: None, nodes_from_s: from_start(), nodes: None, nodes_table: None }
+    }
+}
+
+/// Most rows that `record.interval_s` may ask for.
+const MOST_ROWS: f64 = 1e9;
+
+/// Up to this many nodes nodes.csv is written unless asked otherwise.
+const NODES_CSV_UP_TO: usize = 200;
+
+fn from_start() -> NotNegative {
+    NotNegative::constant(0.0)
+}
+
+/// True where `node` is one of `nodes`, or one counted from the tip, −1.
+pub(super) fn is_node(node: i64, nodes: usize) -> bool {
+    (-(nodes as i64)..nodes as i64).contains(&node)
+}
+
+/// Which nodes a key may name.
+pub(super) fn allowed_nodes(nodes: usize) -> String {
+    format!("a node from 0 to {}, or from -1 (the tip) to -{nodes}", nodes - 1)
+}
+
+impl RecordTable {
+    pub(super) fn check_nodes(&self, nodes: usize) -> Result<(), Fault> {
+        let refuse = |found: &dyn std::fmt::Display| {
+            Err(Fault { key: "record.nodes".into(), problem: value::refused(found, allowed_nodes(nodes)) })
+        };
+        if let Some(bad) = self.nodes.iter().flatten().find(|node| !is_node(**node, nodes)) {
+            return refuse(bad);
+        }
+        if self.nodes.as_ref().is_some_and(Vec::is_empty) {
+            return refuse(&"no node");
+        }
+        Ok(())
+    }
+
+    /// Refuses more rows than a run of `duration` (s) may have.
+    pub(super) fn check_rows(&self, duration: f64) -> Result<(), Fault> {
+        let fault = |problem: String| Err(Fault { key: "record.interval_s".into(), problem });
+        if self.every.is_some() && self.interval_s.is_some() {
+            return fault("found beside every; allowed: one of the two".into());
+        }
+        if let Some(interval) = self.interval_s.map(Positive::get).filter(|x| duration > MOST_ROWS * x) {
+            let allowed = format!("at least {:e}, so that there are at most {MOST_ROWS:e} rows", duration / MOST_ROWS);
+            let found = format_args!("{interval:e}, which makes {:.1e} rows", duration / interval);
+            return fault(value::refused(found, allowed));
+        }
+        Ok(())
+    }
+}
+
+impl Scene {
+    /// The nodes whose positions are tabled, in the order asked for.
+    pub fn recorded_nodes(&self) -> Vec<usize> {
+        let nodes = self.rod.nodes.get();
+        match &self.record.nodes {
+            Some(chosen) => chosen.iter().map(|node| node.rem_euclid(nodes as i64) as usize).collect(),
+            None => (0..nodes).collect(),
+        }
+    }
+
+    /// The form of the table of nodes.
+    pub fn nodes_table(&self) -> NodesTable {
+        let recorded = self.record.nodes.as_ref().map_or(self.rod.nodes.get(), Vec::len);
+        let default = if recorded <= NODES_CSV_UP_TO { NodesTable::Csv } else { NodesTable::None };
+        self.record.nodes_table.unwrap_or(default)
+    }
+}

@@ -1,0 +1,181 @@
+//! `[rod]`: mesh, sections and material.
+
+use std::ops::RangeInclusive;
+
+use serde::Deserialize;
+
+use super::document::Fault;
+use super::value::{self, Along, Gradient, NotNegative, Positive, Whole};
+use super::{HeadKind, NODES, Scene};
+use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Stiffness};
+
+/// `[rod]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RodTable {
+    /// Number of nodes.
+    pub nodes: Whole<{ NODES[0] }, { NODES[1] }>,
+    /// Length, m.
+    pub length_m: Positive,
+    /// Outer radius, m; half the breadth in the plane of motion.
+    pub outer_radius_m: Along<Positive>,
+    /// Inner radius, m; 0, a solid rod, where it is not given.
+    #[serde(default = "solid")]
+    pub inner_radius_m: Along<NotNegative>,
+    /// Depth across the plane of motion, m; twice the outer radius where it is not given.
+    pub depth_m: Option<Along<NotNegative>>,
+    /// Young's modulus, Pa.
+    pub youngs_modulus_pa: Positive,
+    /// Density, kg/m³.
+    pub density_kg_m3: Along<Positive>,
+    /// Points [ξ, factor] of the mass, linear in between, constant outside.
+    pub mass_profile: Option<Along<NotNegative>>,
+    /// a in EI(1 + a(1−ξ)); 0 where neither this nor a profile is given.
+    pub stiffness_gradient: Option<Gradient>,
+    /// Points [ξ, factor] of EI, linear in between, constant outside.
+    #[serde(default, deserialize_with = "value::optional_pairs")]
+    pub stiffness_profile: Option<Vec<[NotNegative; 2]>>,
+    /// Lumping of the mass.
+    #[serde(default)]
+    pub mass_lumping: MassLumping,
+}
+
+/// Masses, lengths and stiffnesses of a rod, in SI units: products of a few of them are numbers still.
+const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
+
+fn solid() -> Along<NotNegative> {
+    Along::<NotNegative>::constant(0.0)
+}
+
+impl RodTable {
+    /// Checks profiles.
+    pub(super) fn check(&self) -> Result<(), Fault> {
+        self.check_sections()?;
+        let Some(profile) = &self.stiffness_profile else { return Ok(()) };
+        let key = "rod.stiffness_profile";
+        if self.stiffness_gradient.is_some() {
+            let problem = "found beside stiffness_gradient; allowed: one of the two".into();
+            return Err(Fault { key: key.into(), problem });
+        }
+        let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
+        check_points(key, profile.iter().map(|point| point.map(NotNegative::get)), allowed, |factor| factor > 0.0)
+    }
+
+    fn sections(&self) -> Sections {
+        Sections {
+            outer: self.outer_radius_m.profile(),
+            inner: self.inner_radius_m.profile(),
+            depth: self.depth_m.as_ref().map(Along::profile),
+            density: self.density_kg_m3.profile(),
+            mass_factor: self.mass_profile.as_ref().map_or(1.0.into(), Along::profile),
+        }
+    }
+
+    /// Refuses profiles that are none, and a rod without wall.
+    fn check_sections(&self) -> Result<(), Fault> {
+        let fault = |key: &str, problem: String| Err(Fault { key: format!("rod.{key}"), problem });
+        let disorders = [
+            ("outer_radius_m", self.outer_radius_m.disorder()),
+            ("inner_radius_m", self.inner_radius_m.disorder()),
+            ("depth_m", self.depth_m.as_ref().and_then(Along::disorder)),
+            ("density_kg_m3", self.density_kg_m3.disorder()),
+            ("mass_profile", self.mass_profile.as_ref().and_then(Along::disorder)),
+        ];
+        for (key, disorder) in disorders {
+            if let Some(found) = disorder {
+                return fault(key, value::refused(found, "points [xi, number] with rising xi from 0 to 1"));
+            }
+        }
+        let sections = self.sections();
+        // Both are linear in between, so it is enough to look where either bends.
+        for xi in sections.outer.places().chain(sections.inner.places()) {
+            let section = sections.at(xi);
+            if section.inner >= section.outer {
+                let at = if sections.outer.is_even() && sections.inner.is_even() {
+                    String::new()
+                } else {
+                    format!(" at xi = {xi}")
+                };
+                let allowed = format!("from 0 to below outer_radius_m = {}{at}", section.outer);
+                return fault("inner_radius_m", value::refused(section.inner, allowed));
+            }
+        }
+        if self.depth_m.is_some() && sections.depth_at(0.5) <= 0.0 {
+            return fault("depth_m", value::refused("no depth in the middle", "a positive depth, 0 at the ends only"));
+        }
+        if self.mass_profile.is_some() && sections.mass_factor.at(0.5) <= 0.0 {
+            return fault("mass_profile", value::refused("no mass in the middle", "positive factors"));
+        }
+        Ok(())
+    }
+
+    /// Refuses numbers so large or so small that the rod made of them has a mass or a stiffness that is none.
+    pub(super) fn check_sizes(&self) -> Result<(), Fault> {
+        let sections = self.sections();
+        let section = sections.at(0.0);
+        let spacing = self.length_m.get() / (self.nodes.get() - 1) as f64;
+        let (youngs, density) = (self.youngs_modulus_pa.get(), sections.density.at(0.0));
+        let bending = youngs * section.inertia() / spacing;
+        let sizes = [
+            ("rod.outer_radius_m", section.outer, "second moment of area", section.inertia(), "m^4"),
+            ("rod.length_m", self.length_m.get(), "spacing of the nodes", spacing, "m"),
+            ("rod.density_kg_m3", density, "mass per node", density * section.area() * spacing, "kg"),
+            ("rod.youngs_modulus_pa", youngs, "stiffness of a joint", bending, "N m"),
+            ("rod.youngs_modulus_pa", youngs, "stiffness of an edge", youngs * section.area() / spacing, "N/m"),
+        ];
+        for (key, found, what, size, unit) in sizes {
+            if !SIZES.contains(&size) {
+                let [low, high] = [SIZES.start(), SIZES.end()];
+                let found = format_args!("{found:e}, which makes the {what} {size:e} {unit}");
+                let allowed = format_args!("what makes it {low:e} to {high:e} {unit}");
+                return Err(Fault { key: key.to_string(), problem: value::refused(found, allowed) });
+            }
+        }
+        Ok(())
+    }
+
+    /// The bending stiffness along the rod.
+    fn stiffness(&self) -> Stiffness {
+        match (&self.stiffness_profile, self.stiffness_gradient) {
+            (Some(points), _) => {
+                let points = points.iter().map(|point| point.map(NotNegative::get)).collect();
+                Profile::through(points).map_or(Stiffness::Gradient(0.0), Stiffness::Profile)
+            }
+            (None, gradient) => Stiffness::Gradient(gradient.unwrap_or(Gradient::constant(0.0)).get()),
+        }
+    }
+}
+
+/// Refuses a profile whose ξ do not rise from 0 to 1, or with a value that is not `ok`.
+pub(super) fn check_points(
+    key: &str,
+    points: impl Iterator<Item = [f64; 2]>,
+    allowed: &str,
+    ok: impl Fn(f64) -> bool,
+) -> Result<(), Fault> {
+    let fault = |found: String| Err(Fault { key: key.to_string(), problem: value::refused(found, allowed) });
+    let mut last = None;
+    for [xi, value] in points {
+        let after = last.filter(|last| xi <= *last);
+        if after.is_some() || !(0.0..=1.0).contains(&xi) || !ok(value) {
+            let after = after.map_or(String::new(), |last| format!(" after {last}"));
+            return fault(format!("the point [{xi}, {value}]{after}"));
+        }
+        last = Some(xi);
+    }
+    if last.is_none() { fault("no points".to_string()) } else { Ok(()) }
+}
+
+impl Scene {
+    /// Its rod on a mesh of `nodes` nodes.
+    pub(super) fn rod_on(&self, nodes: usize) -> Rod {
+        let table = &self.rod;
+        let material = Material {
+            sections: table.sections(),
+            youngs: table.youngs_modulus_pa.get(),
+            stiffness: table.stiffness(),
+        };
+        let held = self.head.kind != HeadKind::Free;
+        Rod::new(nodes, table.length_m.get(), &material, table.mass_lumping, held)
+    }
+}

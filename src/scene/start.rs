@@ -1,0 +1,59 @@
+//! `[start]`: how a run begins.
+
+use serde::Deserialize;
+
+use super::document::Fault;
+use super::value::{Finite, Positive};
+use super::{HeadKind, HeadTable};
+use crate::start::Start;
+
+/// `[start]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StartTable {
+    /// Kind of start.
+    #[serde(default)]
+    pub kind: StartKind,
+    /// Duration of a ramp, s.
+    pub ramp_s: Option<Positive>,
+    /// Spin of the whole rod about its centre of mass at the start, rad/s; only of a free rod.
+    pub spin_rad_s: Option<Finite>,
+}
+
+/// Kinds of start, see [`Start`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StartKind {
+    /// See [`Start::Jump`].
+    Jump,
+    /// See [`Start::Ramp`].
+    Ramp,
+    /// See [`Start::Shaped`].
+    #[default]
+    Shaped,
+}
+
+impl StartTable {
+    pub(super) fn check(&self, head: &HeadTable) -> Result<(), Fault> {
+        let fault = |key: &str, problem: &str| Err(Fault { key: key.into(), problem: problem.into() });
+        match (self.kind, &self.ramp_s) {
+            (StartKind::Ramp, None) => return fault("start.ramp_s", "missing; a ramp has no default duration"),
+            (StartKind::Jump | StartKind::Shaped, Some(_)) => {
+                return fault("start.ramp_s", "found without kind = \"ramp\"; allowed: only with it");
+            }
+            _ => {}
+        }
+        if self.spin_rad_s.is_some() && head.kind != HeadKind::Free {
+            return fault("start.spin_rad_s", "found with a held head; allowed: only with a free one");
+        }
+        Ok(())
+    }
+
+    pub(super) fn build(&self) -> Start {
+        match (self.kind, self.ramp_s) {
+            (StartKind::Ramp, Some(duration)) => Start::Ramp { duration: duration.get() },
+            (StartKind::Jump, _) => Start::Jump,
+            _ => Start::Shaped,
+        }
+    }
+}

@@ -1,0 +1,230 @@
+//! Tables and figures of errors against cost.
+
+use serde_json::{Value, json};
+
+use super::QUANTITIES;
+use super::reference::Result3;
+use super::words::{Report, Row};
+use crate::error::Result;
+use crate::integrator::Pace;
+use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::{Findings, Table};
+use crate::study::trial::{SHOWN, Trial};
+
+/// The beginnings of the names of their figures.
+const FILES: [&str; 3] = ["displacement", "tip", "energy"];
+/// An error is shown down to this multiple of the reference's own.
+const TRUSTED: f64 = 2.0;
+
+impl Report<'_> {
+    pub(super) fn charts(
+        &self,
+        rows: &[Row<'_>],
+        limit: Option<&(Result3, [f64; 3], f64)>,
+        findings: &mut Findings,
+    ) -> Result<()> {
+        let nodes = self.nodes();
+        let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
+        type Cost = fn(&Trial) -> f64;
+        let costs: [(&str, &str, Cost); 2] = [
+            ("time", "processor time (s)", |trial| trial.processor_s),
+            ("work", "linear solves", |trial| trial.factorisations as f64),
+        ];
+        for (i, quantity) in QUANTITIES.iter().enumerate() {
+            let floor = reference.map_or(0.0, |reference| TRUSTED * reference.errors[i]);
+            for (file, label, cost) in &costs {
+                let mut series: Vec<Series> = Vec::new();
+                for row in self.on(rows, nodes) {
+                    let Some(error) = row.time.map(|e| e[i]).filter(|e| *e > floor && *e < 10.0) else { continue };
+                    let point = (cost(row.trial), error);
+                    if point.0 <= 0.0 {
+                        continue; // a model that solves no equations
+                    }
+                    match series.iter_mut().find(|series| series.label == row.curve()) {
+                        Some(series) => series.points.push(point),
+                        None => series.push(Series::new(row.curve(), vec![point], Mark::Dotted)),
+                    }
+                }
+                let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < 10.0);
+                let lines =
+                    level_lines(lines.map(|(row, e)| (format!("model error of {}", row.case.recipe), e[i])), &series);
+                series.extend(order_lines(&series));
+                series.extend(lines);
+                let chart = Chart {
+                    title: format!("{}: error of the {quantity}, {nodes} nodes", self.scene.name),
+                    x: (*label).into(),
+                    y: format!("relative error of the {quantity}"),
+                    scale: Scale::LogLog,
+                    series,
+                };
+                let caption = format!(
+                    "Error of the {quantity} against {label}, one line a method; the triangles show the slopes of whole orders."
+                );
+                findings.figures.push(Figure::new(format!("{}-{file}.svg", FILES[i]), caption, chart.svg()));
+            }
+        }
+        if let Some((limit, ..)) = limit {
+            let caption = "Error of the displacement that the steps make, one line a method, and what each mesh makes, as levels.";
+            let chart = self.decomposition(rows, limit);
+            findings.figures.push(Figure::new("decomposition.svg", caption, chart.svg()));
+        }
+        Ok(())
+    }
+
+    /// Error of the displacement by the steps, one line a method, and by each mesh, as level lines.
+    fn decomposition(&self, rows: &[Row<'_>], limit: &Result3) -> Chart {
+        let nodes = self.nodes();
+        let mut series: Vec<Series> = Vec::new();
+        for row in self.on(rows, nodes) {
+            let (Pace::Fixed(step), Some(errors)) = (row.case.pace, row.time) else { continue };
+            if !row.case.recipe.method.implicit || errors[0] > 10.0 {
+                continue;
+            }
+            match series.iter_mut().find(|series| series.label == row.curve()) {
+                Some(series) => series.points.push((step, errors[0])),
+                None => series.push(Series::new(row.curve(), vec![(step, errors[0])], Mark::Dotted)),
+            }
+        }
+        let meshes = self.meshes.iter().zip(self.references);
+        let levels = meshes.map(|(nodes, reference)| (format!("mesh, {nodes}"), reference.result.errors(limit)[0]));
+        let levels = level_lines(levels, &series);
+        series.extend(levels);
+        Chart {
+            title: format!("{}: error of the steps against error of the mesh", self.scene.name),
+            x: "time step (s)".into(),
+            y: "relative error of the net displacement".into(),
+            scale: Scale::LogLog,
+            series,
+        }
+    }
+
+    /// For every method the cheapest step to each target on the scene's own mesh.
+    pub(super) fn recommended(&self, rows: &[Row<'_>]) -> Table {
+        let nodes = self.nodes();
+        let mut curves: Vec<String> = Vec::new();
+        for row in self.on(rows, nodes) {
+            if !curves.contains(&row.curve()) {
+                curves.push(row.curve());
+            }
+        }
+        let targets = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
+        let mut out = Vec::new();
+        for curve in curves {
+            for (i, quantity) in QUANTITIES.iter().enumerate() {
+                let of = self.on(rows, nodes).filter(|row| row.curve() == curve);
+                let mut line = vec![json!(curve), json!(quantity)];
+                let of: Vec<_> = of.collect();
+                for target in targets {
+                    let found = self.cheapest(of.iter().copied(), |row| row.time.map(|e| e[i]), target);
+                    line.push(found.map_or(Value::Null, |row| json!(row.trial.factorisations)));
+                }
+                out.push(line);
+            }
+        }
+        let columns = targets.iter().map(|target| format!("solves_for_{target:e}"));
+        Table {
+            file: "targets.csv",
+            title: "Linear solves to reach an error of the steps, on the scene's own mesh",
+            columns: ["method".to_string(), "quantity".to_string()].into_iter().chain(columns).collect(),
+            rows: out,
+        }
+    }
+
+    pub(super) fn table(&self, rows: &[Row<'_>]) -> Table {
+        let error = |errors: Option<[f64; 3]>, i: usize| errors.map_or(Value::Null, |e| json!(e[i]));
+        let line = |row: &Row<'_>| {
+            let trial = row.trial;
+            let (step, tolerance) = match row.case.pace {
+                Pace::Fixed(step) => (json!(step), Value::Null),
+                Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
+            };
+            let done = row.time.is_some();
+            let recipe = &row.case.recipe;
+            let cycle = |i: usize| if done { json!(trial.cycles[i]) } else { Value::Null };
+            vec![
+                json!(recipe.rung.name),
+                json!(recipe.rung.method.map_or_else(|| recipe.to_string(), str::to_string)),
+                step,
+                tolerance,
+                json!(row.case.nodes),
+                json!(trial.steps),
+                json!(trial.iterations),
+                json!(trial.factorisations),
+                json!(trial.halvings),
+                json!(trial.wall_s),
+                json!(trial.processor_s),
+                if done { json!(trial.displacement[0]) } else { Value::Null },
+                if done { json!(trial.work_in) } else { Value::Null },
+                cycle(0),
+                cycle(1),
+                cycle(2),
+                error(row.time, 0),
+                error(row.time, 1),
+                error(row.time, 2),
+                error(row.total, 0),
+                error(row.total, 1),
+                error(row.total, 2),
+                trial.failure.as_ref().map_or_else(
+                    || if done { Value::Null } else { json!("its energy grew without bound") },
+                    |(_, _, reason)| json!(reason),
+                ),
+            ]
+        };
+        Table {
+            file: "accuracy.csv",
+            title: "All runs",
+            columns: [
+                "model",
+                "integrator",
+                "time_step_s",
+                "tolerance",
+                "nodes",
+                "steps",
+                "newton_iterations",
+                "linear_solves",
+                "step_halvings",
+                "wall_s",
+                "processor_s",
+                "net_displacement_m",
+                "energy_put_in_j",
+                SHOWN[0].key,
+                SHOWN[1].key,
+                SHOWN[2].key,
+                "time_error_displacement",
+                "time_error_tip",
+                "time_error_energy",
+                "total_error_displacement",
+                "total_error_tip",
+                "total_error_energy",
+                "failure",
+            ]
+            .map(str::to_string)
+            .to_vec(),
+            rows: rows.iter().map(line).collect(),
+        }
+    }
+}
+
+/// Level lines across a chart of `series`, with their names at a quarter of its width.
+fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
+    let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
+    let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));
+    let quarter = low.powf(0.75) * high.powf(0.25);
+    levels.map(|(name, y)| Series::new(name, vec![(low, y), (high, y), (quarter, y)], Mark::Level)).collect()
+}
+
+/// Lines of slopes −1, −2 and −3 at the lower left of a chart of errors against work.
+fn order_lines(series: &[Series]) -> Vec<Series> {
+    let points = || series.iter().flat_map(|series| &series.points).filter(|p| p.0 > 0.0 && p.1 > 0.0);
+    let x = points().map(|p| p.0).fold(f64::INFINITY, f64::min);
+    let [low, high] = [f64::min, f64::max].map(|of| points().map(|p| p.1).reduce(of).unwrap_or(1.0));
+    if !x.is_finite() {
+        return Vec::new();
+    }
+    let top = low.powf(0.75) * high.powf(0.25); // three quarters down
+    let triangle = |order: i32| {
+        let corners = vec![(x, top), (2.0 * x, top * 0.5_f64.powi(order))];
+        Series::new(order.to_string(), corners, Mark::Slope)
+    };
+    (1..=3).map(triangle).collect()
+}

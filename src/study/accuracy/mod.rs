@@ -1,0 +1,193 @@
+//! `caudal study accuracy`: which model, method, step and mesh give which error, at what cost.
+//!
+//! Errors are measured against references that the study computes itself, by two methods that have nothing in common but the
+//! equations: ESDIRK3 with small steps, and generalized-α with small steps extrapolated to none (Richardson). What they
+//! differ by is the reference's own error; where that is no small part of the result, no reference exists, and the study
+//! measures how fast two runs separate that start a billionth of a length apart.
+//!
+//! The references are of the whole model, so the errors of a cheaper one have the model's own in them, which no step removes.
+
+mod apart;
+mod figures;
+mod reference;
+mod words;
+
+use serde::Deserialize;
+
+use self::apart::{PUSH, WINDOWS, without_reference};
+use self::reference::Reference;
+use self::words::Report;
+use super::trial::{Manner, Recipe, Trial};
+use super::{Desk, Studied};
+use crate::error::Result;
+use crate::integrator::Pace;
+use crate::jobs;
+use crate::modes::Modes;
+use crate::report::Findings;
+use crate::scene::Scene;
+
+/// Newton's tolerance in all runs: far below every error of interest.
+const NEWTON: f64 = 1e-12;
+/// The references' steps are this part of the finest of the study, and half of that.
+const FINER: f64 = 0.5;
+/// From this difference of the references on, relative, there is no reference.
+const NO_REFERENCE: f64 = 1e-2;
+/// Samples of the tip's path.
+const SAMPLES: usize = 500;
+/// Symplectic Euler runs at this part of its limit, and at half of it, where the limit is known.
+const BELOW_LIMIT: f64 = 0.95;
+/// Up to this many nodes that limit is computed.
+const MODES_UP_TO: u64 = 401;
+
+/// What is asked for.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Accuracy {
+    /// Meshes, their numbers of nodes; empty for the scene's own and two finer ones.
+    pub nodes: Vec<u64>,
+    /// Fixed steps (s); empty for eight times the scene's down to a thirty-second.
+    pub steps: Vec<f64>,
+    /// Tolerances of adaptive methods and of cheaper models; empty for 1e-2 … 1e-7.
+    pub tolerances: Vec<f64>,
+}
+
+/// What is compared.
+const QUANTITIES: [&str; 3] = ["net displacement", "tip path", "energy put in"];
+
+#[derive(Debug, Clone, PartialEq)]
+struct Case {
+    recipe: Recipe,
+    pace: Pace,
+    nodes: u64,
+    /// Part of the scene's duration.
+    part: f64,
+    push: Option<f64>,
+}
+
+const MANNER: Manner = Manner { samples: SAMPLES, push: None, halving: true, timed: true };
+
+fn esdirk() -> Option<Recipe> {
+    Recipe::named("esdirk3")
+}
+
+fn alpha() -> Option<Recipe> {
+    Recipe::named("generalized-alpha")
+}
+
+/// Charts the error of `scene` against its cost for every model, method, step and mesh.
+///
+/// # Errors
+/// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
+pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studied> {
+    let mut scene = scene.clone();
+    scene.solver.newton_tolerance = scene.solver.newton_tolerance.at_most(NEWTON);
+    let scene = &scene;
+    let own = scene.rod.nodes.get() as u64;
+    let meshes =
+        if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };
+    let steps = if asked.steps.is_empty() {
+        let step = scene.typical_step();
+        (0..9).map(|i| 8.0 * step / f64::from(1 << i)).filter(|h| *h <= 0.25 * scene.solver.duration_s.get()).collect()
+    } else {
+        asked.steps.clone()
+    };
+    let tolerances = if asked.tolerances.is_empty() {
+        (4..=14).map(|i| 10.0_f64.powf(-0.5 * f64::from(i))).collect()
+    } else {
+        asked.tolerances.clone()
+    };
+    let Some((esdirk, alpha)) = esdirk().zip(alpha()) else { return Ok(Studied::Complete(Findings::default())) };
+
+    let finest = FINER * steps.iter().copied().fold(f64::INFINITY, f64::min);
+    let reference = |nodes: u64, recipe: &Recipe, step: f64| Case {
+        recipe: recipe.clone(),
+        pace: Pace::Fixed(step),
+        nodes,
+        part: 1.0,
+        push: None,
+    };
+    let mut cases: Vec<Case> = Vec::new();
+    for nodes in &meshes {
+        for recipe in [&esdirk, &alpha] {
+            cases.extend([finest, 0.5 * finest].map(|step| reference(*nodes, recipe, step)));
+        }
+    }
+    let run = |case: &Case| {
+        let duration = case.part * scene.solver.duration_s.get();
+        let scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
+        Trial::of(&scene, Manner { push: case.push, ..MANNER }, desk.interrupted)
+    };
+    let trials = match desk.work("references", scene, &cases, jobs::cores(), run)? {
+        Ok(trials) => trials,
+        Err(interrupted) => return Ok(interrupted),
+    };
+    let mut references = Vec::new();
+    for (nodes, four) in meshes.iter().zip(trials.chunks(4)) {
+        match Reference::of(four) {
+            Some(reference) if reference.errors[..2].iter().all(|e| *e < NO_REFERENCE) => references.push(reference),
+            other => {
+                // Pairs of runs, one of each pushed, over times from the whole duration to a thousandth: by the method that
+                // damps nothing, where its limit is known.
+                let explicit = match (Recipe::named("symplectic-euler"), limit_step(scene, *nodes)?) {
+                    (Some(recipe), Some(limit)) => Some((recipe, BELOW_LIMIT * limit)),
+                    _ => None,
+                };
+                let (recipe, step) = explicit.unwrap_or((alpha.clone(), finest));
+                let pair = |part: f64| {
+                    [0.0, PUSH].map(|push| Case { part, push: Some(push), ..reference(*nodes, &recipe, step) })
+                };
+                let pairs: Vec<Case> = WINDOWS.into_iter().flat_map(pair).collect();
+                let pairs = match desk.work("pairs", scene, &pairs, jobs::cores(), run)? {
+                    Ok(pairs) => pairs,
+                    Err(interrupted) => return Ok(interrupted),
+                };
+                let findings = without_reference(scene, *nodes, finest, four, other.as_ref(), &pairs)?;
+                return Ok(Studied::Complete(findings));
+            }
+        }
+    }
+
+    let cases = ladder(scene, &meshes, &steps, &tolerances)?;
+    let trials = match desk.work("runs", scene, &cases, jobs::cores(), run)? {
+        Ok(trials) => trials,
+        Err(interrupted) => return Ok(interrupted),
+    };
+    Ok(Studied::Complete(
+        Report { scene, meshes: &meshes, references: &references, cases: &cases, trials: &trials }.findings()?,
+    ))
+}
+
+/// Every model and method on every mesh with every step or tolerance, and the scene as it stands.
+fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> Result<Vec<Case>> {
+    let case =
+        |recipe: &Recipe, pace: Pace, nodes: u64| Case { recipe: recipe.clone(), pace, nodes, part: 1.0, push: None };
+    let mut cases = Vec::new();
+    for nodes in meshes {
+        for recipe in Recipe::all(scene) {
+            let case = |pace: Pace| case(&recipe, pace, *nodes);
+            if recipe.method.implicit {
+                cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
+            } else if let Some(limit) = limit_step(scene, *nodes)? {
+                cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(Pace::Fixed(part * limit))));
+            }
+            if recipe.method.adaptive {
+                cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
+            }
+        }
+        for recipe in Recipe::cheaper(scene) {
+            let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
+            cases.extend(tolerances.iter().map(case));
+        }
+    }
+    let own = Recipe::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.pace(), *nodes));
+    cases.extend(own.filter(|own| !cases.contains(own)));
+    Ok(cases)
+}
+
+/// The step (s) from which on explicit methods fail, 2/ω_max, where it is computed.
+fn limit_step(scene: &Scene, nodes: u64) -> Result<Option<f64>> {
+    if nodes > MODES_UP_TO {
+        return Ok(None);
+    }
+    Ok(Some(2.0 / Modes::of(&scene.with_nodes(nodes).model()?.rod)?.highest()))
+}

@@ -1,0 +1,301 @@
+//! What the runs say, in words and numbers.
+
+use serde_json::json;
+
+use super::reference::{Reference, Result3};
+use super::{Case, MANNER, QUANTITIES};
+use crate::error::Result;
+use crate::integrator::Pace;
+use crate::report::Findings;
+use crate::report::chart::number;
+use crate::scene::Scene;
+use crate::study::trial::{Recipe, Trial};
+
+/// From this error on, relative, a cheaper model computes another motion.
+const USELESS: f64 = 1.0;
+
+/// A cheaper model is as good as it gets where its error is at most this multiple of the one that no step removes.
+const SETTLED: f64 = 1.1;
+
+/// The errors that a user is told how to reach.
+const TARGETS: [f64; 2] = [1e-2, 1e-4];
+
+/// All that is known when every run is made.
+pub struct Report<'a> {
+    pub scene: &'a Scene,
+    pub meshes: &'a [u64],
+    pub references: &'a [Reference],
+    pub cases: &'a [Case],
+    pub trials: &'a [Trial],
+}
+
+/// A run with its errors.
+pub struct Row<'a> {
+    pub case: &'a Case,
+    pub trial: &'a Trial,
+    /// Against the reference on its own mesh: what the steps do. `None` where the run failed.
+    pub time: Option<[f64; 3]>,
+    /// Against the limit of fine meshes.
+    pub total: Option<[f64; 3]>,
+}
+
+impl Row<'_> {
+    fn setting(&self) -> String {
+        let recipe = &self.case.recipe;
+        let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
+        match self.case.pace {
+            Pace::Fixed(step) => format!("{by} with steps of {} s", short(step)),
+            Pace::Adaptive(tolerance) => format!("{by} with tolerance {}", short(tolerance)),
+        }
+    }
+
+    /// Its step or tolerance.
+    fn fineness(&self) -> f64 {
+        match self.case.pace {
+            Pace::Fixed(x) | Pace::Adaptive(x) => x,
+        }
+    }
+
+    /// Name of the curve it belongs to.
+    pub fn curve(&self) -> String {
+        let adaptive = self.case.recipe.is_whole() && matches!(self.case.pace, Pace::Adaptive(_));
+        format!("{}{}", self.case.recipe, if adaptive { ", adaptive" } else { "" })
+    }
+}
+
+/// A number in few digits.
+fn short(x: f64) -> String {
+    let digits: f64 = format!("{x:.2e}").parse().unwrap_or(x);
+    format!("{digits:e}")
+}
+
+/// A number in two digits, without an exponent where it is neither large nor small.
+fn two_digits(x: f64) -> String {
+    number(format!("{x:.1e}").parse().unwrap_or(x))
+}
+
+fn percent(part: f64) -> String {
+    format!("{} %", two_digits(100.0 * part))
+}
+
+fn milliseconds(seconds: f64) -> String {
+    let ms = 1e3 * seconds;
+    if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
+}
+
+impl Report<'_> {
+    /// Nodes of the first mesh: the scene's own unless others were asked for.
+    pub fn nodes(&self) -> u64 {
+        self.meshes.first().copied().unwrap_or_default()
+    }
+
+    pub fn findings(&self) -> Result<Findings> {
+        let limit = self.mesh_limit();
+        let rows: Vec<Row<'_>> =
+            self.cases.iter().zip(self.trials).map(|(case, trial)| self.row(case, trial, limit.as_ref())).collect();
+        let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
+        self.references_in_words(&mut findings);
+        self.own_setting(&rows, &mut findings);
+        self.cheaper_models(&rows, &mut findings);
+        self.recommend(&rows, &mut findings);
+        self.meshes_in_words(limit.as_ref(), &mut findings);
+        findings.tables.push(self.recommended(&rows));
+        findings.tables.push(self.table(&rows));
+        self.charts(&rows, limit.as_ref(), &mut findings)?;
+        Ok(findings)
+    }
+
+    /// The limit of fine meshes by Richardson's extrapolation with the order that three meshes show, and its uncertainty:
+    /// half of what the extrapolation adds.
+    fn mesh_limit(&self) -> Option<(Result3, [f64; 3], f64)> {
+        let [.., a, b, c] = self.references else { return None };
+        let [.., na, nb, nc] = self.meshes else { return None };
+        let ratio = (nc - 1) as f64 / (nb - 1) as f64;
+        if ((nb - 1) as f64 / (na - 1) as f64 - ratio).abs() > 1e-9 || ratio <= 1.0 {
+            return None;
+        }
+        let change = (b.result.displacement - a.result.displacement) / (c.result.displacement - b.result.displacement);
+        let order = change.abs().log(ratio).clamp(0.5, 4.0);
+        let limit = Result3::extrapolated(&b.result, &c.result, ratio.powf(order));
+        let added = c.result.errors(&limit);
+        Some((limit, added.map(|e| 0.5 * e), order))
+    }
+
+    fn row<'r>(&self, case: &'r Case, trial: &'r Trial, limit: Option<&(Result3, [f64; 3], f64)>) -> Row<'r> {
+        let result = trial.is_complete(MANNER).then(|| Result3::of(trial));
+        let mesh = self.meshes.iter().position(|nodes| *nodes == case.nodes);
+        let reference = mesh.and_then(|mesh| self.references.get(mesh));
+        Row {
+            case,
+            trial,
+            time: result.as_ref().zip(reference).map(|(result, reference)| result.errors(&reference.result)),
+            total: result.as_ref().zip(limit).map(|(result, limit)| result.errors(&limit.0)),
+        }
+    }
+
+    fn references_in_words(&self, findings: &mut Findings) {
+        for (nodes, reference) in self.meshes.iter().zip(self.references) {
+            let [displacement, tip, work] = reference.errors;
+            findings.answers.push(format!(
+                "Reference on {nodes} nodes: displacement {:.9e} m, energy put in {:.6e} J; two independent references agree to {displacement:.1e} in displacement, {tip:.1e} in the tip's path, {work:.1e} in energy.",
+                reference.result.displacement, reference.result.work
+            ));
+            findings.numbers.insert(
+                format!("reference_{nodes}_nodes"),
+                json!({ "net_displacement_m": reference.result.displacement, "energy_put_in_j": reference.result.work,
+                    "displacement_error": displacement, "tip_error": tip, "energy_error": work }),
+            );
+        }
+    }
+
+    /// The rows of a mesh.
+    pub fn on<'r, 's>(&self, rows: &'r [Row<'s>], nodes: u64) -> impl Iterator<Item = &'r Row<'s>> {
+        rows.iter().filter(move |row| row.case.nodes == nodes)
+    }
+
+    fn own_setting(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let Some(own) = Recipe::own(self.scene) else { return };
+        let (pace, nodes) = (self.scene.pace(), self.nodes());
+        let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
+        if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
+            findings.answers.push(format!(
+                "The scene as it stands, {} on {nodes} nodes: its steps make an error of {:.2} % in displacement, {:.2} % in the tip's path, {:.2} % in energy, in {}.",
+                row.setting(), 100.0 * errors[0], 100.0 * errors[1], 100.0 * errors[2], milliseconds(row.trial.processor_s)
+            ));
+        }
+    }
+
+    /// For every cheaper model that ran, the run with the finest tolerance on the scene's own mesh, and its errors: those
+    /// that no step removes.
+    pub fn settled<'r, 's>(&self, rows: &'r [Row<'s>]) -> Vec<(&'r Row<'s>, [f64; 3])> {
+        let mut settled: Vec<(&Row<'_>, [f64; 3])> = Vec::new();
+        for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
+            let Some(errors) = row.time else { continue };
+            match settled.iter_mut().find(|(other, _)| other.case.recipe == row.case.recipe) {
+                Some(best) if row.fineness() < best.0.fineness() => *best = (row, errors),
+                Some(_) => {}
+                None => settled.push((row, errors)),
+            }
+        }
+        settled
+    }
+
+    /// What the cheaper models leave out, and what the whole one costs that errs as much.
+    fn cheaper_models(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let on_mesh = || self.on(rows, self.nodes());
+        let displacement = |row: &Row<'_>| row.time.map(|e| e[0]);
+        let own_method = self.scene.method().ok().map(|(method, values)| Recipe::whole(method, values));
+        for (finest, errors) in self.settled(rows) {
+            let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
+            let Some(row) = self.cheapest(model, displacement, SETTLED * errors[0]) else { continue };
+            let (name, seconds) = (row.case.recipe.rung.name, row.trial.processor_s);
+            let mut numbers = json!({ "displacement_error": errors[0], "tip_error": errors[1], "energy_error": errors[2],
+                "processor_s": seconds });
+            let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
+            if errors[0] >= USELESS {
+                text += " leaves out what decides this motion: its displacement is another.";
+                findings.answers.push(text);
+                findings.numbers.insert(format!("model_{name}"), numbers);
+                continue;
+            }
+            let [of_displacement, of_tip, of_work] = errors.map(percent);
+            text += &format!(
+                " errs by {of_displacement} in displacement, {of_tip} in the tip's path, {of_work} in energy, which no step removes, and takes {}.",
+                milliseconds(seconds)
+            );
+            // The scene's own method with steps that still err more, so that it is not made dearer than it is.
+            let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
+            let own = own.filter(|row| displacement(row).is_some_and(|e| e >= errors[0]));
+            let own = own.max_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s));
+            let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
+            let best = self.cheapest(whole, displacement, errors[0]);
+            for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
+                let Some((other, error)) = other.and_then(|other| Some((other, displacement(other)?))) else {
+                    continue;
+                };
+                let ratio = other.trial.processor_s / seconds;
+                text += &format!(
+                    " The whole model by {}, which {errs} in displacement ({}), takes {} times as long.",
+                    other.setting(),
+                    percent(error),
+                    two_digits(ratio)
+                );
+                numbers[key] =
+                    json!({ "setting": other.setting(), "displacement_error": error, "times_as_long": ratio });
+            }
+            findings.answers.push(text);
+            findings.numbers.insert(format!("model_{name}"), numbers);
+        }
+    }
+
+    /// The cheapest row whose error of the quantity is at most `target`, and stays so at finer steps of the same method.
+    pub fn cheapest<'r, 's>(
+        &self,
+        rows: impl Iterator<Item = &'r Row<'s>>,
+        error: impl Fn(&Row<'s>) -> Option<f64>,
+        target: f64,
+    ) -> Option<&'r Row<'s>>
+    where
+        's: 'r,
+    {
+        let rows: Vec<_> = rows.collect();
+        let holds = |row: &&&Row<'s>| {
+            error(row).is_some_and(|e| e <= target)
+                && rows
+                    .iter()
+                    .filter(|other| {
+                        other.case.nodes == row.case.nodes
+                            && other.curve() == row.curve()
+                            && other.fineness() < row.fineness()
+                    })
+                    .all(|other| error(other).is_some_and(|e| e <= target))
+        };
+        rows.iter().filter(holds).min_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s)).copied()
+    }
+
+    fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let nodes = self.nodes();
+        for (i, quantity) in QUANTITIES.iter().enumerate().take(2) {
+            for target in TARGETS {
+                let percent = 100.0 * target;
+                let time = self.cheapest(self.on(rows, nodes), |row| row.time.map(|e| e[i]), target);
+                findings.answers.push(match time {
+                    Some(row) => format!(
+                        "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
+                        row.setting(), milliseconds(row.trial.processor_s), row.trial.factorisations
+                    ),
+                    None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer --steps may."),
+                });
+                let total = self.cheapest(rows.iter(), |row| row.total.map(|e| e[i]), target);
+                if let Some(row) = total {
+                    findings.answers.push(format!(
+                        "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
+                        row.setting(),
+                        row.case.nodes,
+                        milliseconds(row.trial.processor_s)
+                    ));
+                }
+                findings.numbers.insert(
+                    format!("recommended_{}_{target:e}", quantity.replace(' ', "_")),
+                    json!({ "on_this_mesh": time.map(|row| row.setting()), "with_the_mesh": total.map(|row| format!("{} on {} nodes", row.setting(), row.case.nodes)) }),
+                );
+            }
+        }
+    }
+
+    fn meshes_in_words(&self, limit: Option<&(Result3, [f64; 3], f64)>, findings: &mut Findings) {
+        let Some((limit, uncertain, order)) = limit else { return };
+        findings.answers.push(format!(
+            "In the limit of fine meshes the displacement is {:.6e} m (±{:.1e} relative, extrapolated; its error falls as N^-{order:.2}).",
+            limit.displacement, uncertain[0]
+        ));
+        for (nodes, reference) in self.meshes.iter().zip(self.references) {
+            let [displacement, tip, work] = reference.result.errors(limit);
+            let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (displacement / target).powf(1.0 / order);
+            findings.answers.push(format!(
+                "The mesh of {nodes} nodes makes an error of {:.3} % in displacement, {:.3} % in the tip's path, {:.3} % in energy; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
+                100.0 * displacement, 100.0 * tip, 100.0 * work, needed(1e-2), needed(1e-4)
+            ));
+        }
+    }
+}
