@@ -847,7 +847,10 @@ fn numbers_that_no_rod_can_have_and_starts_that_cannot_be_are_wrong_input_that_n
     let cases = [
         (SOFT, vec!["rod.outer_radius_m=1e-200"], "rod.outer_radius_m"),
         (SOFT, vec!["rod.outer_radius_m=1e-200", "solver.model=shape"], "rod.outer_radius_m"),
+        (SOFT, vec!["rod.outer_radius_m=[[0, 0.08], [0.5, 1e-200], [1, 0.08]]"], "rod.outer_radius_m"),
         (SOFT, vec!["rod.density_kg_m3=1e308"], "rod.density_kg_m3"),
+        (SOFT, vec!["rod.density_kg_m3=[[0, 1e3], [0.5, 1e308], [1, 1e3]]"], "rod.density_kg_m3"),
+        (SOFT, vec!["rod.mass_profile=[[0, 1], [0.3, 1e-200], [1, 1]]"], "rod.density_kg_m3"),
         (SOFT, vec!["rod.youngs_modulus_pa=1e308"], "rod.youngs_modulus_pa"),
         (SOFT, vec!["rod.length_m=1e-250"], "rod.length_m"),
         (SOFT, vec!["actuation.kappa_amp=1e9", "start.kind=shaped"], "actuation.kappa_amp"),
@@ -861,6 +864,9 @@ fn numbers_that_no_rod_can_have_and_starts_that_cannot_be_are_wrong_input_that_n
         assert!(error.is_bad_input() && words.contains(key), "{overrides:?}: {words}");
         assert!(words.contains("where.toml") || words.contains("--set"), "{overrides:?}: {words}");
     }
+    // A rod may be pointed.
+    let pointed = ["rod.outer_radius_m=[[0, 0.08], [1, 1e-200]]", "rod.stiffness_gradient=0"];
+    common::scene_of(SOFT, &pointed);
     // A held head that alone has no drag is moved by what holds it.
     let held = ["solver.model=overdamped", "drag.head_weight=0", "drag.head_length_m=0.01", "head.kind=clamped"];
     Stepper::of(&common::scene_of(SOFT, &held)).unwrap().do_step(2e-3).unwrap();

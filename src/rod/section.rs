@@ -137,7 +137,8 @@ impl Sections {
         self.density.at(xi) * self.at(xi).area() * self.mass_factor.at(xi)
     }
 
-    fn profiles(&self) -> impl Iterator<Item = &Profile> {
+    /// All profiles.
+    pub fn profiles(&self) -> impl Iterator<Item = &Profile> {
         [&self.outer, &self.inner, &self.density, &self.mass_factor].into_iter().chain(&self.depth)
     }
 

@@ -109,26 +109,42 @@ impl RodTable {
         Ok(())
     }
 
-    /// Refuses numbers so large or so small that the rod made of them has a mass or a stiffness that is none.
-    pub(super) fn check_sizes(&self) -> Result<(), Fault> {
-        let sections = self.sections();
-        let section = sections.at(0.0);
-        let spacing = self.length_m.get() / (self.nodes.get() - 1) as f64;
-        let (youngs, density) = (self.youngs_modulus_pa.get(), sections.density.at(0.0));
-        let bending = youngs * section.inertia() / spacing;
-        let sizes = [
-            ("rod.outer_radius_m", section.outer, "second moment of area", section.inertia(), "m^4"),
-            ("rod.length_m", self.length_m.get(), "spacing of the nodes", spacing, "m"),
-            ("rod.density_kg_m3", density, "mass per node", density * section.area() * spacing, "kg"),
-            ("rod.youngs_modulus_pa", youngs, "stiffness of a joint", bending, "N m"),
-            ("rod.youngs_modulus_pa", youngs, "stiffness of an edge", youngs * section.area() / spacing, "N/m"),
-        ];
-        for (key, found, what, size, unit) in sizes {
-            if !SIZES.contains(&size) {
-                let [low, high] = [SIZES.start(), SIZES.end()];
-                let found = format_args!("{found:e}, which makes the {what} {size:e} {unit}");
-                let allowed = format_args!("what makes it {low:e} to {high:e} {unit}");
-                return Err(Fault { key: key.to_string(), problem: value::refused(found, allowed) });
+    /// Refuses numbers so large or so small that the rod made of them has, anywhere, a mass or a stiffness that is none.
+    pub(super) fn check_sizes(&self, held_head: bool) -> Result<(), Fault> {
+        let (sections, stiffness) = (self.sections(), self.stiffness());
+        let part = 1.0 / (self.nodes.get() - 1) as f64;
+        let (spacing, youngs) = (self.length_m.get() * part, self.youngs_modulus_pa.get());
+        // The first and the last place of what nodes, edges and joints are made from: profiles may vanish beyond them.
+        let nodes = match self.mass_lumping {
+            MassLumping::Uniform => [0.0, 1.0],
+            MassLumping::Tributary => [0.25 * part, 1.0 - 0.25 * part],
+        };
+        let edges = [0.5 * part, 1.0 - 0.5 * part];
+        let joints = [if held_head { 0.0 } else { part }, 1.0 - part];
+        // Products of positive functions that are linear in between are smallest where one of them bends.
+        let stiffer = self.stiffness_profile.iter().flatten().map(|[xi, _]| xi.get());
+        let places = sections.profiles().flat_map(Profile::places).chain(stiffer).chain([0.0, 1.0]);
+        let even = sections.profiles().all(Profile::is_even);
+        for place in places {
+            let at = |[first, last]: [f64; 2]| place.clamp(first, last);
+            let (inertia, mass) = (sections.at(at(joints)).inertia(), sections.line_density(at(nodes)) * spacing);
+            let bending = youngs * inertia * stiffness.factor(at(joints)) / spacing;
+            let stretching = youngs * sections.at(at(edges)).area() / spacing;
+            let sizes = [
+                ("outer_radius_m", sections.outer.at(place), "second moment of area", inertia, "m^4"),
+                ("length_m", self.length_m.get(), "spacing of the nodes", spacing, "m"),
+                ("density_kg_m3", sections.density.at(place), "mass per node", mass, "kg"),
+                ("youngs_modulus_pa", youngs, "stiffness of a joint", bending, "N m"),
+                ("youngs_modulus_pa", youngs, "stiffness of an edge", stretching, "N/m"),
+            ];
+            for (key, found, what, size, unit) in sizes {
+                if !SIZES.contains(&size) {
+                    let [low, high] = [SIZES.start(), SIZES.end()];
+                    let at = if even { String::new() } else { format!(" at xi = {place}") };
+                    let found = format_args!("{found:e}, which makes the {what} {size:e} {unit}{at}");
+                    let allowed = format_args!("what makes it {low:e} to {high:e} {unit}");
+                    return Err(Fault { key: format!("rod.{key}"), problem: value::refused(found, allowed) });
+                }
             }
         }
         Ok(())
