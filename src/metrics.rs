@@ -148,11 +148,12 @@ impl Reading {
         self.time = state.t;
         let mut energy = Energy::default();
         let mut power = Power::default();
-        dynamics.shape(state)?;
-        self.kappa.copy_from_slice(dynamics.kappa());
         let taken = dynamics.mechanics == Mechanics::Shape;
+        let holding = if taken { Some(dynamics.balance(state, &mut self.moment)?) } else { None };
+        let bent = dynamics.shape(state)?;
+        let dynamics = bent.dynamics;
+        self.kappa.copy_from_slice(bent.kappa());
         self.natural.copy_from_slice(if taken { &self.kappa } else { &dynamics.natural });
-        let holding = taken.then(|| dynamics.balance(state, &mut self.moment));
         let rod = &dynamics.model.rod;
         for k in rod.joints() {
             if !taken {
@@ -174,7 +175,7 @@ impl Reading {
         if dynamics.is_loaded() {
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
-        let edges = dynamics.edges();
+        let edges = bent.edges();
         let mut stretch: f64 = 0.0;
         for ((tangent, edge), cell) in self.tangent.iter_mut().zip(edges).zip(rod.cells.iter()) {
             *tangent = edge.t;
@@ -189,10 +190,10 @@ impl Reading {
             };
             energy.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
-        energy.fluid = power.add_forces(&dynamics.model.forces, &dynamics.kinematics(state));
+        energy.fluid = power.add_forces(&dynamics.model.forces, &bent.kinematics());
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            let held = holding.unwrap_or_else(|| dynamics.reaction(state));
+            let held = holding.unwrap_or_else(|| bent.reaction());
             self.head_force = -held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;

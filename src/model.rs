@@ -2,6 +2,7 @@
 //!
 //! A [`Model`] is constant and shared; [`Dynamics`] is one run of it: a host's inputs and what follows from the time.
 
+pub mod bent;
 pub mod chain;
 pub mod course;
 
@@ -11,17 +12,17 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+pub use bent::Bent;
 pub use course::Course;
 
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
-use crate::fluid::force::ActingOn;
 use crate::fluid::{Fluid, Forces, Kinematics};
 use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
-use crate::rod::around::{Alone, OnEdge, TOGETHER};
+use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
-use crate::rod::elastic::{self, Deformed};
-use crate::rod::{Edge, Rod, add, node};
+use crate::rod::elastic::Deformed;
+use crate::rod::{Edge, Rod, node};
 use crate::start::{Start, add_spin};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
@@ -386,12 +387,16 @@ impl Dynamics {
         };
     }
 
-    /// Evaluates edges and joints of `state`, for [`edges`](Self::edges) and [`kappa`](Self::kappa): those of its links
-    /// where it has any, else those of its positions.
+    /// The rod bent as `state` says, whose time this was last moved to: by its links where it has any, else by its positions.
     ///
     /// # Errors
     /// [`Error::NotFinite`], [`Error::EdgeCollapse`], [`Error::FoldOver`].
-    pub fn shape(&mut self, state: &State) -> Result<()> {
+    pub fn shape<'a>(&'a mut self, state: &'a State) -> Result<Bent<'a>> {
+        self.bend(state)?;
+        Ok(Bent { dynamics: self, state })
+    }
+
+    fn bend(&mut self, state: &State) -> Result<()> {
         if state.links.is_empty() {
             self.shape_edges(&state.q, state.t)?;
             return self.shape_joints(state.t);
@@ -399,16 +404,6 @@ impl Dynamics {
         self.shape_edges_of(&state.links, state.t)?;
         self.kappa.iter_mut().zip(&state.links).for_each(|(kappa, link)| *kappa = link.curvature);
         Ok(())
-    }
-
-    /// The edges of the last [`shape`](Self::shape).
-    pub fn edges(&self) -> &[Edge] {
-        &self.edges
-    }
-
-    /// Curvature κ_k, dimensionless, of the last [`shape`](Self::shape); one entry per node, zero where there is no joint.
-    pub fn kappa(&self) -> &[f64] {
-        &self.kappa
     }
 
     fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
@@ -494,23 +489,10 @@ impl Dynamics {
         (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
     }
 
-    /// M a − F at node 0 of `state`, whose [`shape`](Self::shape) was taken last: the force (N) that a held head must exert.
-    pub fn reaction(&self, state: &State) -> Vector2<f64> {
-        let Model { rod, .. } = &*self.model;
-        let edge = &self.edges[0];
-        let carried = match state.links.first() {
-            Some(link) => Vector2::from(link.force),
-            None => elastic::force(edge, rod.cells[0].tension(edge), &self.joints[0], &self.joints[1]),
-        };
-        let mut force = node(&state.a, 0) * rod.mass[0] - self.load(0) - carried;
-        self.model.forces.on_edges(&self.kinematics(state), None, 0..1, |_, on| force += on.force(0));
-        force
-    }
-
-    /// How the rod moves in `state`, whose [`shape`](Self::shape) was taken last, and in which fluid.
-    pub fn kinematics<'a>(&'a self, state: &'a State) -> Kinematics<'a> {
-        let State { t, q, v, a, .. } = state;
-        Kinematics { t: *t, edges: &self.edges, q, v, a, fluid: self.inputs.fluid }
+    /// How a rod of these `edges` moves at time `t` (s), with positions, velocities and accelerations `motion`, and in which
+    /// fluid.
+    pub fn kinematics_of<'a>(&'a self, t: f64, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Kinematics<'a> {
+        Kinematics { t, edges, q, v, a, fluid: self.inputs.fluid }
     }
 
     /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s).
@@ -524,26 +506,28 @@ impl Dynamics {
         if self.mechanics == Mechanics::Overdamped { 0.0 } else { self.model.rod.mass[0] }
     }
 
-    /// The moments m_k (N m) that hold the rod in the shape it has, from balance alone: the nodes j beyond joint k need
-    /// m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F forces and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
-    /// the force (N) that a held head must exert, zero for a free one. Edges and curvatures are those of the last
-    /// [`shape`](Self::shape).
-    pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Vector2<f64> {
+    /// The moments m_k (N m) that hold the rod in the shape that it has in `state`, from balance alone: the nodes j beyond joint k
+    /// need m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j), F forces and loads (whatever EI and EA are). Returns Σ (M a_j − F_j),
+    /// the force (N) that a held head must exert, zero for a free one.
+    ///
+    /// # Errors
+    /// Those of [`shape`](Self::shape).
+    pub fn balance(&mut self, state: &State, moment: &mut [f64]) -> Result<Vector2<f64>> {
         let mut applied = std::mem::take(&mut self.applied);
         applied.resize(state.q.len(), 0.0);
-        self.write_applied(&self.kinematics(state), &mut applied);
-        let rod = &self.model.rod;
+        let bent = self.shape(state)?;
+        bent.dynamics.write_applied(&bent.kinematics(), &mut applied);
+        let (rod, kappa) = (&bent.dynamics.model.rod, bent.kappa());
         let (mut force, mut turning) = (Vector2::zeros(), 0.0);
         for k in (0..rod.nodes).rev() {
             if k + 1 < rod.nodes {
                 turning += (node(&state.q, k + 1) - node(&state.q, k)).perp(&force);
             }
-            moment[k] =
-                if rod.joints().contains(&k) { -turning / bend::curvature_per_turning(self.kappa[k]) } else { 0.0 };
+            moment[k] = if rod.joints().contains(&k) { -turning / bend::curvature_per_turning(kappa[k]) } else { 0.0 };
             force += node(&state.a, k) * rod.mass[k] + node(&applied, k);
         }
         self.applied = applied;
-        force
+        Ok(force)
     }
 
     /// Writes the forces (N) that oppose the motion `rod`, less loads, to `out`, two entries per node.
@@ -567,33 +551,14 @@ impl Dynamics {
         &mut self,
         state: &State,
         residual: &mut [f64],
-        mut jacobian: Option<Linearisation<'_>>,
+        jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
-        self.shape(state)?;
+        self.bend(state)?;
         let Self { model, edges, joints, inputs, room, .. } = self;
         let Model { rod, forces, .. } = &**model;
-        let deformed = Deformed { rod, edges, joints, a: &state.a };
-        let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
-        if forces.is_empty() {
-            deformed.assemble(Alone, residual, part);
-        } else {
-            let State { t, q, v, a, .. } = state;
-            let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid };
-            let along = part.as_ref().map(|part| part.direction);
-            deformed.assemble(ActingOn { forces, rod: moving, along, room }, residual, part);
-            for tip in forces.on_tip(&moving, along) {
-                add(residual, rod.nodes - 1, tip.force);
-                if let Some([.., row]) = jacobian.as_mut().map(|j| j.matrix.rows_mut()) {
-                    let [before, last] = tip.edges;
-                    let blocks = [-before, before - last, tip.own + last];
-                    for (entry, block) in row.iter_mut().zip(blocks) {
-                        for (x, y) in entry.iter_mut().zip(block.transpose().iter()) {
-                            *x += y;
-                        }
-                    }
-                }
-            }
-        }
+        let State { t, q, v, a, .. } = state;
+        let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid };
+        forces.assemble(Deformed { rod, edges, joints, a }, moving, room, residual, jacobian);
         self.subtract_loads(residual);
         Ok(())
     }

@@ -67,10 +67,10 @@ fn found(scene: &Scene, stepper: &Stepper, readings: &[Reading]) -> Found {
     let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
     let mut state = stepper.state().clone();
     dynamics.move_to(state.t, &mut state);
-    dynamics.shape(&state).unwrap();
-    let rod = dynamics.kinematics(&state);
+    let bent = dynamics.shape(&state).unwrap();
+    let rod = bent.kinematics();
     let (mut wake, mut drag, mut momentum) = (Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
-    for force in dynamics.model.forces.iter() {
+    for force in bent.dynamics.model.forces.iter() {
         match force.name() {
             "wake" => wake = -resultant(force, &rod),
             "reactive" => {
@@ -178,9 +178,9 @@ fn what_the_reactive_force_takes_is_the_energy_and_momentum_of_the_water() {
                 later.q[i] += t * (state.v[i] + 0.5 * t * a);
                 later.v[i] += t * a;
             }
-            dynamics.shape(&later).unwrap();
-            let rod = dynamics.kinematics(&later);
-            let force = dynamics.model.forces.iter().find(|force| force.name() == "reactive").unwrap();
+            let bent = dynamics.shape(&later).unwrap();
+            let rod = bent.kinematics();
+            let force = bent.dynamics.model.forces.iter().find(|force| force.name() == "reactive").unwrap();
             let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 2 * nodes]);
             force.energy(&rod, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
             let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();

@@ -161,12 +161,12 @@ pub(super) fn series(
         dynamics.move_to(time, &mut state);
         state.q.copy_from_slice(&sample.q);
         state.v.copy_from_slice(&sample.v);
-        dynamics.shape(&state)?;
-        let rod = &dynamics.model.rod;
+        let bent = dynamics.shape(&state)?;
+        let (dynamics, rod) = (bent.dynamics, &bent.dynamics.model.rod);
         let mut force: Vec<Vector2<f64>> =
             (0..nodes).map(|k| node(&sample.a, k) * rod.mass[k] - dynamics.load(k)).collect();
         let mut damping = vec![nalgebra::Matrix2::zeros(); nodes];
-        let moving = dynamics.kinematics(&state);
+        let moving = bent.kinematics();
         let edges = 0..moving.edges.len();
         dynamics.model.forces.on_edges(&moving, Some(Direction::VELOCITIES), edges, |e, on| {
             for i in 0..2 {
@@ -177,7 +177,7 @@ pub(super) fn series(
         dynamics.model.forces.on_tip(&moving, None).for_each(|tip| force[nodes - 1] += tip.force);
         let position = |k: usize| node(&state.q, k);
         for (i, k) in joints.clone().enumerate() {
-            let kappa = dynamics.kappa()[k];
+            let kappa = bent.kappa()[k];
             let first = sample.index - motion.half;
             let natural: f64 =
                 sample.weights.iter().zip(&naturals[first..]).map(|(w, natural)| w[0] * natural[k]).sum();
@@ -188,7 +188,7 @@ pub(super) fn series(
             series.still.push(kappa * scale);
             series.driven.push(natural * scale);
             // c moves with the turning between the edges at k.
-            let edges = dynamics.edges();
+            let edges = bent.edges();
             let mut by_c = Vec::with_capacity(6);
             let mut turn = |e: usize, sign: f64| {
                 let slope = edges[e].n() * (sign * scale * s * edges[e].per_length);

@@ -11,10 +11,11 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::medium::{Fluid, Key};
-use crate::rod::around::Around;
 pub use crate::rod::around::{OnEdge, TOGETHER};
+use crate::rod::around::{Alone, Around};
+use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
-use crate::system::Direction;
+use crate::system::{Direction, Linearisation};
 
 /// How the rod lies and moves, and in which fluid.
 #[derive(Debug, Clone, Copy)]
@@ -56,7 +57,10 @@ pub struct OnTip {
 #[derive(Debug)]
 pub struct Tally<'a> {
     sums: &'a mut [OnEdge],
+    /// Nothing has been summed yet.
     fresh: bool,
+    /// Derivatives are wanted too; else they are not touched.
+    slopes: bool,
 }
 
 impl Tally<'_> {
@@ -66,10 +70,11 @@ impl Tally<'_> {
     pub fn each<T>(&mut self, items: impl IntoIterator<Item = T>, mut on: impl FnMut(T) -> OnEdge) {
         for (sum, item) in self.sums.iter_mut().zip(items) {
             let on = on(item);
-            if self.fresh {
-                *sum = on;
-            } else {
-                sum.add(&on);
+            match (self.fresh, self.slopes) {
+                (true, true) => *sum = on,
+                (false, true) => sum.add(&on),
+                (true, false) => sum.force = on.force,
+                (false, false) => sum.add_force(&on),
             }
         }
         self.fresh = false;
@@ -116,6 +121,18 @@ pub struct Validity {
     pub source: &'static str,
 }
 
+/// A force that knows every edge by itself: its share is computed where the rod's own is, in the pass compiled for it.
+pub trait InPass {
+    /// Assembles `rod` with this force and with what `others` say, see [`Deformed::assemble`].
+    fn assemble(
+        &self,
+        rod: Deformed<'_>,
+        others: ActingOn<'_>,
+        residual: &mut [f64],
+        jacobian: Option<Linearisation<'_>>,
+    );
+}
+
 /// A force on the rod.
 pub trait Force: std::fmt::Debug + Send + Sync {
     /// Its name.
@@ -126,6 +143,11 @@ pub trait Force: std::fmt::Debug + Send + Sync {
 
     /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one.
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>);
+
+    /// The same compiled into the pass over the rod, of a force that most scenes have.
+    fn in_pass(&self) -> Option<&dyn InPass> {
+        None
+    }
 
     /// What opposes the last node beyond that.
     fn tip(&self, _rod: &Kinematics<'_>, _along: Option<Direction>) -> Option<OnTip> {
@@ -226,6 +248,42 @@ impl Forces {
         self.0.iter().filter_map(move |force| force.tip(rod, along))
     }
 
+    /// Assembles `rod`, which moves as `moving` says, with all forces, see [`Deformed::assemble`]; `room` has room for
+    /// [`TOGETHER`] edges.
+    pub fn assemble(
+        &self,
+        rod: Deformed<'_>,
+        moving: Kinematics<'_>,
+        room: &mut [OnEdge],
+        residual: &mut [f64],
+        mut jacobian: Option<Linearisation<'_>>,
+    ) {
+        if self.is_empty() {
+            return rod.assemble(Alone, residual, jacobian);
+        }
+        let along = jacobian.as_ref().map(|jacobian| jacobian.direction);
+        let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
+        let in_pass = self.iter().enumerate().find_map(|(i, force)| Some((i, force.in_pass()?)));
+        let forces = in_pass.map_or([&self.0[..], &[]], |(i, _)| [&self.0[..i], &self.0[i + 1..]]);
+        let others = ActingOn { forces, rod: moving, along, room };
+        match in_pass {
+            Some((_, force)) => force.assemble(rod, others, residual, part),
+            None => rod.assemble(others, residual, part),
+        }
+        for tip in self.on_tip(&moving, along) {
+            add(residual, rod.rod.nodes - 1, tip.force);
+            if let Some([.., row]) = jacobian.as_mut().map(|j| j.matrix.rows_mut()) {
+                let [before, last] = tip.edges;
+                let blocks = [-before, before - last, tip.own + last];
+                for (entry, block) in row.iter_mut().zip(blocks) {
+                    for (x, y) in entry.iter_mut().zip(block.transpose().iter()) {
+                        *x += y;
+                    }
+                }
+            }
+        }
+    }
+
     /// Adds what opposes the motion (N) to `out`, two entries per node.
     pub fn add(&self, rod: &Kinematics<'_>, out: &mut [f64]) {
         self.on_edges(rod, None, 0..rod.edges.len(), |e, on| {
@@ -283,8 +341,8 @@ impl Forces {
 /// Forces that act around a rod; their sum is in `room`, which has room for [`TOGETHER`] edges.
 #[derive(Debug)]
 pub struct ActingOn<'a> {
-    /// The forces.
-    pub forces: &'a Forces,
+    /// The forces: those before one that is compiled into the pass, and those after it.
+    pub forces: [&'a [Box<dyn Force>]; 2],
     /// How the rod moves.
     pub rod: Kinematics<'a>,
     /// The direction of the derivatives, if any are wanted.
@@ -293,15 +351,25 @@ pub struct ActingOn<'a> {
     pub room: &'a mut [OnEdge],
 }
 
+impl ActingOn<'_> {
+    /// True where there are none.
+    #[inline(always)]
+    fn are_none(&self) -> bool {
+        self.forces[0].is_empty() && self.forces[1].is_empty()
+    }
+}
+
 impl Around for ActingOn<'_> {
     #[inline]
     fn look(&mut self, edges: Range<usize>) {
-        sum(self.forces.iter(), &self.rod, self.along, edges, self.room);
+        if !self.are_none() {
+            sum(self.forces.into_iter().flatten().map(|force| &**force), &self.rod, self.along, edges, self.room);
+        }
     }
 
     #[inline(always)]
-    fn on(&self, i: usize) -> Option<&OnEdge> {
-        self.room.get(i)
+    fn on(&self, e: usize, _: &Edge) -> Option<OnEdge> {
+        if self.are_none() { None } else { self.room.get(e % TOGETHER).copied() }
     }
 }
 
@@ -323,7 +391,7 @@ fn sum<'a>(
     edges: Range<usize>,
     room: &mut [OnEdge],
 ) {
-    let mut tally = Tally { sums: &mut room[..edges.len()], fresh: true };
+    let mut tally = Tally { sums: &mut room[..edges.len()], fresh: true, slopes: along.is_some() };
     for force in forces {
         force.evaluate(rod, along, edges.clone(), &mut tally);
     }

@@ -5,12 +5,15 @@
 use std::ops::Range;
 
 use nalgebra::Vector2;
+use wide::f64x2;
 
-use super::force::{Force, Kinematics, OnEdge, Tally, Validity};
+use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Tally, Validity};
 use super::medium::{Fluid, Key};
 use crate::linear::{Block, lanes};
+use crate::rod::around::Around;
+use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Edge, Half, Rod, add};
-use crate::system::Direction;
+use crate::system::{Direction, Linearisation};
 
 /// Force per unit length (N/m) that opposes a velocity with the components `along` and `across` the rod.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -24,10 +27,12 @@ pub struct Traction {
 /// The derivatives of a traction by the velocity's components, N s/m².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct TractionSlopes {
-    /// ∂(along)/∂(velocity along), ∂(along)/∂(velocity across).
-    pub along: [f64; 2],
-    /// ∂(across)/∂(velocity along), ∂(across)/∂(velocity across).
-    pub across: [f64; 2],
+    /// ∂(along)/∂(velocity along).
+    pub along: f64,
+    /// ∂(across)/∂(velocity across).
+    pub across: f64,
+    /// ∂(along)/∂(velocity across) and ∂(across)/∂(velocity along), of a law where the components are not independent.
+    pub mixed: Option<[f64; 2]>,
 }
 
 /// A local drag law.
@@ -119,20 +124,79 @@ fn end<L: Law>(
     edge: &Edge,
     w: Vector2<f64>,
     direction: Direction,
-) -> (Vector2<f64>, Block, Block) {
-    let (t, n) = (edge.t, edge.n());
-    let (u, v) = (w.dot(&t), w.dot(&n));
+) -> (f64x2, Block, Block) {
+    let (t, n) = (lanes(edge.t), lanes(edge.n()));
+    let (u, v) = (w.dot(&edge.t), w.dot(&edge.n()));
     let (Traction { along, across }, by) = law.with_slopes(half, fluid, u, v);
-    let force = (t * along + n * across) * *length;
-    let (tl, nl) = (lanes(t), lanes(n));
+    let force = t * (along * length) + n * (across * length);
+    // a t tᵀ + b n nᵀ = b I + (a − b) t tᵀ.
     let by_velocity = length * direction.v;
-    let own = Block::outer(t * by_velocity, tl * by.along[0] + nl * by.along[1])
-        + Block::outer(n * by_velocity, tl * by.across[0] + nl * by.across[1]);
+    let mut own = Block::outer(edge.t, t) * ((by.along - by.across) * by_velocity)
+        + Block::diagonal(by.across * by_velocity);
     // The edge turns by n·δe/ℓ; the velocity's components turn with it, and so does the traction.
     let turn = length * direction.q * edge.per_length;
-    let by_turning =
-        t * (by.along[0] * v - by.along[1] * u - across) + n * (by.across[0] * v - by.across[1] * u + along);
-    (force, own, Block::outer(by_turning * turn, nl))
+    let mut turned = [by.along * v - across, along - by.across * u];
+    if let Some([along, across]) = by.mixed {
+        own += Block::outer(edge.t, n * (along * by_velocity)) + Block::outer(edge.n(), t * (across * by_velocity));
+        turned = [turned[0] - along * u, turned[1] + across * v];
+    }
+    let by_turning = edge.t * (turned[0] * turn) + edge.n() * (turned[1] * turn);
+    (force, own, Block::outer(by_turning, n))
+}
+
+/// What a law does to both ends of `edge`, which move at `w` (m/s) against the fluid.
+#[inline(always)]
+fn on_edge<L: Law>(
+    law: &L,
+    [first, second]: &[(f64, L::Half); 2],
+    fluid: L::Fluid,
+    edge: &Edge,
+    w: [Vector2<f64>; 2],
+    direction: Direction,
+) -> OnEdge {
+    let (f0, own0, edge0) = end(law, first, fluid, edge, w[0], direction);
+    let (f1, own1, edge1) = end(law, second, fluid, edge, w[1], direction);
+    OnEdge { force: [f0, f1], own: [own0, own1], edge: [edge0, edge1] }
+}
+
+/// A local law around a rod, with what else acts on it.
+struct Along<'a, L: Law> {
+    drag: &'a LocalDrag<L>,
+    fluid: L::Fluid,
+    direction: Direction,
+    others: ActingOn<'a>,
+}
+
+impl<L: Law> Around for Along<'_, L> {
+    #[inline(always)]
+    fn look(&mut self, edges: Range<usize>) {
+        self.others.look(edges);
+    }
+
+    #[inline(always)]
+    fn on(&self, e: usize, edge: &Edge) -> Option<OnEdge> {
+        let LocalDrag { law, halves } = self.drag;
+        let w = [0, 1].map(|i| self.others.rod.against_fluid(e + i));
+        let mut on = on_edge(law, &halves[e], self.fluid, edge, w, self.direction);
+        if let Some(others) = self.others.on(e, edge) {
+            on.add(&others);
+        }
+        Some(on)
+    }
+}
+
+impl<L: Law> InPass for LocalDrag<L> {
+    fn assemble(
+        &self,
+        rod: Deformed<'_>,
+        others: ActingOn<'_>,
+        residual: &mut [f64],
+        jacobian: Option<Linearisation<'_>>,
+    ) {
+        let fluid = self.law.in_fluid(others.rod.fluid);
+        let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
+        rod.assemble(Along { drag: self, fluid, direction, others }, residual, jacobian);
+    }
 }
 
 impl<L: Law> Force for LocalDrag<L> {
@@ -157,20 +221,22 @@ impl<L: Law> Force for LocalDrag<L> {
         let here = edges.map(|e| &self.halves[e]).zip(some).zip(v.windows(2));
         let against = |v: &[f64; 2]| Vector2::from(*v) - flow;
         match along {
-            Some(direction) => sums.each(here, |(([first, second], edge), v)| {
-                let (f0, own0, edge0) = end(&self.law, first, fluid, edge, against(&v[0]), direction);
-                let (f1, own1, edge1) = end(&self.law, second, fluid, edge, against(&v[1]), direction);
-                OnEdge::new([f0, f1], [own0, own1], [edge0, edge1])
+            Some(direction) => sums.each(here, |((halves, edge), v)| {
+                on_edge(&self.law, halves, fluid, edge, [against(&v[0]), against(&v[1])], direction)
             }),
             None => sums.each(here, |((halves, edge), v)| {
                 let force = |i: usize| {
                     let ((length, half), w) = (&halves[i], against(&v[i]));
                     let Traction { along, across } = self.law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
-                    (edge.t * along + edge.n() * across) * *length
+                    lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
                 };
-                OnEdge::new([force(0), force(1)], [Block::ZERO; 2], [Block::ZERO; 2])
+                OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
             }),
         }
+    }
+
+    fn in_pass(&self) -> Option<&dyn InPass> {
+        Some(self)
     }
 
     fn parameters(&self) -> &[Key] {

@@ -542,15 +542,15 @@ impl Walk {
         self.state.q.copy_from_slice(&self.chain.x);
         self.state.v.copy_from_slice(&self.chain.v);
         self.state.a.copy_from_slice(&self.chain.a);
-        dynamics.shape(&self.state)?;
-        let held = dynamics.balance(&self.state, &mut self.moment);
+        let held = dynamics.balance(&self.state, &mut self.moment)?;
+        let first = dynamics.shape(&self.state)?.kappa()[0];
         let rod = &dynamics.model.rod;
         Ok(Point {
             time: t,
             com: rod.mean(&self.state.q),
             tip: node(&self.state.q, rod.nodes - 1),
             force: -held,
-            moment: self.moment[0] * bend::curvature_per_turning(dynamics.kappa()[0]),
+            moment: self.moment[0] * bend::curvature_per_turning(first),
         })
     }
 
@@ -570,14 +570,15 @@ impl Walk {
         let mut point = self.place(t, None, &moving, rates)?;
         if !inertia {
             self.state.a.fill(0.0);
-            point.force = -self.dynamics.balance(&self.state, &mut self.moment);
+            point.force = -self.dynamics.balance(&self.state, &mut self.moment)?;
         }
+        let bent = self.dynamics.shape(&self.state)?;
+        bent.dynamics.write_applied(&bent.kinematics(), &mut self.applied);
         let rod = &self.dynamics.model.rod;
         let deviation: Vec<f64> = (0..rod.nodes)
             .map(|k| if rod.joints().contains(&k) { self.moment[k] / rod.joint[k] } else { 0.0 })
             .collect();
         track.deviation = track.deviation.max(deviation.iter().map(|d| d.abs()).sum());
-        self.dynamics.write_applied(&self.dynamics.kinematics(&self.state), &mut self.applied);
         let forces = rod.mass.iter().enumerate();
         let force = forces.map(|(k, m)| (node(&self.applied, k) + node(&self.state.a, k) * *m).norm()).sum();
         track.force = track.force.max(force);

@@ -5,6 +5,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
+use super::Edge;
 use crate::linear::{Block, lanes};
 
 /// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
@@ -13,9 +14,9 @@ pub const TOGETHER: usize = 32;
 /// What a force opposes the two ends of an edge with, and its derivatives along a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OnEdge {
-    force: [f64x2; 2],
-    own: [Block; 2],
-    edge: [Block; 2],
+    pub(crate) force: [f64x2; 2],
+    pub(crate) own: [Block; 2],
+    pub(crate) edge: [Block; 2],
 }
 
 impl OnEdge {
@@ -68,21 +69,29 @@ impl OnEdge {
     /// Adds `other`.
     #[inline(always)]
     pub(crate) fn add(&mut self, other: &Self) {
+        self.add_force(other);
         for i in 0..2 {
-            self.force[i] += other.force[i];
             self.own[i] += other.own[i];
             self.edge[i] += other.edge[i];
+        }
+    }
+
+    /// Adds the force of `other` alone.
+    #[inline(always)]
+    pub(crate) fn add_force(&mut self, other: &Self) {
+        for i in 0..2 {
+            self.force[i] += other.force[i];
         }
     }
 }
 
 /// What else acts on a rod, edge by edge.
 pub trait Around {
-    /// Looks at some edges in a row, at most [`TOGETHER`].
+    /// Looks at some edges in a row, at most [`TOGETHER`], before what acts on them is asked for.
     fn look(&mut self, edges: Range<usize>);
 
-    /// What acts on the `i`-th of them.
-    fn on(&self, i: usize) -> Option<&OnEdge>;
+    /// What acts on `edge`, number `e`, of those last looked at.
+    fn on(&self, e: usize, edge: &Edge) -> Option<OnEdge>;
 }
 
 /// Nothing else acts on the rod.
@@ -94,7 +103,7 @@ impl Around for Alone {
     fn look(&mut self, _: Range<usize>) {}
 
     #[inline(always)]
-    fn on(&self, _: usize) -> Option<&OnEdge> {
+    fn on(&self, _: usize, _: &Edge) -> Option<OnEdge> {
         None
     }
 }

@@ -84,12 +84,12 @@ impl Deformed<'_> {
             if k % TOGETHER == 0 {
                 around.look(k..edges.len().min(k + TOGETHER));
             }
-            let around = around.on(k % TOGETHER);
+            let around = around.on(k, edge);
             let tension = cell.tension(edge);
             let force = lanes(force(edge, tension, start, end));
             let mut sum = f64x2::new(*a) * *mass + before;
             before = force;
-            if let Some(around) = around {
+            if let Some(around) = &around {
                 sum += around.force_lanes(0);
                 before += around.force_lanes(1);
             }
@@ -102,7 +102,7 @@ impl Deformed<'_> {
                 let qt_after = q_after.transpose();
                 let (mut right, mut left) = (t, t);
                 let mut own = [Block::ZERO; 2];
-                if let Some(around) = around {
+                if let Some(around) = &around {
                     right += around.edge(0);
                     left = left - around.edge(1);
                     own = [around.own(0), around.own(1)];

@@ -9,6 +9,7 @@ use super::trajectory::Trajectory;
 use super::{Column, dot, start};
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Rule};
+use crate::model::Bent;
 use crate::system::{Direction, State, System};
 
 impl Problem {
@@ -61,10 +62,11 @@ impl Problem {
                 _ => Direction { q: rule.q_new, v: rule.v_new, a: 1.0 },
             };
             equations.assemble(dynamics, &state, direction)?;
-            point.look(dynamics, &state);
+            let bent = dynamics.shape(&state)?;
+            point.look(&bent);
             effects.clear();
-            effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
-            let at = At { dynamics, state: &state, point: &point };
+            effects.extend(parameters.iter().map(|parameter| parameter.effect(&bent.dynamics.model.rod, &shape)));
+            let at = At { bent, point: &point };
             for (o, output) in outputs.iter().enumerate() {
                 let weight = weights[n * outputs.len() + o];
                 let begun = later[o];
@@ -119,13 +121,12 @@ impl Problem {
                     }
                 }
             }
-            let at = At { dynamics, state: &state, point: &point };
             for (total, effect) in total.iter_mut().zip(&effects) {
                 *total += pushed(&at, effect, &shape, &force);
             }
             if n == 0 {
                 for (total, effect) in total.iter_mut().zip(&effects).filter(|(_, effect)| effect.bends()) {
-                    let [q, v] = start::first_by(dynamics, effect, &shape);
+                    let [q, v] = start::first_by(bent.dynamics, effect, &shape);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
             }
@@ -136,10 +137,11 @@ impl Problem {
 
 /// How `effect` moves the force f along `force`: f_p·force.
 fn pushed(at: &At<'_>, effect: &Effect, shape: &Shape, force: &[f64]) -> f64 {
-    let (dynamics, rod) = (at.dynamics, &at.dynamics.model.rod);
+    let Bent { dynamics, .. } = at.bent;
+    let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
     for k in effect.joints.clone() {
-        let deviation = dynamics.kappa()[k] - dynamics.natural[k];
+        let deviation = kappa[k] - dynamics.natural[k];
         let size = effect.stiffness * deviation - rod.joint[k] * effect.natural(shape, k);
         sum += size * at.point.gather(k, force);
     }
@@ -180,7 +182,7 @@ fn first_cotangents(
     if held {
         force[..2].fill(0.0);
     }
-    equations.divide_by_inertia(&at.dynamics.model.rod.mass, force)?;
+    equations.divide_by_inertia(&at.bent.dynamics.model.rod.mass, force)?;
     let minus: Vec<f64> = force.iter().map(|x| -x).collect();
     equations.add_differences_transposed(&minus, &mut bar.q);
     bar.v.iter_mut().zip(equations.damp(force, true)).for_each(|(bar, damped)| *bar += damped);

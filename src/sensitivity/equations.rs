@@ -68,8 +68,9 @@ impl Equations {
         }
         if let Some(place) = &mut self.place {
             place.fill(Matrix2::zeros());
-            let (forces, edges) = (&dynamics.model.forces, 0..dynamics.edges().len());
-            forces.on_edges(&dynamics.kinematics(state), Some(Direction::POSITIONS), edges, |e, on| {
+            let bent = dynamics.shape(state)?;
+            let (forces, edges) = (&bent.dynamics.model.forces, 0..bent.edges().len());
+            forces.on_edges(&bent.kinematics(), Some(Direction::POSITIONS), edges, |e, on| {
                 (0..2).for_each(|i| place[e + i] += Matrix2::from(on.own(i)));
             });
         }

@@ -8,7 +8,7 @@ use super::problem::Problem;
 use super::{Column, dot, start};
 use crate::error::Result;
 use crate::integrator::Rule;
-use crate::model::Dynamics;
+use crate::model::{Bent, Dynamics};
 use crate::system::{Direction, State, System};
 
 /// What [`Problem::forward`] finds.
@@ -80,8 +80,9 @@ impl Problem {
                 let rule = rules[usize::from(n > steps.whole)];
                 let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
                 equations.assemble(dynamics, state, direction)?;
-                point.look(dynamics, state);
-                let at = At { dynamics, state, point: &point };
+                let bent = dynamics.shape(state)?;
+                point.look(&bent);
+                let at = At { bent, point: &point };
                 for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
                     feet(&rule, h, column, &mut star);
                     equations.differences(&star, &mut rhs);
@@ -100,9 +101,8 @@ impl Problem {
             }
             if summing {
                 ends.look(dynamics, steps, n);
-                dynamics.shape(state)?;
             }
-            let at = At { dynamics, state, point: &point };
+            let at = At { bent: dynamics.shape(state)?, point: &point };
             let derivatives = |gradient: &Gradient, step: Option<[&Shape; 2]>, row: &mut [f64]| {
                 for ((entry, column), (effect, parameter)) in
                     row.iter_mut().zip(&columns).zip(effects.iter().zip(parameters))
@@ -162,8 +162,9 @@ fn first_columns(
     point: &mut Point,
 ) -> Result<Vec<Column>> {
     equations.assemble(dynamics, state, Direction::POSITIONS)?;
-    point.look(dynamics, state);
-    let at = At { dynamics, state, point };
+    let bent = dynamics.shape(state)?;
+    point.look(&bent);
+    let (dynamics, at) = (bent.dynamics, At { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
     for effect in effects {
         let [q, v] = start::first_by(dynamics, effect, shape);
@@ -179,12 +180,13 @@ fn first_columns(
 /// Adds `factor`·f_p to `force`.
 #[inline]
 fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f64]) {
-    let (dynamics, rod) = (at.dynamics, &at.dynamics.model.rod);
+    let Bent { dynamics, .. } = at.bent;
+    let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     if let Some(key) = effect.key {
         force.iter_mut().zip(at.point.by_key(key)).for_each(|(f, by)| *f += factor * by);
     }
     for k in effect.joints.clone() {
-        let deviation = dynamics.kappa()[k] - dynamics.natural[k];
+        let deviation = kappa[k] - dynamics.natural[k];
         let size = effect.stiffness * deviation - rod.joint[k] * effect.natural(shape, k);
         at.point.scatter(k, factor * size, force);
     }
@@ -223,7 +225,7 @@ fn resist(
 ) {
     rhs.iter_mut().zip(equations.damp(v_star, false)).for_each(|(rhs, damped)| *rhs -= size * damped);
     push(at, effect, shape, -size, rhs);
-    if at.dynamics.held.is_some() {
+    if at.bent.dynamics.held.is_some() {
         rhs[..2].fill(0.0);
     }
 }

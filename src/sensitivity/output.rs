@@ -6,10 +6,9 @@ use crate::error::{Error, Result, nearest};
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{DENSITY, Force, Key, Sink};
 use crate::head::Pose;
-use crate::model::{Dynamics, Model};
-use crate::rod::bend::{self, Joint};
+use crate::model::{Bent, Model};
+use crate::rod::bend;
 use crate::rod::{add, elastic, node};
-use crate::system::State;
 
 /// A quantity at one time. Nodes count from the head, axes are x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -283,9 +282,9 @@ impl Point {
         self.keys.iter().find(|(own, _)| *own == key).map_or(&[], |(_, by)| by)
     }
 
-    /// Looks at `state`, whose shape `dynamics` was last asked for.
-    pub(super) fn look(&mut self, dynamics: &Dynamics, state: &State) {
-        let (edges, kappa) = (dynamics.edges(), dynamics.kappa());
+    /// Looks at a state.
+    pub(super) fn look(&mut self, bent: &Bent<'_>) {
+        let (dynamics, edges, kappa) = (bent.dynamics, bent.edges(), bent.kappa());
         for k in dynamics.model.rod.joints() {
             let s = bend::curvature_per_turning(kappa[k]);
             let across = |e: usize| edges[e].n() * (s * edges[e].per_length);
@@ -293,7 +292,7 @@ impl Point {
             let after = across(k);
             self.slopes[k] = [before, -before - after, after];
         }
-        let moving = dynamics.kinematics(state);
+        let moving = bent.kinematics();
         for (key, by) in &mut self.keys {
             by.fill(0.0);
             dynamics.model.forces.add_by_parameter(key, &moving, by);
@@ -326,21 +325,20 @@ impl Point {
 /// A state with all that its quantities need.
 #[derive(Clone, Copy)]
 pub(super) struct At<'a> {
-    pub(super) dynamics: &'a Dynamics,
-    pub(super) state: &'a State,
+    pub(super) bent: Bent<'a>,
     pub(super) point: &'a Point,
 }
 
 impl At<'_> {
     /// m_k = B_k(κ_k − κ̄_k), and κ_k − κ̄_k.
     fn moment(&self, k: usize) -> [f64; 2] {
-        let deviation = self.dynamics.kappa()[k] - self.dynamics.natural[k];
-        [self.dynamics.model.rod.joint[k] * deviation, deviation]
+        let deviation = self.bent.kappa()[k] - self.bent.dynamics.natural[k];
+        [self.bent.dynamics.model.rod.joint[k] * deviation, deviation]
     }
 
     /// Adds `factor`·∇m_k.
     fn add_moment(&self, k: usize, factor: f64, g: &mut Gradient) {
-        let stiffness = self.dynamics.model.rod.joint[k];
+        let stiffness = self.bent.dynamics.model.rod.joint[k];
         self.point.scatter(k, factor * stiffness, &mut g.q);
         g.stiffness[k] += factor * self.moment(k)[1];
         g.natural[k] -= factor * stiffness;
@@ -349,15 +347,15 @@ impl At<'_> {
     /// What the forces that take nothing store, J (`rate` 0), or put in by themselves, W (1); adds `factor` times its
     /// derivatives.
     fn stored(&self, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
-        let moving = self.dynamics.kinematics(self.state);
+        let moving = self.bent.kinematics();
         let mut sum = 0.0;
-        for force in self.dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
+        for force in self.bent.dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
             sum += match rate {
                 0 => force.energy(&moving, factor, Some(g.slopes())),
                 _ => force.energy_by_time(&moving, factor, Some(g.slopes())),
             };
             for (key, by) in &mut g.keys {
-                let mut unused = vec![0.0; self.state.q.len()];
+                let mut unused = vec![0.0; self.bent.state.q.len()];
                 *by += factor * force.add_by_parameter(key, &moving, &mut unused)[rate];
             }
         }
@@ -366,14 +364,14 @@ impl At<'_> {
 
     /// What the forces with that sink take, W; adds `factor` times its derivatives.
     fn power_to(&self, sink: Sink, factor: f64, g: &mut Gradient) -> f64 {
-        let moving = self.dynamics.kinematics(self.state);
+        let moving = self.bent.kinematics();
         let mut power = 0.0;
         for of_fluid in [true, false] {
             let chosen = |force: &dyn Force| force.sink() == Some(sink) && force.is_of_fluid() == of_fluid;
             let flow = if of_fluid { moving.fluid.flow } else { Vector2::zeros() };
-            let against = |k: usize| node(&self.state.v, k) - flow;
+            let against = |k: usize| node(&self.bent.state.v, k) - flow;
             power += self.power_along(chosen, against, factor, g);
-            for force in self.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
+            for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
                 force::visit_alone(force, &moving, |k, force| add(&mut g.v, k, force * factor));
             }
         }
@@ -388,13 +386,13 @@ impl At<'_> {
         factor: f64,
         g: &mut Gradient,
     ) -> f64 {
-        let moving = self.dynamics.kinematics(self.state);
+        let moving = self.bent.kinematics();
         let mut power = 0.0;
-        for force in self.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
+        for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
             force::visit_alone(force, &moving, |k, force| power += force.dot(&w(k)));
             force::add_slopes(force, &moving, 0..moving.edges.len(), |k| w(k) * factor, &mut g.slopes());
             for (key, by) in &mut g.keys {
-                let mut opposing = vec![0.0; self.state.q.len()];
+                let mut opposing = vec![0.0; self.bent.state.q.len()];
                 force.add_by_parameter(key, &moving, &mut opposing);
                 *by += factor * (0..=moving.edges.len()).map(|k| node(&opposing, k).dot(&w(k))).sum::<f64>();
             }
@@ -402,19 +400,12 @@ impl At<'_> {
         power
     }
 
-    fn joint(&self, k: usize) -> Joint {
-        if !self.dynamics.model.rod.joints().contains(&k) {
-            return Joint::default();
-        }
-        Joint::new(self.dynamics.model.rod.joint[k], self.dynamics.kappa()[k], self.dynamics.natural[k])
-    }
-
     /// The force (N) that a held head exerts beyond the inertia of node 0, along `along`; adds `factor` times its
     /// derivative.
     fn push(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
-        let (dynamics, rod) = (self.dynamics, &self.dynamics.model.rod);
-        let edges = dynamics.edges();
-        let joints = [0, 1].map(|k| self.joint(k));
+        let (dynamics, rod) = (self.bent.dynamics, &self.bent.dynamics.model.rod);
+        let edges = self.bent.edges();
+        let joints = [0, 1].map(|k| self.bent.joint(k));
         let tension = rod.cells[0].tension(&edges[0]);
         let mut force = -elastic::force(&edges[0], tension, &joints[0], &joints[1]) - dynamics.load(0);
         // By the vectors of edges 0 and 1.
@@ -434,7 +425,7 @@ impl At<'_> {
             g.stiffness[k] += size * self.moment(k)[1];
             g.natural[k] -= size * rod.joint[k];
         }
-        let moving = dynamics.kinematics(self.state);
+        let moving = self.bent.kinematics();
         let on_head = |k: usize| if k == 0 { along * factor } else { Vector2::zeros() };
         for own in dynamics.model.forces.iter() {
             force::add_slopes(own, &moving, 0..1, on_head, &mut g.slopes());
@@ -455,7 +446,7 @@ fn axis(i: usize) -> Vector2<f64> {
 impl Quantity {
     /// Its value; adds `factor` times its derivatives.
     pub(super) fn add(self, at: &At<'_>, factor: f64, g: &mut Gradient) -> f64 {
-        let (dynamics, state) = (at.dynamics, at.state);
+        let Bent { dynamics, state } = at.bent;
         let rod = &dynamics.model.rod;
         match self {
             Self::Position(k, i) => {
@@ -475,7 +466,7 @@ impl Quantity {
             }
             Self::Stretching => {
                 let mut energy = 0.0;
-                for (k, (edge, cell)) in dynamics.edges().iter().zip(rod.cells.iter()).enumerate() {
+                for (k, (edge, cell)) in at.bent.edges().iter().zip(rod.cells.iter()).enumerate() {
                     let pull = edge.t * (factor * cell.tension(edge));
                     add(&mut g.q, k, -pull);
                     add(&mut g.q, k + 1, pull);
@@ -545,8 +536,8 @@ impl Quantity {
                 -inertia - at.push(axis(i), -factor, g)
             }
             Self::HeadMoment => {
-                let (moment, joint) = (at.moment(0), at.joint(0));
-                let s = bend::curvature_per_turning(dynamics.kappa()[0]);
+                let (moment, joint) = (at.moment(0), at.bent.joint(0));
+                let s = bend::curvature_per_turning(at.bent.kappa()[0]);
                 at.point.scatter(0, factor * joint.stiffness / s, &mut g.q);
                 g.stiffness[0] += factor * s * moment[1];
                 g.natural[0] -= factor * s * rod.joint[0];
@@ -568,7 +559,7 @@ impl Work {
     /// derivatives.
     pub(super) fn add(self, at: &At<'_>, span: &Span, end: bool, factor: f64, g: &mut Gradient) -> f64 {
         let half = 0.5 * span.h;
-        let rod = &at.dynamics.model.rod;
+        let rod = &at.bent.dynamics.model.rod;
         match self {
             Self::Viscous => half * Quantity::ViscousPower.add(at, half * factor, g),
             Self::Wake => half * Quantity::WakePower.add(at, half * factor, g),

@@ -30,45 +30,52 @@ pub enum Parameter {
     OfForces(Key),
 }
 
-/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ) with g'' = −g: every kind is one harmonic of its phase.
+/// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ), with its first two derivatives by phase.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Shape {
     wave: Option<Wave>,
-    /// g and g', one entry a node.
-    pub(super) g: [Vec<f64>; 2],
+    /// g, g' and g'', one entry per node.
+    g: [Vec<f64>; 3],
     time: f64,
 }
 
 impl Shape {
     pub(super) fn new(nodes: usize) -> Self {
-        Self { g: [vec![0.0; nodes], vec![0.0; nodes]], ..Self::default() }
+        Self { g: std::array::from_fn(|_| vec![0.0; nodes]), ..Self::default() }
     }
 
     /// Takes the shape at time `t` (s).
     pub(super) fn take(&mut self, dynamics: &Dynamics, t: f64) {
         let Some((actuation, _)) = &dynamics.model.actuation else { return };
         let wave = dynamics.inputs.wave(&dynamics.model.start, t, None);
-        let [g, slope] = &mut self.g;
-        g.fill(0.0);
-        slope.fill(0.0);
-        let unit = Wave { amplitude: 1.0, gain: 1.0, gain_rate: 0.0, phase: wave.phase, phase_rate: 1.0 };
-        actuation.add(unit, g, slope);
-        if dynamics.model.head.is_some() {
-            (g[0], slope[0]) = (0.5 * g[0], 0.5 * slope[0]); // half a joint
+        for (order, g) in self.g.iter_mut().enumerate() {
+            let mut sizes = [0.0; 3];
+            sizes[order] = 1.0;
+            g.fill(0.0);
+            actuation.add_derivatives(sizes, wave.phase, g);
+            if dynamics.model.head.is_some() {
+                g[0] *= 0.5; // half a joint
+            }
         }
         (self.wave, self.time) = (Some(wave), t);
+    }
+
+    /// Σ `sizes` times g, g' and g'' at node `k`.
+    #[inline]
+    fn sum<const N: usize>(&self, sizes: &[f64; N], k: usize) -> f64 {
+        sizes.iter().zip(&self.g).map(|(size, g)| size * g[k]).sum()
     }
 }
 
 /// How a parameter moves the equations at a time: at every one of `joints` B_k moves by `stiffness`, κ̄_k by
-/// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g'); or a parameter of the forces by itself.
+/// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g', g''); or a parameter of the forces by itself.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Effect {
     pub(super) joints: Range<usize>,
     pub(super) stiffness: f64,
     own: f64,
     natural: [f64; 2],
-    rate: [f64; 2],
+    rate: [f64; 3],
     pub(super) key: Option<Key>,
 }
 
@@ -76,25 +83,25 @@ impl Effect {
     /// dκ̄_k.
     #[inline]
     pub(super) fn natural(&self, shape: &Shape, k: usize) -> f64 {
-        self.own + self.natural[0] * shape.g[0][k] + self.natural[1] * shape.g[1][k]
+        self.own + shape.sum(&self.natural, k)
     }
 
     /// d(dκ̄_k/dt), 1/s.
     #[inline]
     pub(super) fn rate(&self, shape: &Shape, k: usize) -> f64 {
-        self.rate[0] * shape.g[0][k] + self.rate[1] * shape.g[1][k]
+        shape.sum(&self.rate, k)
     }
 
     /// True where natural curvature moves.
     pub(super) fn bends(&self) -> bool {
-        self.own != 0.0 || self.natural != [0.0; 2] || self.rate != [0.0; 2]
+        self.own != 0.0 || self.natural != [0.0; 2] || self.rate != [0.0; 3]
     }
 }
 
 impl Parameter {
     /// How it moves the equations at the time of `shape`.
     pub(super) fn effect(self, rod: &Rod, shape: &Shape) -> Effect {
-        let none = Effect { joints: 0..0, stiffness: 0.0, own: 0.0, natural: [0.0; 2], rate: [0.0; 2], key: None };
+        let none = Effect { joints: 0..0, stiffness: 0.0, own: 0.0, natural: [0.0; 2], rate: [0.0; 3], key: None };
         let half = |k: usize| rod.joint_part(k);
         // A change of amplitude, of phase ψ and of its rate.
         let driven = |joints: Range<usize>, amplitude: f64, phase: f64, phase_rate: f64| {
@@ -103,9 +110,11 @@ impl Parameter {
             Effect {
                 joints,
                 natural: [amplitude * gain, size * gain * phase],
+                // κ̄' = S' g + S ω g', with S = κ_amp r.
                 rate: [
-                    amplitude * gain_rate - size * gain * omega * phase,
+                    amplitude * gain_rate,
                     amplitude * gain * omega + size * (gain_rate * phase + gain * phase_rate),
+                    size * gain * omega * phase,
                 ],
                 ..none.clone()
             }
@@ -143,7 +152,7 @@ pub(super) fn direct(
             + gradient.natural[k] * effect.natural(shape, k)
             + gradient.natural_rate[k] * effect.rate(shape, k);
         if let Some(([from, to], parameter, at)) = step.filter(|_| effect.bends()) {
-            let rod = &at.dynamics.model.rod;
+            let rod = &at.bent.dynamics.model.rod;
             let change = parameter.effect(rod, to).natural(to, k) - parameter.effect(rod, from).natural(from, k);
             sum += gradient.natural_step[k] * change;
         }

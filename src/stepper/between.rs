@@ -10,7 +10,6 @@
 use nalgebra::Vector2;
 
 use crate::error::Result;
-use crate::fluid::Kinematics;
 use crate::model::{Dynamics, Mechanics};
 use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -67,7 +66,7 @@ impl Forces {
         let rod = &dynamics.model.rod;
         applied.resize(state.q.len(), 0.0);
         let State { t, q, v, a, .. } = state;
-        dynamics.write_applied(&Kinematics { t: *t, edges, q, v, a, fluid: dynamics.inputs.fluid }, applied);
+        dynamics.write_applied(&dynamics.kinematics_of(*t, edges, [q, v, a]), applied);
         self.tension.resize(edges.len(), 0.0);
         self.shear.resize(edges.len(), 0.0);
         self.moment.resize(rod.nodes, 0.0);
@@ -120,13 +119,13 @@ struct End {
 impl End {
     fn read(&mut self, dynamics: &mut Dynamics, state: &State, applied: &mut Vec<f64>) -> Result<()> {
         dynamics.look_at(state.t);
-        dynamics.shape(state)?;
+        let bent = dynamics.shape(state)?;
+        let (dynamics, kappa) = (bent.dynamics, bent.kappa());
         let Self { rod, forces } = self;
         rod.edges.clear();
-        rod.edges.extend_from_slice(dynamics.edges());
+        rod.edges.extend_from_slice(bent.edges());
         rod.bend(dynamics);
         let of = &dynamics.model.rod;
-        let kappa = dynamics.kappa();
         let deviations = kappa.iter().zip(&rod.natural).map(|(kappa, natural)| kappa - natural);
         forces.moment.clear();
         forces.moment.extend(deviations.zip(&of.joint).map(|(deviation, stiffness)| stiffness * deviation));

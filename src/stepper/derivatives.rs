@@ -13,9 +13,9 @@ use crate::error::Result;
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{DENSITY, Fluid, Sink, VISCOSITY};
 use crate::metrics::{Energy, Meter, Power, Reading, Totals};
-use crate::model::{Dynamics, Inputs, Model};
+use crate::model::{Bent, Dynamics, Inputs, Model};
 use crate::newton::Work;
-use crate::rod::bend::{self, Joint};
+use crate::rod::bend;
 use crate::rod::node;
 use crate::system::{State, System};
 use crate::variable::{Variable, View};
@@ -76,23 +76,25 @@ impl Tangent {
     }
 
     /// The changes of natural curvature, forces and fluid that `self.inputs` cause in `dynamics` at time `t` (s).
-    fn follow_inputs(&mut self, dynamics: &Dynamics, t: f64) {
+    fn follow_inputs(&mut self, bent: &Bent<'_>) {
+        let Bent { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
-        dynamics.natural_change(&self.inputs, t, &mut self.natural, &mut self.natural_rate);
+        dynamics.natural_change(&self.inputs, state.t, &mut self.natural, &mut self.natural_rate);
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
         self.fluid = self.inputs.fluid;
         // The work of a change of κ̄ at once.
-        let moment = |k: usize| rod.joint[k] * (dynamics.kappa()[k] - dynamics.natural[k]);
+        let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]);
         let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
         self.meter.totals.work = Power { actuation, ..Power::default() };
     }
 
     /// Fills the change of the reading from the changes of everything that it is read from.
-    fn read(&mut self, dynamics: &Dynamics, state: &State, by_time: bool) {
+    fn read(&mut self, bent: &Bent<'_>, by_time: bool) {
+        let Bent { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
-        let (edges, kappa) = (dynamics.edges(), dynamics.kappa());
+        let (edges, kappa) = (bent.edges(), bent.kappa());
         let Self { state: d, meter, natural, natural_rate, force, fluid, opposing, angle, .. } = self;
         let now = &mut meter.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
@@ -123,7 +125,7 @@ impl Tangent {
             power.load += node(force, k).dot(&v) + dynamics.load(k).dot(&dv);
         }
         let mut on_head = [Vector2::zeros(); 2];
-        let moving = dynamics.kinematics(state);
+        let moving = bent.kinematics();
         for own in dynamics.model.forces.iter() {
             opposing.fill(0.0);
             force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
@@ -180,14 +182,13 @@ impl Tangent {
             on_head[1] -= node(buoyancy, 0) * fluid.density;
         }
         if let Some([x, y, pitch]) = &dynamics.held {
-            let joint = |k: usize| Joint::new(rod.joint[k], kappa[k], dynamics.natural[k]);
             let couple = |k: usize, kappa_change: f64| {
-                let (joint, s) = (joint(k), bend::curvature_per_turning(kappa[k]));
+                let (joint, s) = (bent.joint(k), bend::curvature_per_turning(kappa[k]));
                 joint.stiffness * kappa_change / s - rod.joint[k] * s * natural[k]
             };
             let (edge, [longer, turned]) = (&edges[0], change(0));
             let (tension, t, n) = (rod.cells[0].tension(edge), edge.t, edge.n());
-            let shear = (joint(0).couple - joint(1).couple) * edge.per_length;
+            let shear = (bent.joint(0).couple - bent.joint(1).couple) * edge.per_length;
             let couples = [couple(0, now.kappa[0]), couple(1, now.kappa[1])];
             let mut after = Vector2::zeros();
             // In the chain form the force of an edge is an unknown, which an input changes with the next step only.
@@ -195,11 +196,7 @@ impl Tangent {
                 after += t * (rod.cells[0].axial * longer) + n * (tension * turned);
                 after += n * ((couples[0] - couples[1] - shear * longer) * edge.per_length) - t * (shear * turned);
             }
-            let carried = match state.links.first() {
-                Some(link) => Vector2::from(link.force),
-                None => t * tension + n * shear,
-            };
-            let held = node(&state.a, 0) * rod.mass[0] - carried - dynamics.load(0) + on_head[0];
+            let held = node(&state.a, 0) * rod.mass[0] - bent.carried() - dynamics.load(0) + on_head[0];
             let held_change = node(&d.a, 0) * rod.mass[0] - after - node(force, 0) + on_head[1];
             let s = bend::curvature_per_turning(kappa[0]);
             let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]);
@@ -232,7 +229,7 @@ impl Stepper {
     /// # Errors
     /// Those of [`Dynamics::shape`].
     pub fn rates(&mut self) -> Result<Change<'_>> {
-        let (t, mut tangent) = self.take_tangent()?;
+        let (t, mut tangent) = (self.state.t, self.take_tangent());
         let d = &mut tangent.state;
         d.t = 1.0;
         d.q.copy_from_slice(&self.state.v);
@@ -265,7 +262,7 @@ impl Stepper {
             }
             tangent.fluid = rate.fluid;
         }
-        tangent.read(&self.dynamics, &self.state, true);
+        tangent.read(&self.dynamics.shape(&self.state)?, true);
         let now = &self.meter.now;
         tangent.meter.totals.work = now.power;
         let aside = now.com.y * tangent.meter.now.com.y;
@@ -280,19 +277,19 @@ impl Stepper {
     /// # Errors
     /// Those of [`Dynamics::shape`].
     pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>)) -> Result<Change<'_>> {
-        let (t, mut tangent) = self.take_tangent()?;
+        let mut tangent = self.take_tangent();
         seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs });
-        tangent.follow_inputs(&self.dynamics, t);
+        let bent = self.dynamics.shape(&self.state)?;
+        tangent.follow_inputs(&bent);
         tangent.meter.totals.max_lateral = 0.0;
-        tangent.read(&self.dynamics, &self.state, false);
+        tangent.read(&bent, false);
         Ok(self.put_tangent(tangent))
     }
 
-    fn take_tangent(&mut self) -> Result<(f64, Box<Tangent>)> {
-        self.dynamics.shape(&self.state)?;
+    fn take_tangent(&mut self) -> Box<Tangent> {
         let mut tangent = self.tangent.take().unwrap_or_else(|| Box::new(Tangent::new(&self.dynamics)));
         tangent.clear(&self.dynamics.model);
-        Ok((self.state.t, tangent))
+        tangent
     }
 
     fn put_tangent(&mut self, tangent: Box<Tangent>) -> Change<'_> {

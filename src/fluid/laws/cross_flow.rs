@@ -149,8 +149,9 @@ impl Law for CrossFlow {
         (
             Traction { along: along * u, across: (viscous + layer + form) * w },
             TractionSlopes {
-                along: [along + turbulent + per_square * c.blasius * u, per_square * c.thinning * w],
-                across: [0.0, viscous + 1.5 * layer + 2.0 * form],
+                along: along + turbulent + per_square * c.blasius * u,
+                across: viscous + 1.5 * layer + 2.0 * form,
+                mixed: Some([per_square * c.thinning * w, 0.0]),
             },
         )
     }

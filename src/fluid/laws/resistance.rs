@@ -75,7 +75,7 @@ impl Law for Resistance {
         let (along, across) = (along * scale, across * scale);
         (
             Traction { along: along * u, across: across * w },
-            TractionSlopes { along: [along, 0.0], across: [0.0, across] },
+            TractionSlopes { along, across, mixed: None },
         )
     }
 

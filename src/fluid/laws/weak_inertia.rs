@@ -125,8 +125,9 @@ impl Law for WeakInertia {
         (
             Traction { along: along * u, across: across * w },
             TractionSlopes {
-                along: [along + by_inverse[0] * su * u, by_inverse[0] * sw * u],
-                across: [by_inverse[1] * su * w, across + by_inverse[1] * sw * w],
+                along: along + by_inverse[0] * su * u,
+                across: across + by_inverse[1] * sw * w,
+                mixed: Some([by_inverse[0] * sw * u, by_inverse[1] * su * w]),
             },
         )
     }
