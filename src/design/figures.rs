@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use super::identify::Verdict;
 use super::report::{Answer, Compared, Design, distances, gain_percent, objective_label};
+use super::search::FoundNumber;
 use super::table::{Goal, Variable};
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, Scale, Series};
@@ -28,12 +29,14 @@ impl Design {
         let rod = self.scene.model()?.rod;
         let mut figures = vec![self.profile_figure(&rod)];
         figures.extend(self.actuation_figures(&rod));
+        figures.extend(self.numbers_figure());
         figures.extend(self.goal_figures(&rod));
         figures.extend(self.cycle_figures());
         figures.extend(self.search_figures());
         let figures = figures.into_iter().map(|(name, chart)| Figure::new(name, caption(name), chart.svg()));
         Ok(Findings {
             subject: match self.table.goal {
+                Goal::Identify if self.table.is_searched() => "identified by simulation",
                 Goal::Identify => "identified stiffness",
                 Goal::StaticShape => "design for a shape at rest",
                 Goal::TrackTip => "design for a tracked tip",
@@ -143,6 +146,32 @@ impl Design {
             }
         }
         figures
+    }
+
+    /// Numbers of the scene that were found, with their deviations.
+    fn numbers_figure(&self) -> Option<Drawn> {
+        let Answer::Found(found) = &self.answer else { return None };
+        if found.numbers.is_empty() {
+            return None;
+        }
+        let value = |number: &FoundNumber| number.value / number.own;
+        let largest = found.numbers.iter().map(value).fold(1.0, f64::max);
+        let mut series = Vec::new();
+        for (i, number) in found.numbers.iter().enumerate() {
+            let (x, deviation) = (1.0 + i as f64, number.deviation.map_or(f64::INFINITY, |d| (d / number.own).abs()));
+            if self.table.fits_positions() {
+                let (low, high) =
+                    ((value(number) - deviation).max(0.0), (value(number) + deviation).min(2.0 * largest));
+                series.push(Series::new("", vec![(x, low), (x, high)], Mark::Line));
+            }
+            series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots));
+        }
+        let ends = [0.5, 0.5 + found.numbers.len() as f64];
+        series.push(Series::new("the scene's own", ends.map(|x| (x, 1.0)).into(), Mark::Line));
+        series.push(Series::new("", vec![(ends[0], 0.0)], Mark::Unseen));
+        let bars = if self.table.fits_positions() { ", bars: one standard deviation" } else { "" };
+        let title = format!("numbers of the scene{bars}");
+        Some(("numbers.svg", self.chart(&title, "number in its order", "over the scene's", Scale::Linear, series)))
     }
 
     /// What the goal is about, over time: the tip and its target, the way, or the markers.
@@ -256,7 +285,7 @@ impl Design {
         if singular.first().is_some_and(|largest| *largest > 0.0) {
             let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
             let series = vec![Series::new("singular values", points, Mark::Dotted)];
-            let y = if self.table.goal == Goal::Identify {
+            let y = if matches!(self.answer, Answer::Identified(_)) {
                 "singular value (1 over a standard deviation)"
             } else {
                 "singular value (m for a change by 1)"
@@ -265,7 +294,7 @@ impl Design {
                 .push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
         }
         let Answer::Found(found) = &self.answer else { return figures };
-        let tracked = self.table.goal == Goal::TrackTip;
+        let tracked = self.table.fits_positions();
         for (file, title, y, scale, of) in [
             (
                 "objective.svg",
@@ -300,7 +329,7 @@ impl Design {
     fn tables(&self, rod: &Rod) -> Vec<Table> {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
-        let value = if self.table.goal.is_dynamic() { objective_label(self.table.goal) } else { "rms distance (m)" };
+        let value = if self.table.is_searched() { objective_label(self.table.goal) } else { "rms distance (m)" };
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
             let row = |other: &Compared| {
@@ -344,6 +373,30 @@ impl Design {
                 rows: active.iter().map(|(name, dual)| vec![json!(name), json!(dual)]).collect(),
             });
         }
+        if let Answer::Found(found) = &self.answer
+            && !found.numbers.is_empty()
+        {
+            let row = |number: &FoundNumber| {
+                let verdict = number.verdict.map(Verdict::words);
+                let FoundNumber { key, unit, own, value, deviation, .. } = number;
+                vec![
+                    json!(key),
+                    json!(unit),
+                    json!(own),
+                    json!(value),
+                    json!(value / own),
+                    json!(deviation),
+                    json!(verdict),
+                ]
+            };
+            let columns = ["key", "unit", "in the scene", "found", "over the scene's", "standard deviation", "verdict"];
+            tables.push(Table {
+                file: "numbers.csv",
+                title: "Numbers of the scene",
+                columns: names(&columns),
+                rows: found.numbers.iter().map(row).collect(),
+            });
+        }
         if let Answer::Found(found) = &self.answer {
             let row = |(start, value): (usize, &f64)| {
                 let iterations = found.history.iter().filter(|iteration| iteration.start == start).count();
@@ -367,7 +420,7 @@ impl Design {
                 let has = |variable| self.table.variables.contains(&variable);
                 columns.extend(has(Variable::Amplitude).then_some("amplitude over the scene's"));
                 columns.extend(has(Variable::Phase).then_some("phase subtracted (rad)"));
-                columns.extend((self.table.goal == Goal::TrackTip).then_some("standard deviation (N m²)"));
+                columns.extend(self.table.fits_positions().then_some("standard deviation (N m²)"));
                 columns.push("verdict");
             }
             Answer::Resting(_) => columns.push("verdict"),
@@ -389,10 +442,14 @@ impl Design {
                     row.extend(has(Variable::Amplitude).then(|| json!(found.profile.amplitude[i])));
                     row.extend(has(Variable::Phase).then(|| json!(found.profile.phase_rad[i])));
                     let deviation = found.deviations.get(i);
-                    row.extend((self.table.goal == Goal::TrackTip).then(|| json!(deviation.map(|d| d * ei))));
+                    row.extend(self.table.fits_positions().then(|| json!(deviation.map(|d| d * ei))));
                     match deviation {
                         _ if bound => Verdict::AtABound.words(),
                         Some(deviation) if *deviation <= KNOWN => Verdict::Identified.words(),
+                        Some(_) if self.table.goal == Goal::Identify => {
+                            let together = found.confused.iter().any(|group| group.len() > 1);
+                            if together { Verdict::NotToldApart.words() } else { Verdict::Unobservable.words() }
+                        }
                         Some(_) => Verdict::PriorDriven.words(),
                         None => "",
                     }
@@ -435,6 +492,9 @@ fn caption(file: &str) -> &'static str {
         }
         "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",
+        "numbers.svg" => {
+            "The numbers of the scene that were found, over what they are in it, in the order of their table."
+        }
         "shape.svg" => "The shape that the rod is to rest in.",
         "tip_x.svg" | "tip_y.svg" => "The tip as it should move, and as it does before and after.",
         "error.svg" => "How far the simulation is from the data over time, by size on a logarithmic axis.",

@@ -42,6 +42,8 @@ pub enum Verdict {
     PriorDriven,
     /// A bound decides.
     AtABound,
+    /// The data know it only together with others.
+    NotToldApart,
     /// Neither data nor anything else says anything.
     Unobservable,
 }
@@ -53,6 +55,7 @@ impl Verdict {
             Self::Identified => "identified",
             Self::PriorDriven => "prior-driven",
             Self::AtABound => "at a bound",
+            Self::NotToldApart => "not told apart",
             Self::Unobservable => "unobservable",
         }
     }

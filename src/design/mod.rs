@@ -16,5 +16,5 @@ pub use markers::Markers;
 pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};
 pub use shape::{Resting, rest};
-pub use table::{Goal, Table, Variable};
+pub use table::{Goal, Number, Table, Variable};
 pub use unknowns::Profile;

@@ -10,7 +10,7 @@ use serde_json::{Map, Value, json};
 
 use super::identify::{Identified, Verdict, identify};
 use super::markers::{LEAST, Markers};
-use super::search::{Found, Iteration, Objective, Search};
+use super::search::{Found, FoundNumber, Iteration, Objective, Search};
 use super::shape::{Resting, rest};
 use super::table::{Goal, Table, Variable};
 use super::unknowns::Profile;
@@ -111,6 +111,7 @@ impl Design {
         document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
+        let document = &if table.numbers.is_empty() { document.clone() } else { pinned(document, &scene, &dynamics) };
         let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
             Some(file) => {
@@ -122,7 +123,7 @@ impl Design {
         let mut lines = Vec::new();
         let mut evidence = Evidence { numbers: dimensionless(&scene), ..Evidence::default() };
         let (answer, profile) = match table.goal {
-            Goal::Identify => {
+            Goal::Identify if !table.is_searched() => {
                 let markers = data(LEAST)?.unwrap_or_default();
                 let found = identify(&mut dynamics, &markers, &table)?;
                 lines.extend(say_identified(&found));
@@ -157,26 +158,36 @@ impl Design {
                 evidence.target = Some(markers);
                 (Answer::Resting(found), profile)
             }
-            Goal::TrackTip | Goal::Distance | Goal::Efficiency => {
+            Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency => {
                 let target = data(1)?;
                 let problem = Problem::of(&scene)?;
-                let objective = Objective::new(&table, &problem, target.as_ref())?;
+                let mut objective = Objective::new(&table, &problem, target.as_ref())?;
+                if !table.numbers.is_empty() {
+                    objective = objective.of_document(document);
+                }
                 let mut search = Search { table: &table, objective: &objective, problem };
                 let found = search.run(tell)?;
                 lines.extend(say_found(&found, &table));
                 let profile = found.profile.clone();
-                evidence.profiles = compare(&mut search, &found, &table);
-                if let Ok(motions) = motions(&mut search.problem, &evidence.profiles[0].profile, &profile) {
+                if table.goal != Goal::Identify {
+                    evidence.profiles = compare(&mut search, &found, &table);
+                }
+                let own = Profile { numbers: table.own_numbers(), ..Profile::of(found.own_stiffness_n_m2.clone()) };
+                let before = evidence.profiles.first().map_or(&own, |compared| &compared.profile);
+                if let Ok(motions) = motions(&mut search, before, &profile) {
                     evidence.motions = motions.into();
                 }
-                if found.interrupted {
+                if table.goal == Goal::Identify {
+                    let markers = target.clone().unwrap_or_default();
+                    evidence.checks = replay(document, &scene, &markers, &profile);
+                } else if found.interrupted {
                     lines.push(
                         "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
                     );
                 } else {
                     evidence.checks = verify(document, &scene, &table, target.as_ref(), &profile);
                 }
-                for compared in &evidence.profiles[..evidence.profiles.len() - 1] {
+                for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
                         let gain = gain_percent(table.goal, found.objective, value);
                         lines.push(format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name));
@@ -259,6 +270,7 @@ impl Design {
 pub(super) fn objective_label(goal: Goal) -> &'static str {
     match goal {
         Goal::TrackTip => "rms distance of the tip from its target (m)",
+        Goal::Identify => "rms distance of the rod from the markers (m)",
         Goal::Distance => "distance (m)",
         _ => "distance² over work (m²/J)",
     }
@@ -339,8 +351,38 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
             starts.join(", ")
         ),
     ];
+    lines.extend(found.numbers.iter().map(say_number));
+    if let Some(noise) = found.noise_m {
+        let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
+        lines.push(format!("deviations are those of positions that are uncertain by {noise:.2e} m, {whose}"));
+    }
+    for names in &found.confused {
+        lines.push(match &names[..] {
+            [name] => format!("the data do not know {name}"),
+            several => format!("the data do not tell {} apart: they know them only together", several.join(" and ")),
+        });
+    }
     lines.extend(found.active.iter().map(|(name, dual)| format!("binding: {name} (dual {dual:.3e})")));
     lines
+}
+
+/// A number that was found, in words.
+fn say_number(number: &FoundNumber) -> String {
+    let FoundNumber { key, unit, own, value, deviation, verdict } = number;
+    let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
+    let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
+    let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));
+    format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}", value / own)
+}
+
+/// `document` with the law that its scene takes by itself by name, so that other numbers do not change it.
+fn pinned(document: &Document, scene: &Scene, dynamics: &Dynamics) -> Document {
+    let mut document = document.clone();
+    if scene.drag.as_ref().is_some_and(|drag| drag.law_name() == "auto") {
+        let name = dynamics.model.forces.iter().next().map_or("auto", |law| law.name());
+        document.put("the design", "drag.law", &toml::Value::String(name.to_string()));
+    }
+    document
 }
 
 /// How much better `value` is than `other`, %.
@@ -374,7 +416,10 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
     let reference = rod.ei;
     let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
-    let of = |factors: Vec<f64>| Profile::of(factors.iter().map(|factor| factor * reference).collect());
+    let of = |factors: Vec<f64>| Profile {
+        numbers: table.own_numbers(),
+        ..Profile::of(factors.iter().map(|factor| factor * reference).collect())
+    };
     let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
     let mut profiles = Vec::new();
     let mut add = |name: &str, profile: Profile, search: &mut Search<'_>| {
@@ -390,7 +435,8 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
             }
         }
     } else {
-        add("the scene's own", Profile::of(found.own_stiffness_n_m2.clone()), search);
+        let own = Profile { numbers: table.own_numbers(), ..Profile::of(found.own_stiffness_n_m2.clone()) };
+        add("the scene's own", own, search);
     }
     let designed = Compared { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
     profiles.push(designed);
@@ -398,11 +444,10 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
 }
 
 /// The motions of two profiles.
-fn motions(problem: &mut Problem, before: &Profile, after: &Profile) -> Result<[Trajectory; 2]> {
+fn motions(search: &mut Search<'_>, before: &Profile, after: &Profile) -> Result<[Trajectory; 2]> {
     let mut motion = |profile: &Profile| {
-        problem.set_stiffness(&profile.stiffness_n_m2)?;
-        problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
-        problem.simulate()
+        search.objective.set(&mut search.problem, profile)?;
+        search.problem.simulate()
     };
     Ok([motion(before)?, motion(after)?])
 }
@@ -410,8 +455,10 @@ fn motions(problem: &mut Problem, before: &Profile, after: &Profile) -> Result<[
 /// The motions of the scene as it is, and with `profile`.
 fn simulated(scene: &Scene, profile: &Profile) -> Result<[Trajectory; 2]> {
     let mut problem = Problem::of(scene)?;
-    let own = Profile::of(problem.stiffness());
-    motions(&mut problem, &own, profile)
+    let before = problem.simulate()?;
+    problem.set_stiffness(&profile.stiffness_n_m2)?;
+    problem.set_actuation(&profile.amplitude, &profile.phase_rad)?;
+    Ok([before, problem.simulate()?])
 }
 
 /// The simulations that a design is looked at in: as it is, with half the step, by another method, on a finer mesh.
@@ -520,7 +567,7 @@ fn resting(document: &Document, scene: &Scene, profile: &Profile, positions: &[f
 }
 
 /// The keys of a scene that make it have `profile`, with their tables.
-fn keys(scene: &Scene, profile: &Profile) -> Result<Vec<([&'static str; 2], toml::Value)>> {
+fn keys<'a>(scene: &Scene, profile: &'a Profile) -> Result<Vec<([&'a str; 2], toml::Value)>> {
     let rod = scene.model()?.rod;
     let list = |values: &dyn Fn(usize, f64) -> f64| {
         let points = rod.joints().enumerate().map(|(i, k)| {
@@ -533,7 +580,13 @@ fn keys(scene: &Scene, profile: &Profile) -> Result<Vec<([&'static str; 2], toml
     let along = |points: &[[f64; 2]], default: f64, xi: f64| {
         rod::Profile::through(points.to_vec()).map_or(default, |profile| profile.at(xi))
     };
-    let mut keys = vec![(["rod", "stiffness_profile"], list(&|i, _| profile.stiffness_n_m2[i] / sections[i]))];
+    let mut keys: Vec<([&str; 2], toml::Value)> = Vec::new();
+    for (key, value) in &profile.numbers {
+        if let Some(parts) = key.split_once('.') {
+            keys.push(([parts.0, parts.1], toml::Value::Float(*value)));
+        }
+    }
+    keys.push((["rod", "stiffness_profile"], list(&|i, _| profile.stiffness_n_m2[i] / sections[i])));
     if let Some(actuation) = &scene.actuation {
         let [amplitude, phase] = actuation.profiles();
         if profile.amplitude.iter().any(|factor| *factor != 1.0) {

@@ -15,11 +15,13 @@ use std::ops::ControlFlow;
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use super::identify::Verdict;
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Goal, Table};
-use super::unknowns::{Profile, Unknowns};
+use super::table::{Goal, Table, Variable};
+use super::unknowns::{NOTHING, Profile, Unknowns, WIDE};
 use crate::error::{Error, Result};
+use crate::scene::Document;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
 
 /// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
@@ -32,6 +34,12 @@ const MET: f64 = 1e-9;
 
 /// A target is uncertain by this part of the length at least.
 const UNCERTAIN: f64 = 1e-6;
+
+/// A logarithm that is uncertain by more than this is not known.
+const KNOWN: f64 = 0.1;
+
+/// An unknown with a larger share in a combination takes part in it.
+const SHARED: f64 = 0.2;
 
 /// First μ of a tracked tip.
 const DAMPING: f64 = 1.0;
@@ -56,10 +64,16 @@ const WON: f64 = 1e-4;
 pub struct Objective {
     goal: Goal,
     sign: f64,
-    /// Samples of the tip that are to be met: steps, and x, y (m).
-    target: Vec<(usize, [f64; 2])>,
+    /// Samples that are to be met: steps, and the coordinates of the tip or of all nodes (m).
+    target: Vec<(usize, Vec<f64>)>,
+    /// All of them are at multiples of this number of steps.
+    every: usize,
     outputs: Vec<Output>,
     length: f64,
+    /// True where it is a distance from given positions, which is to be small.
+    fits: bool,
+    /// The scene, where numbers of it are unknown.
+    document: Option<Document>,
 }
 
 /// The objective at one profile.
@@ -74,21 +88,23 @@ struct Value {
 }
 
 impl Objective {
-    /// The objective of a scene's design; `target` are the markers of a tip to be tracked.
+    /// The objective of a scene's design; `target` are the positions that are to be met.
     ///
     /// # Errors
     /// [`Error::Design`] where the target's times are not those of steps, and for the way of a head that is held.
     pub fn new(table: &Table, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
-        let tip = problem.model().rod.nodes - 1;
+        let nodes = problem.model().rod.nodes;
         let held = problem.model().head.is_some();
         let sign = if table.direction.as_deref() == Some("-x") { -1.0 } else { 1.0 };
         let along = Output::from(Quantity::CentreOfMass(0)).since_start();
-        if held && table.goal != Goal::TrackTip {
+        let fits = table.fits_positions();
+        if held && !fits {
             let reason = "a held head goes nowhere: distance and efficiency need a free one".to_string();
             return Err(Error::Design { reason });
         }
         let outputs = match table.goal {
-            Goal::TrackTip => vec![Quantity::Position(tip, 0).into(), Quantity::Position(tip, 1).into()],
+            Goal::TrackTip => [0, 1].map(|axis| Quantity::Position(nodes - 1, axis).into()).into(),
+            Goal::Identify => (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect(),
             Goal::Distance => vec![along],
             _ => vec![along, Work::Actuation.into()],
         };
@@ -97,29 +113,43 @@ impl Objective {
             let n = times.partition_point(|t| *t < time - 1e-9 * times[times.len() - 1]);
             times.get(n).filter(|t| (**t - time).abs() <= 1e-6 * times[1]).map(|_| n)
         };
+        let width = outputs.len();
         let target = match target {
-            Some(markers) if table.goal == Goal::TrackTip => {
+            Some(markers) if fits => {
                 let rows = markers.times.iter().zip(&markers.positions);
                 let sample = |(time, row): (&f64, &Vec<f64>)| {
                     let off =
                         || Error::Design { reason: format!("the sample at t = {time} s is at no step of the scene") };
-                    Ok((step(*time).ok_or_else(off)?, [row[row.len() - 2], row[row.len() - 1]]))
+                    Ok((step(*time).ok_or_else(off)?, row[row.len() - width..].to_vec()))
                 };
                 rows.map(sample).collect::<Result<Vec<_>>>()?
             }
             _ => Vec::new(),
         };
-        Ok(Self { goal: table.goal, sign, target, outputs, length: problem.model().rod.length })
+        let every = target.iter().fold(0, |all, (n, _)| gcd(all, *n)).max(1);
+        let length = problem.model().rod.length;
+        Ok(Self { goal: table.goal, sign, target, every, outputs, length, fits, document: None })
     }
 
-    /// Half the mean square distance of the tip from its target.
+    /// The same for a scene of which numbers are unknown.
+    pub fn of_document(self, document: &Document) -> Self {
+        Self { document: Some(document.clone()), ..self }
+    }
+
+    /// What residuals are multiplied by, so that the sum of their squares is the mean square distance of a node.
+    fn scale(&self) -> f64 {
+        (2.0 / (self.target.len() * self.outputs.len()) as f64).sqrt()
+    }
+
+    /// Half the mean square distance of the tip, or of all nodes, from the target.
     fn tracked(&self, found: &Sensitivities) -> Value {
-        let scale = 1.0 / (self.target.len() as f64).sqrt();
+        let scale = self.scale();
         let (mut residuals, mut rows) = (Vec::new(), Vec::new());
-        for (n, tip) in &self.target {
-            for (o, x) in tip.iter().enumerate() {
-                residuals.push(scale * (found.value(*n, o) - x));
-                rows.push(found.row(*n, o).iter().map(|d| scale * d).collect::<Vec<f64>>());
+        for (n, positions) in &self.target {
+            let n = n / self.every;
+            for (o, x) in positions.iter().enumerate() {
+                residuals.push(scale * (found.value(n, o) - x));
+                rows.push(found.row(n, o).iter().map(|d| scale * d).collect::<Vec<f64>>());
             }
         }
         let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
@@ -141,13 +171,21 @@ impl Objective {
         }
     }
 
+    /// Gives `problem` a profile.
+    pub(super) fn set(&self, problem: &mut Problem, profile: &Profile) -> Result<()> {
+        if let Some(document) = &self.document {
+            *problem = Problem::of(&profile.numbers_in(document)?)?;
+        }
+        problem.set_stiffness(&profile.stiffness_n_m2)?;
+        problem.set_actuation(&profile.amplitude, &profile.phase_rad)
+    }
+
     /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
     /// simulation fails.
     fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
-        problem.set_stiffness(&profile.stiffness_n_m2).ok()?;
-        problem.set_actuation(&profile.amplitude, &profile.phase_rad).ok()?;
-        let value = if self.goal == Goal::TrackTip {
-            self.tracked(&problem.forward(parameters, &self.outputs, 1, |_| {}).ok()?)
+        self.set(problem, profile).ok()?;
+        let value = if self.fits {
+            self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
         } else {
             let mut trajectory = Trajectory::default();
             let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
@@ -166,7 +204,7 @@ impl Objective {
 
     /// What is reported of a value of the objective: tip rms (m), distance (m), or D²/W (m²/J).
     pub fn shown(&self, f: f64) -> f64 {
-        if self.goal == Goal::TrackTip { (2.0 * f).sqrt() } else { -f }
+        if self.fits { (2.0 * f).sqrt() } else { -f }
     }
 
     /// The shown objective of a profile; none where the simulation fails.
@@ -188,7 +226,7 @@ impl Objective {
     }
 
     fn is_met(&self, f: f64) -> bool {
-        self.goal == Goal::TrackTip && self.shown(f) < MET * self.length
+        self.fits && self.shown(f) < MET * self.length
     }
 }
 
@@ -234,8 +272,31 @@ pub struct Found {
     pub deviations: Vec<f64>,
     /// Singular values of the tip's derivatives by the unknowns (m), falling; of a tracked tip only.
     pub singular_values: Vec<f64>,
+    /// The numbers of the scene among the variables.
+    pub numbers: Vec<FoundNumber>,
+    /// Of identification: groups of unknowns that the data do not tell apart, or an unknown alone that they do not know.
+    pub confused: Vec<Vec<String>>,
+    /// Of identification: standard deviation of a coordinate of the markers, m, as given or as left.
+    pub noise_m: Option<f64>,
     /// True where it was stopped.
     pub interrupted: bool,
+}
+
+/// A number of the scene that was found.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundNumber {
+    /// Its key.
+    pub key: String,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// What it is in the scene.
+    pub own: f64,
+    /// What it was found to be.
+    pub value: f64,
+    /// Its standard deviation, where positions were to be met; none where it is beyond all bounds.
+    pub deviation: Option<f64>,
+    /// What can be said of it, where positions were to be met.
+    pub verdict: Option<Verdict>,
 }
 
 /// A point of the search.
@@ -266,9 +327,9 @@ impl Search<'_> {
     fn point(&mut self, unknowns: &Unknowns, x: Vec<f64>) -> Option<Point> {
         let profile = unknowns.profile(&x);
         let mut value = self.objective.at(&mut self.problem, &profile, &unknowns.parameters())?;
-        value.by = unknowns.chain(&profile, &value.by);
+        value.by = unknowns.chain(&x, &value.by);
         if let Some((_, rows)) = &mut value.residuals {
-            rows.iter_mut().for_each(|row| *row = unknowns.chain(&profile, row));
+            rows.iter_mut().for_each(|row| *row = unknowns.chain(&x, row));
         }
         Some(Point { x: x.into(), value })
     }
@@ -280,9 +341,9 @@ impl Search<'_> {
     /// [`Error::Design`] where no start can be simulated, or a programme cannot be solved.
     pub fn run(&mut self, mut tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
         let own_stiffness_n_m2 = self.problem.stiffness();
-        let unknowns = Unknowns::of(self.table, &self.problem.model().rod, own_stiffness_n_m2.clone());
+        let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
         let n = unknowns.count();
-        let starts = self.table.starts.unwrap_or(if self.table.goal == Goal::TrackTip { 1 } else { 3 }).max(1);
+        let starts = self.table.starts.unwrap_or(if self.objective.fits { 1 } else { 3 }).max(1);
         let mut roughness = None;
         let mut history = Vec::new();
         let mut ends: Vec<End> = Vec::new();
@@ -313,17 +374,58 @@ impl Search<'_> {
         let value = best.point.value;
         let objective = self.objective.shown(value.f);
         let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
-        if let Some((_, rows)) = &value.residuals {
+        let (mut of_numbers, mut confused, mut noise_m) = (Vec::new(), Vec::new(), None);
+        if let Some((residuals, rows)) = &value.residuals {
             let svd = jacobian(rows, n).svd(false, true);
             singular_values.extend(svd.singular_values.iter().copied());
             singular_values.sort_by(|a, b| b.total_cmp(a));
-            let noise = objective.max(UNCERTAIN * self.objective.length) / (self.objective.target.len() as f64).sqrt();
+            let scale = self.objective.scale();
+            let noise = if self.objective.goal == Goal::Identify {
+                // Of one coordinate, from what is left.
+                let free = residuals.len().saturating_sub(n).max(1) as f64;
+                let left = residuals.iter().map(|r| r * r).sum::<f64>() / free;
+                let noise = self.table.noise_m.unwrap_or(left.sqrt() / scale);
+                noise_m = Some(noise);
+                noise * scale
+            } else {
+                objective.max(UNCERTAIN * self.objective.length) / (self.objective.target.len() as f64).sqrt()
+            };
             if let Some(v_t) = &svd.v_t {
-                deviations = unknowns.deviations(best.point.x.as_slice(), v_t, svd.singular_values.as_slice(), noise);
+                let x = best.point.x.as_slice();
+                let of =
+                    |variable: &Variable| unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), noise);
+                deviations = of(&Variable::Stiffness);
+                confused = confusions(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
+                for number in &self.table.numbers {
+                    of_numbers.extend(of(&Variable::Number(number.key.clone())));
+                }
             }
         }
+        let profile = unknowns.profile(best.point.x.as_slice());
+        let values = profile.numbers.iter().zip(&self.table.numbers).enumerate();
+        let numbers = values.map(|(i, ((key, value), number))| {
+            let deviation = of_numbers.get(i).copied();
+            let [low, high] = self.table.number_bounds.unwrap_or(WIDE);
+            let bound = [low, high].iter().any(|bound| (value / number.own / bound - 1.0).abs() < 1e-6);
+            let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
+            let verdict = match deviation {
+                _ if bound => Some(Verdict::AtABound),
+                Some(deviation) if deviation <= KNOWN => Some(Verdict::Identified),
+                Some(_) if together => Some(Verdict::NotToldApart),
+                Some(_) => Some(Verdict::Unobservable),
+                None => None,
+            };
+            let deviation =
+                deviation.map(|deviation| deviation * value.abs()).filter(|deviation| deviation.is_finite());
+            let (key, unit, own) = (key.clone(), number.unit, number.own);
+            FoundNumber { key, unit, own, value: *value, deviation, verdict }
+        });
+        let numbers = numbers.collect();
         Ok(Found {
-            profile: unknowns.profile(best.point.x.as_slice()),
+            profile,
+            numbers,
+            confused,
+            noise_m,
             own_stiffness_n_m2,
             deviations,
             objective,
@@ -474,7 +576,7 @@ impl Search<'_> {
         let centre = xi.iter().sum::<f64>() / xi.len() as f64;
         let even = self.table.mean.unwrap_or(1.0);
         let [low, high] = self.table.bounds;
-        let smaller = self.objective.goal == Goal::TrackTip;
+        let smaller = self.objective.fits;
         let mut of = |slope: f64| {
             let factors: Vec<f64> = xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect();
             let inside = factors.iter().all(|factor| (low..=high).contains(factor));
@@ -500,6 +602,22 @@ impl Search<'_> {
         }
         best
     }
+}
+
+fn gcd(a: usize, b: usize) -> usize {
+    if b == 0 { a } else { gcd(b, a % b) }
+}
+
+/// Groups of unknowns, by `names`, that only a change of all of them together leaves the data as they are, to within their noise:
+/// those with a large share in a combination that is known no better than [`KNOWN`].
+fn confusions(names: &[String], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<Vec<String>> {
+    let least = NOTHING * singular.iter().copied().fold(0.0, f64::max);
+    let unknown = (0..singular.len()).filter(|s| noise > KNOWN * singular[*s] || singular[*s] <= least);
+    let group = |s: usize| {
+        let shared = (0..names.len()).filter(|i| v_t[(s, *i)].abs() > SHARED);
+        shared.map(|i| names[i].clone()).collect::<Vec<_>>()
+    };
+    unknown.map(group).filter(|group| !group.is_empty()).collect()
 }
 
 fn jacobian(rows: &[Vec<f64>], columns: usize) -> DMatrix<f64> {

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::unknowns::{WIDE, parameter};
 use crate::rod::Rod;
 use crate::scene::{Fault, Scene};
 
@@ -28,9 +29,9 @@ impl Goal {
     }
 }
 
-/// What a search changes along the rod.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
+/// What a search changes: along the rod, or a number of the scene.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(from = "String", into = "String")]
 pub enum Variable {
     /// Bending stiffness.
     Stiffness,
@@ -38,6 +39,41 @@ pub enum Variable {
     Amplitude,
     /// A phase subtracted inside the actuation's function of phase.
     Phase,
+    /// A number of the scene, by its key.
+    Number(String),
+}
+
+impl From<String> for Variable {
+    fn from(name: String) -> Self {
+        match name.as_str() {
+            "stiffness" => Self::Stiffness,
+            "amplitude" => Self::Amplitude,
+            "phase" => Self::Phase,
+            _ => Self::Number(name),
+        }
+    }
+}
+
+impl From<Variable> for String {
+    fn from(variable: Variable) -> Self {
+        match variable {
+            Variable::Stiffness => "stiffness".to_string(),
+            Variable::Amplitude => "amplitude".to_string(),
+            Variable::Phase => "phase".to_string(),
+            Variable::Number(key) => key,
+        }
+    }
+}
+
+/// A number of the scene that is unknown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Number {
+    /// Its key.
+    pub key: String,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// What it is in the scene.
+    pub own: f64,
 }
 
 /// `[design]`.
@@ -46,7 +82,7 @@ pub enum Variable {
 pub struct Table {
     /// What is wanted.
     pub goal: Goal,
-    /// What a dynamic goal may change; stiffness where it is absent.
+    /// What identification finds and a dynamic goal may change; stiffness where it is absent.
     #[serde(default = "stiffness")]
     pub variables: Vec<Variable>,
     /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
@@ -69,6 +105,11 @@ pub struct Table {
     pub amplitude_mean: Option<f64>,
     /// Least and largest phase, rad.
     pub phase_bounds_rad: Option<[f64; 2]>,
+    /// Least and largest of the scene's numbers among the variables, over what they are in the scene.
+    pub number_bounds: Option<[f64; 2]>,
+    /// Those numbers.
+    #[serde(skip)]
+    pub numbers: Vec<Number>,
     /// File with node positions.
     pub data: Option<String>,
     /// Standard deviation of those positions, m; by default what polynomials leave.
@@ -87,7 +128,7 @@ pub struct Table {
 }
 
 fn wide() -> [f64; 2] {
-    [0.01, 100.0]
+    WIDE
 }
 
 fn stiffness() -> Vec<Variable> {
@@ -104,7 +145,7 @@ impl Table {
         let Some(table) = &scene.design else {
             return Err(fault("design", "missing; a design needs a table [design] with a goal".to_string()));
         };
-        let table: Self = table.clone().try_into().map_err(|e: toml::de::Error| {
+        let mut table: Self = table.clone().try_into().map_err(|e: toml::de::Error| {
             let named = e.message().split('`').nth(1).filter(|name| table.contains_key(*name));
             let key = named.map_or_else(|| "design".to_string(), |name| format!("design.{name}"));
             fault(&key, e.message().to_string())
@@ -131,6 +172,8 @@ impl Table {
                 return Err(fault(key, format!("found {value}; allowed: a positive number")));
             }
         }
+        table.numbers = table.numbers_of(scene).map_err(|problem| fault("design.variables", problem))?;
+        table.check_numbers(scene).map_err(|(key, problem)| fault(key, problem))?;
         table.check_variables(scene).map_err(|(key, problem)| fault(key, problem))?;
         let needs_data = matches!(table.goal, Goal::Identify | Goal::StaticShape | Goal::TrackTip);
         if needs_data && table.data.is_none() {
@@ -151,13 +194,97 @@ impl Table {
         }
     }
 
+    /// The numbers as they are in the scene.
+    pub fn own_numbers(&self) -> Vec<(String, f64)> {
+        self.numbers.iter().map(|number| (number.key.clone(), number.own)).collect()
+    }
+
+    /// True where the answer is searched for by simulation.
+    pub fn is_searched(&self) -> bool {
+        self.goal.is_dynamic() || !self.numbers.is_empty()
+    }
+
+    /// True where a simulation is to come close to given positions.
+    pub fn fits_positions(&self) -> bool {
+        self.is_searched() && matches!(self.goal, Goal::Identify | Goal::TrackTip)
+    }
+
+    /// The numbers of `scene` among the variables.
+    fn numbers_of(&self, scene: &Scene) -> std::result::Result<Vec<Number>, String> {
+        let keys = self.variables.iter().filter_map(|variable| match variable {
+            Variable::Number(key) => Some(key),
+            _ => None,
+        });
+        let keys: Vec<&String> = keys.collect();
+        let (false, Ok(model)) = (keys.is_empty(), scene.model()) else { return Ok(Vec::new()) };
+        let known = scene.parameters();
+        let fits = |key: &str| parameter(key, &model).is_some();
+        let find = |key: &String| {
+            let found = known.iter().find(|known| known.component.is_none() && known.key == *key && fits(key));
+            let Some(found) = found else {
+                let listed: Vec<&str> = known.iter().map(|known| known.key.as_str()).filter(|key| fits(key)).collect();
+                let listed = listed.join(", ");
+                return Err(format!(
+                    "found {key:?}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its motion \
+                     depends on: {listed}"
+                ));
+            };
+            if found.value == 0.0 {
+                return Err(format!("found {key:?}, which is 0 in the scene; allowed: a number to begin with"));
+            }
+            Ok(Number { key: key.clone(), unit: found.unit, own: found.value })
+        };
+        keys.into_iter().map(find).collect()
+    }
+
+    /// Checks what goes with numbers.
+    fn check_numbers(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
+        if let Some([low, high]) = self.number_bounds {
+            if self.numbers.is_empty() {
+                let allowed = "only with keys of the scene, as \"medium.viscosity_pa_s\", in variables";
+                return Err(("design.number_bounds", format!("found without any; allowed: {allowed}")));
+            }
+            if !(low > 0.0 && high >= low && high.is_finite()) {
+                let problem = format!("found [{low}, {high}]; allowed: [least, largest], both positive");
+                return Err(("design.number_bounds", problem));
+            }
+        }
+        if self.numbers.is_empty() {
+            return Ok(());
+        }
+        if self.goal == Goal::StaticShape {
+            return Err((
+                "design.variables",
+                "\"static-shape\" finds stiffness alone; allowed: [\"stiffness\"]".into(),
+            ));
+        }
+        for (key, given) in
+            [("design.actuation_gain", self.actuation_gain), ("design.window_s", self.window_s.is_some())]
+        {
+            if given {
+                let instead = "\"actuation.kappa_amp\" in variables for the strength of the actuation";
+                return Err((
+                    key,
+                    format!("found with numbers of the scene, which are found by simulation; allowed: {instead}"),
+                ));
+            }
+        }
+        let has = |key: &str| self.numbers.iter().any(|number| number.key == key);
+        let law = scene.drag.as_ref().map(|drag| drag.law_name());
+        if has("actuation.frequency_hz") && law == Some("weak-inertia") {
+            let problem = "the law \"weak-inertia\" depends on actuation.frequency_hz in a way that has no derivative; allowed: others";
+            return Err(("design.variables", problem.to_string()));
+        }
+        Ok(())
+    }
+
     /// Checks what a search may change.
     fn check_variables(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
         let has = |variable| self.variables.contains(&variable);
         let (amplitude, phase) = (has(Variable::Amplitude), has(Variable::Phase));
         let twice = (1..self.variables.len()).any(|i| self.variables[..i].contains(&self.variables[i]));
         if self.variables.is_empty() || twice {
-            let allowed = "some of \"stiffness\", \"amplitude\", \"phase\", each once";
+            let allowed = "some of \"stiffness\", \"amplitude\", \"phase\" and numbers of the scene, each once";
             return Err(("design.variables", format!("allowed: {allowed}")));
         }
         if (amplitude || phase) && !self.goal.is_dynamic() {

@@ -1,4 +1,5 @@
-//! The unknowns of a search: stiffness, the actuation's amplitude, or its phase, at joints or knots; linear between knots.
+//! The unknowns of a search: stiffness, the actuation's amplitude, or its phase, at joints or knots, linear between knots; and
+//! numbers of the scene.
 
 use std::f64::consts::PI;
 
@@ -8,10 +9,12 @@ use serde::Serialize;
 use super::identify::second_differences;
 use super::qp::{Constraint, Quadratic};
 use super::table::{Basis, Goal, Table, Variable};
-use crate::rod::Rod;
+use crate::error::Result;
+use crate::model::Model;
+use crate::scene::{Document, Scene};
 use crate::sensitivity::Parameter;
 
-/// What a search changes, joint by joint.
+/// What a search changes: joint by joint, and numbers of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Profile {
     /// EI, N m².
@@ -20,22 +23,35 @@ pub struct Profile {
     pub amplitude: Vec<f64>,
     /// Phase subtracted inside the actuation's function of phase, beside the scene's, rad.
     pub phase_rad: Vec<f64>,
+    /// Numbers of the scene by their keys, in SI units; all others are the scene's.
+    pub numbers: Vec<(String, f64)>,
 }
 
 impl Profile {
-    /// Of this stiffness (N m²), with the scene's actuation.
+    /// Of this stiffness (N m²), with the scene's actuation and numbers.
     pub fn of(stiffness: Vec<f64>) -> Self {
-        Self { amplitude: vec![1.0; stiffness.len()], phase_rad: vec![0.0; stiffness.len()], stiffness_n_m2: stiffness }
+        let (amplitude, phase_rad) = (vec![1.0; stiffness.len()], vec![0.0; stiffness.len()]);
+        Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
-    fn values(&mut self, variable: Variable) -> &mut Vec<f64> {
-        match variable {
-            Variable::Stiffness => &mut self.stiffness_n_m2,
-            Variable::Amplitude => &mut self.amplitude,
-            Variable::Phase => &mut self.phase_rad,
+    /// The scene of `document` with these numbers.
+    ///
+    /// # Errors
+    /// Those of [`Document::scene`].
+    pub fn numbers_in(&self, document: &Document) -> Result<Scene> {
+        let mut document = document.clone();
+        for (key, value) in &self.numbers {
+            document.put("the design", key, &toml::Value::Float(*value));
         }
+        document.scene()
     }
 }
+
+/// Bounds of what has none, over the scene's.
+pub const WIDE: [f64; 2] = [0.01, 100.0];
+
+/// A singular value below this part of the largest is rounding.
+pub const NOTHING: f64 = 1e-12;
 
 /// How a value follows from its unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,10 +69,20 @@ enum Map {
 #[derive(Debug, Clone)]
 struct Block {
     variable: Variable,
+    /// What a value of 1 is.
+    unit: f64,
     map: Map,
     bounds: [f64; 2],
     /// The largest mean.
     mean: Option<f64>,
+    /// Its first unknown, and the values that follow from its unknowns.
+    first: usize,
+    basis: Basis,
+    /// Where each unknown is, and its place in words.
+    xi: Vec<f64>,
+    places: Vec<String>,
+    /// What a simulation is differentiated by, one for each value.
+    parameters: Vec<Parameter>,
 }
 
 impl Block {
@@ -90,11 +116,17 @@ impl Block {
         if self.map == Map::Inverse { -1.0 } else { 1.0 }
     }
 
-    fn name(&self) -> &'static str {
-        match self.variable {
-            Variable::Stiffness => "",
-            Variable::Amplitude => "amplitude at ",
-            Variable::Phase => "phase at ",
+    fn unknowns(&self) -> std::ops::Range<usize> {
+        self.first..self.first + self.basis.unknowns
+    }
+
+    /// An unknown in words.
+    fn place(&self, i: usize) -> String {
+        match &self.variable {
+            Variable::Stiffness => self.places[i].clone(),
+            Variable::Amplitude => format!("amplitude at {}", self.places[i]),
+            Variable::Phase => format!("phase at {}", self.places[i]),
+            Variable::Number(key) => key.clone(),
         }
     }
 }
@@ -103,102 +135,128 @@ impl Block {
 #[derive(Debug, Clone)]
 pub struct Unknowns {
     blocks: Vec<Block>,
-    basis: Basis,
-    /// Where each unknown of a block is, and its place in words.
-    xi: Vec<f64>,
-    places: Vec<String>,
-    joints: Vec<usize>,
-    reference: f64,
+    joints: usize,
     own: Profile,
     monotone: bool,
 }
 
 impl Unknowns {
-    /// Those that `table` names for `rod`, whose stiffness is kept where it is not among them.
-    pub fn of(table: &Table, rod: &Rod, stiffness: Vec<f64>) -> Self {
-        let compliance = if table.goal == Goal::TrackTip { Map::Inverse } else { Map::Logarithm };
-        let block = |variable: &Variable| {
-            let (map, bounds, mean) = match variable {
-                Variable::Stiffness => (compliance, table.bounds, table.mean),
-                Variable::Amplitude => {
-                    (Map::Logarithm, table.amplitude_bounds.unwrap_or([0.5, 2.0]), table.amplitude_mean)
-                }
-                Variable::Phase => (Map::Same, table.phase_bounds_rad.unwrap_or([-PI, PI]), None),
-            };
-            Block { variable: *variable, map, bounds, mean }
+    /// Those that `table` names for `model`, whose stiffness is kept where it is not among them.
+    pub fn of(table: &Table, model: &Model, stiffness: Vec<f64>) -> Self {
+        let rod = &model.rod;
+        let stiffness_map = match table.goal {
+            Goal::TrackTip => Map::Inverse,
+            Goal::Identify => Map::Same, // linear between knots
+            _ => Map::Logarithm,
         };
         let joints: Vec<usize> = rod.joints().collect();
-        let (xi, places) = match &table.knots {
+        let (xi, places): (Vec<f64>, Vec<String>) = match &table.knots {
             Some(knots) => (knots.clone(), knots.iter().map(|xi| format!("knot xi = {xi}")).collect()),
             None => (
                 joints.iter().map(|k| *k as f64 / (rod.nodes - 1) as f64).collect(),
                 joints.iter().map(|k| format!("joint {k}")).collect(),
             ),
         };
+        let mut first = 0;
+        let block = |variable: &Variable| {
+            let along = |unit: f64, map: Map, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| Block {
+                variable: variable.clone(),
+                unit,
+                map,
+                bounds,
+                mean,
+                first,
+                basis: table.basis(rod),
+                xi: xi.clone(),
+                places: places.clone(),
+                parameters: joints.iter().map(|k| of(*k)).collect(),
+            };
+            let block = match variable {
+                Variable::Stiffness => along(rod.ei, stiffness_map, table.bounds, table.mean, Parameter::Stiffness),
+                Variable::Amplitude => {
+                    let bounds = table.amplitude_bounds.unwrap_or([0.5, 2.0]);
+                    along(1.0, Map::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
+                }
+                Variable::Phase => {
+                    let bounds = table.phase_bounds_rad.unwrap_or([-PI, PI]);
+                    along(1.0, Map::Same, bounds, None, Parameter::WavePhase)
+                }
+                Variable::Number(key) => Block {
+                    variable: variable.clone(),
+                    unit: table.numbers.iter().find(|number| number.key == *key).map_or(1.0, |number| number.own),
+                    map: Map::Logarithm,
+                    bounds: table.number_bounds.unwrap_or(WIDE),
+                    mean: None,
+                    first,
+                    basis: Basis { unknowns: 1, rows: vec![vec![(0, 1.0)]] },
+                    xi: vec![0.0],
+                    places: vec![key.clone()],
+                    parameters: parameter(key, model).into_iter().collect(),
+                },
+            };
+            first += block.basis.unknowns;
+            block
+        };
         Self {
             blocks: table.variables.iter().map(block).collect(),
-            basis: table.basis(rod),
-            xi,
-            places,
-            joints,
-            reference: rod.ei,
+            joints: joints.len(),
             own: Profile::of(stiffness),
             monotone: table.monotone,
         }
     }
 
-    /// The joints they act on.
+    /// The joints of the rod.
     pub fn joints(&self) -> usize {
-        self.joints.len()
+        self.joints
     }
 
     /// Their number.
     pub fn count(&self) -> usize {
-        self.blocks.len() * self.basis.unknowns
+        self.blocks.iter().map(|block| block.basis.unknowns).sum()
+    }
+
+    /// All of them in words.
+    pub fn names(&self) -> Vec<String> {
+        self.blocks.iter().flat_map(|block| (0..block.basis.unknowns).map(|i| block.place(i))).collect()
     }
 
     fn parts<'a>(&'a self, x: &'a [f64]) -> impl Iterator<Item = (&'a Block, usize, &'a [f64])> {
-        let n = self.basis.unknowns;
-        self.blocks.iter().enumerate().map(move |(b, block)| (block, b * n, &x[b * n..(b + 1) * n]))
-    }
-
-    fn unit(&self, block: &Block) -> f64 {
-        if block.variable == Variable::Stiffness { self.reference } else { 1.0 }
+        self.blocks.iter().map(move |block| (block, block.first, &x[block.unknowns()]))
     }
 
     /// The profile of unknowns `x`.
     pub fn profile(&self, x: &[f64]) -> Profile {
         let mut profile = self.own.clone();
         for (block, _, x) in self.parts(x) {
-            let unit = self.unit(block);
-            *profile.values(block.variable) = self.basis.joints(x).iter().map(|x| unit * block.value(*x)).collect();
+            let values = block.basis.joints(x).into_iter().map(|x| block.unit * block.value(x));
+            match &block.variable {
+                Variable::Stiffness => profile.stiffness_n_m2 = values.collect(),
+                Variable::Amplitude => profile.amplitude = values.collect(),
+                Variable::Phase => profile.phase_rad = values.collect(),
+                Variable::Number(key) => profile.numbers.extend(values.map(|value| (key.clone(), value))),
+            }
         }
         profile
     }
 
-    /// What a simulation is differentiated by: a parameter a joint and variable.
+    /// What a simulation is differentiated by: a parameter for each value of each variable.
     pub fn parameters(&self) -> Vec<Parameter> {
-        let of = |block: &Block| match block.variable {
-            Variable::Stiffness => Parameter::Stiffness,
-            Variable::Amplitude => Parameter::WaveAmplitude,
-            Variable::Phase => Parameter::WavePhase,
-        };
-        self.blocks.iter().flat_map(|block| self.joints.iter().map(move |k| of(block)(*k))).collect()
+        self.blocks.iter().flat_map(|block| block.parameters.iter().copied()).collect()
     }
 
-    /// Derivatives by the unknowns of a number whose derivatives by the parameters are `by`.
-    pub fn chain(&self, profile: &Profile, by: &[f64]) -> Vec<f64> {
-        let joints = self.joints.len();
+    /// Derivatives by the unknowns `x` of a number whose derivatives by the parameters are `by`.
+    pub fn chain(&self, x: &[f64], by: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.count()];
-        for (b, block) in self.blocks.iter().enumerate() {
-            for (i, row) in self.basis.rows.iter().enumerate() {
+        let mut by = by.iter();
+        for (block, first, x) in self.parts(x) {
+            for (row, x) in block.basis.rows.iter().zip(block.basis.joints(x)) {
                 let size = match block.variable {
-                    Variable::Stiffness => self.reference * block.slope(profile.stiffness_n_m2[i] / self.reference),
                     // The parameter is relative to what it is, as the unknown is.
                     Variable::Amplitude => 1.0,
-                    Variable::Phase => block.slope(profile.phase_rad[i]),
+                    _ => block.unit * block.slope(block.value(x)),
                 };
-                row.iter().for_each(|(u, w)| out[b * self.basis.unknowns + u] += by[b * joints + i] * size * w);
+                let by = by.next().map_or(0.0, |by| by * size);
+                row.iter().for_each(|(u, w)| out[first + u] += by * w);
             }
         }
         out
@@ -206,13 +264,13 @@ impl Unknowns {
 
     /// The means that are limited, over their limits, with their derivatives by all unknowns.
     pub fn means(&self, x: &[f64]) -> Vec<(f64, Vec<f64>)> {
-        let count = self.basis.rows.len() as f64;
         let mut means = Vec::new();
         for (block, first, part) in self.parts(x) {
             let Some(most) = block.mean else { continue };
-            let values: Vec<f64> = self.basis.joints(part).iter().map(|x| block.value(*x)).collect();
+            let count = block.basis.rows.len() as f64;
+            let values: Vec<f64> = block.basis.joints(part).iter().map(|x| block.value(*x)).collect();
             let mut by = vec![0.0; x.len()];
-            for (value, row) in values.iter().zip(&self.basis.rows) {
+            for (value, row) in values.iter().zip(&block.basis.rows) {
                 row.iter().for_each(|(i, w)| by[first + i] += block.slope(*value) * w / count / most);
             }
             means.push((values.iter().sum::<f64>() / count / most, by));
@@ -226,14 +284,13 @@ impl Unknowns {
 
     /// `x` inside its bounds and order, and values moved down block by block so that it keeps its means.
     pub fn kept(&self, mut x: Vec<f64>) -> Vec<f64> {
-        let n = self.basis.unknowns;
         for _ in 0..50 {
-            for (b, block) in self.blocks.iter().enumerate() {
+            for block in &self.blocks {
                 let ends = block.bounds.map(|bound| block.unknown(bound));
                 let (low, high) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-                let part = &mut x[b * n..(b + 1) * n];
+                let part = &mut x[block.unknowns()];
                 part.iter_mut().for_each(|x| *x = x.clamp(low, high));
-                for i in (1..n).filter(|_| self.is_ordered(block)) {
+                for i in (1..part.len()).filter(|_| self.is_ordered(block)) {
                     part[i] = block.sense() * (block.sense() * part[i]).min(block.sense() * part[i - 1]);
                 }
             }
@@ -242,7 +299,8 @@ impl Unknowns {
                 break;
             }
             for (mean, by) in means.into_iter().filter(|(mean, _)| *mean > 1.0) {
-                let least = |i: usize| self.blocks[i / n].unknown(self.blocks[i / n].bounds[0]);
+                let of = |i: usize| self.blocks.iter().find(|block| block.unknowns().contains(&i));
+                let least = |i: usize| of(i).map_or(f64::NAN, |block| block.unknown(block.bounds[0]));
                 let free: f64 = (0..x.len()).filter(|i| x[*i] != least(*i)).map(|i| by[i]).sum();
                 if free != 0.0 {
                     x.iter_mut().zip(&by).filter(|(_, by)| **by != 0.0).for_each(|(x, _)| *x -= (mean - 1.0) / free);
@@ -257,8 +315,8 @@ impl Unknowns {
         let constraints = &mut programme.constraints;
         for (block, first, part) in self.parts(x) {
             let sense = block.sense();
-            for ((i, x), place) in (first..).zip(part).zip(&self.places) {
-                let place = format!("{}{place}", block.name());
+            for (i, x) in (first..).zip(part) {
+                let place = block.place(i - first);
                 for (words, bound, sign) in [("at least", block.bounds[0], -sense), ("at most", block.bounds[1], sense)]
                 {
                     let room = sign * (block.unknown(bound) - x);
@@ -266,7 +324,7 @@ impl Unknowns {
                 }
             }
             for i in (1..part.len()).filter(|_| self.is_ordered(block)) {
-                let name = format!("{} not above {}", self.places[i], self.places[i - 1]);
+                let name = format!("{} not above {}", block.places[i], block.places[i - 1]);
                 let row = vec![(first + i, sense), (first + i - 1, -sense)];
                 constraints.push(Constraint::at_most(name, row, sense * (part[i - 1] - part[i])));
             }
@@ -282,28 +340,38 @@ impl Unknowns {
     /// The matrix of `weight`·Σ(D₂x)² over the joints, by rows.
     pub fn roughness(&self, weight: f64) -> Vec<f64> {
         let mut programme = Quadratic::new(self.count());
-        for b in 0..self.blocks.len() {
-            for row in second_differences(&self.basis) {
-                let row: Vec<(usize, f64)> = row.iter().map(|(i, c)| (b * self.basis.unknowns + i, *c)).collect();
+        for block in &self.blocks {
+            for row in second_differences(&block.basis) {
+                let row: Vec<(usize, f64)> = row.iter().map(|(i, c)| (block.first + i, *c)).collect();
                 programme.add_square(&row, 0.0, weight);
             }
         }
         programme.hessian
     }
 
-    /// The standard deviation of each joint's stiffness over itself, where the unknowns have the covariance `noise`² V S⁻² Vᵀ;
-    /// empty where stiffness is not among them.
-    pub fn deviations(&self, x: &[f64], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<f64> {
-        let stiffness = self.parts(x).find(|(block, ..)| block.variable == Variable::Stiffness);
-        let Some((block, first, part)) = stiffness else { return Vec::new() };
+    /// The standard deviation of each value of `variable` over itself, where the unknowns have the covariance
+    /// `noise`² V S⁻² Vᵀ; empty where it is not among them.
+    pub fn deviations(
+        &self,
+        variable: &Variable,
+        x: &[f64],
+        v_t: &DMatrix<f64>,
+        singular: &[f64],
+        noise: f64,
+    ) -> Vec<f64> {
+        let Some((block, first, part)) = self.parts(x).find(|(block, ..)| block.variable == *variable) else {
+            return Vec::new();
+        };
+        let least = NOTHING * singular.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let of = |(row, x): (&Vec<(usize, f64)>, f64)| {
-            let along = |s: usize| row.iter().map(|(i, w)| w * v_t[(s, first + i)]).sum::<f64>() / singular[s];
+            let along =
+                |s: usize| row.iter().map(|(i, w)| w * v_t[(s, first + i)]).sum::<f64>() / singular[s].max(least);
             let value = block.value(x);
             noise
                 * (0..singular.len()).map(|s| along(s).powi(2)).sum::<f64>().sqrt()
                 * (block.slope(value) / value).abs()
         };
-        self.basis.rows.iter().zip(self.basis.joints(part)).map(of).collect()
+        block.basis.rows.iter().zip(block.basis.joints(part)).map(of).collect()
     }
 
     /// Starts: even, the study's gradient, its mirror image, then waves of random phase, in the first block; the scene's own
@@ -311,9 +379,9 @@ impl Unknowns {
     pub fn first(&self, start: usize) -> Vec<f64> {
         let mut x = Vec::with_capacity(self.count());
         for (b, block) in self.blocks.iter().enumerate() {
-            for xi in &self.xi {
+            for xi in &block.xi {
                 let factor = match start {
-                    _ if b > 0 => 1.0,
+                    _ if b > 0 || matches!(block.variable, Variable::Number(_)) => 1.0,
                     0 => 1.0,
                     1 => (2.0 - xi) / 1.5,
                     2 => (1.0 + xi) / 1.5,
@@ -327,5 +395,18 @@ impl Unknowns {
             }
         }
         self.kept(x)
+    }
+}
+
+/// What a simulation is differentiated by where the number `key` of its scene changes; none where it has no such derivative.
+pub fn parameter(key: &str, model: &Model) -> Option<Parameter> {
+    let of_forces = || {
+        let keys = model.forces.iter().flat_map(|force| force.parameters().iter().copied());
+        keys.into_iter().find(|own| *own == key).map(Parameter::OfForces)
+    };
+    match key {
+        "actuation.kappa_amp" => model.actuation.as_ref().map(|_| Parameter::Amplitude),
+        "actuation.frequency_hz" => model.actuation.as_ref().map(|_| Parameter::Frequency),
+        _ => of_forces(),
     }
 }
