@@ -4,7 +4,7 @@
 
 mod common;
 
-use caudal::fluid::VISCOSITY;
+use caudal::fluid::{DENSITY, VISCOSITY};
 use caudal::integrator::METHODS;
 use caudal::scene::Scene;
 use caudal::sensitivity::{Output, Parameter, Problem, Sensitivities};
@@ -32,7 +32,7 @@ fn scene(head: &str, method: &str, start: &str) -> Scene {
         head,
         &method,
         start,
-        "loads={ gravity_m_s2 = [0.1, -0.3] }",
+        "loads={ gravity_m_s2 = [0.1, -0.3], buoyancy = true }",
         "medium.flow_m_s=[0.05, 0.02]",
         "solver.newton_tolerance=1e-14",
         "solver.duration_s=0.245",
@@ -63,6 +63,7 @@ fn parameters(problem: &Problem) -> Vec<(Parameter, f64)> {
         (Parameter::Frequency, 1.5),
         (Parameter::Phase, 1.0),
         (Parameter::OfForces(VISCOSITY), 5.0),
+        (Parameter::OfForces(DENSITY), 1260.0),
     ];
     stiffness.chain(natural).chain(scalars).collect()
 }
@@ -83,6 +84,7 @@ fn moved(scene: &Scene, parameter: Parameter, by: f64) -> Problem {
         Parameter::Frequency => inputs.drive.frequency += by,
         Parameter::Phase => inputs.phase_offset += by,
         Parameter::OfForces(VISCOSITY) => inputs.fluid.viscosity += by,
+        Parameter::OfForces(DENSITY) => inputs.fluid.density += by,
         other => panic!("{other:?} cannot be moved"),
     }
     problem

@@ -400,6 +400,29 @@ impl At<'_> {
         power
     }
 
+    /// Σ W·x over the nodes, W the loads; adds `factor` times its derivatives by x to that part of `g`, and by the density, which
+    /// buoyancy follows.
+    fn along_loads(
+        &self,
+        x: &[f64],
+        factor: f64,
+        g: &mut Gradient,
+        by: impl Fn(&mut Gradient) -> &mut [f64],
+    ) -> f64 {
+        let dynamics = self.bent.dynamics;
+        let mut sum = 0.0;
+        for k in (0..dynamics.model.rod.nodes).filter(|_| dynamics.is_loaded()) {
+            let load = dynamics.load(k);
+            add(by(g), k, load * factor);
+            sum += load.dot(&node(x, k));
+        }
+        if let Some(buoyancy) = &dynamics.model.buoyancy {
+            let slope: f64 = buoyancy.iter().zip(x).map(|(buoyancy, x)| buoyancy * x).sum();
+            g.keys.iter_mut().filter(|(key, _)| *key == DENSITY).for_each(|(_, by)| *by += factor * slope);
+        }
+        sum
+    }
+
     /// The force (N) that a held head exerts beyond the inertia of node 0, along `along`; adds `factor` times its
     /// derivative.
     fn push(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
@@ -513,24 +536,8 @@ impl Quantity {
                 at.power_along(of_fluid, |_| -flow, factor, g)
             }
             Self::Fluid => at.stored(0, factor, g),
-            Self::LoadPower => {
-                let mut power = 0.0;
-                for k in (0..rod.nodes).filter(|_| dynamics.is_loaded()) {
-                    let load = dynamics.load(k);
-                    add(&mut g.v, k, load * factor);
-                    power += load.dot(&node(&state.v, k));
-                }
-                power
-            }
-            Self::LoadPotential => {
-                let mut work = 0.0;
-                for k in (0..rod.nodes).filter(|_| dynamics.is_loaded()) {
-                    let load = dynamics.load(k);
-                    add(&mut g.q, k, load * factor);
-                    work += load.dot(&node(&state.q, k));
-                }
-                work
-            }
+            Self::LoadPower => at.along_loads(&state.v, factor, g, |g| &mut g.v),
+            Self::LoadPotential => at.along_loads(&state.q, factor, g, |g| &mut g.q),
             Self::HeadForce(i) => {
                 let inertia = dynamics.held.map_or(0.0, |pose| rod.mass[0] * pose[i].acceleration);
                 -inertia - at.push(axis(i), -factor, g)
