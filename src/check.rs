@@ -4,8 +4,9 @@ use std::f64::consts::{FRAC_PI_4, TAU};
 
 use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
+use crate::fluid::body;
 use crate::fluid::force::Validity;
-use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
+use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
 use crate::fluid::{Force, Forces};
 use crate::head::Signal;
 use crate::integrator::Pace;
@@ -21,8 +22,6 @@ use crate::system::Form;
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
 const MODES_UP_TO: u64 = 201;
-/// Reynolds number from which a drag linear in velocity is out of its range.
-const CREEPING: f64 = 1.0;
 /// Stokes number below which the boundary layer's share of the added mass is over a fifth.
 const THIN_LAYER: f64 = 100.0;
 /// Fewest steps in a period of the drive.
@@ -231,6 +230,7 @@ impl Assessment {
     /// The forces of the fluid, the flow around the rod, and what other laws would say.
     fn describe_fluid(&mut self, scene: &Scene, model: &Model) {
         let Model { rod, forces, fluid, .. } = model;
+        self.describe_body(model);
         let Some(regime) = scene.regime(rod) else { return };
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         for force in forces.iter() {
@@ -269,7 +269,8 @@ impl Assessment {
         let recipe = Recipe { wavelength: wave, frequency: scene.drive_frequency(), ..Recipe::plain(rod) };
         let radius = rod.sections.outer.largest();
         let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);
-        let others = LAWS.iter().filter(|law| law.needs.is_empty() && !own.contains(&law.name) && slender(law));
+        let holds = |law: &DragLaw| slender(law) && regime.reynolds <= law.reynolds;
+        let others = LAWS.iter().filter(|law| law.needs.is_empty() && !own.contains(&law.name) && holds(law));
         let says = |law: &&DragLaw| {
             let [t, n] = coefficients(&Forces(vec![(law.build)(&recipe)]))?;
             let percent = |x: f64, own: f64| 100.0 * (x / own - 1.0);
@@ -277,7 +278,37 @@ impl Assessment {
         };
         let texts: Vec<String> = others.filter(|law| law.name != laws::auto::LAW.name).filter_map(says).collect();
         if !texts.is_empty() && along > 0.0 {
-            fact("other laws", texts.join("; "));
+            fact("other laws that hold", texts.join("; "));
+        }
+    }
+
+    /// The body before the rod, and its drag.
+    fn describe_body(&mut self, model: &Model) {
+        let Model { rod, forces, fluid, .. } = model;
+        let Some(body) = rod.body else { return };
+        let mut fact = |text| self.facts.push(Fact { name: "head body", text });
+        let form = if body.along > body.across {
+            "prolate spheroid"
+        } else if body.along < body.across {
+            "oblate spheroid"
+        } else {
+            "sphere"
+        };
+        fact(format!(
+            "{form} of semi-axes {:.4e} m along and {:.4e} m across, {:.4e} kg; its centre is node 0, the rod begins at node 1",
+            body.along, body.across, rod.mass[0]
+        ));
+        if forces.iter().any(|force| force.name() == body::DRAG) {
+            let [along, across, turning] = body.drag().map(|drag| drag * fluid.viscosity);
+            fact(format!(
+                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin"
+            ));
+        }
+        if forces.iter().any(|force| force.name() == body::INERTIA) {
+            let [along, across, turning] = body.added().map(|added| added * fluid.density);
+            fact(format!(
+                "added mass {along:.4e} kg along, {across:.4e} kg across, added moment of inertia {turning:.4e} kg m^2"
+            ));
         }
     }
 

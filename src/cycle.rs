@@ -722,7 +722,7 @@ impl std::fmt::Display for Averages {
                 ("slip", &SLIP),
                 ("Strouhal number", &STROUHAL),
                 ("cost of transport", &COST_OF_TRANSPORT),
-                ("efficiency", &EFFICIENCY),
+                ("efficiency (power to tow the straight rod over that to swim)", &EFFICIENCY),
             ]
         } else {
             &[("thrust", &THRUST), ("moment", &HEAD_MOMENT), ("power of the head", &HEAD_POWER)]

@@ -286,7 +286,7 @@ impl Dynamics {
 
     /// The first change of κ̄ and dκ̄/dt at time `t` (s), one entry per node, when the inputs change by `by`.
     pub(crate) fn natural_change(&self, by: &Inputs, t: f64, natural: &mut [f64], rate: &mut [f64]) {
-        let Model { rod, actuation, start, head, .. } = &*self.model;
+        let Model { rod, actuation, start, .. } = &*self.model;
         natural.fill(0.0);
         rate.fill(0.0);
         if let Some((actuation, _)) = actuation {
@@ -304,19 +304,12 @@ impl Dynamics {
                 rate,
             );
             actuation.add_derivatives([0.0, size * turn, 0.0], wave.phase, natural);
-            for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
-                (natural[k], rate[k]) = (0.0, 0.0);
-            }
         }
         if let Some(own) = &by.natural {
-            for k in rod.joints() {
-                natural[k] += own[k] * rod.spacing;
-            }
+            natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
         }
-        if head.is_some() {
-            natural[0] *= 0.5;
-            rate[0] *= 0.5;
-        }
+        rod.at_joints(natural);
+        rod.at_joints(rate);
     }
 
     /// Tells a head that a host moves that the host's next step goes from `t` to `end` (s).
@@ -332,7 +325,7 @@ impl Dynamics {
     /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node.
     pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64]) {
         out.fill(0.0);
-        let Model { rod, actuation, start, head, .. } = &*self.model;
+        let Model { rod, actuation, start, .. } = &*self.model;
         let Some((actuation, _)) = actuation else { return };
         // κ̄ = S g(φ): S″ g + 2 S′ φ′ g′ + S φ′² g″.
         let own_rate = self.course.as_ref().map(|course| course.rate());
@@ -344,11 +337,7 @@ impl Dynamics {
             amplitude * gain * phase_rate * phase_rate,
         ];
         actuation.add_derivatives(sizes, phase, out);
-        out[..rod.first_joint].fill(0.0);
-        out[rod.nodes - 1] = 0.0;
-        if head.is_some() {
-            out[0] *= 0.5; // half a joint
-        }
+        rod.at_joints(out);
     }
 
     /// Evaluates natural curvature and head pose at time `t`.
@@ -362,24 +351,15 @@ impl Dynamics {
         if let Some((actuation, _)) = actuation {
             let rate = self.course.as_ref().map(|course| course.rate());
             actuation.add(self.inputs.wave(start, t, rate), &mut self.natural, &mut self.natural_rate);
-            for k in (0..rod.first_joint).chain([rod.nodes - 1]) {
-                (self.natural[k], self.natural_rate[k]) = (0.0, 0.0);
-            }
         }
         if let Some(own) = &self.inputs.natural {
-            for k in rod.joints() {
-                self.natural[k] += own[k] * rod.spacing;
-            }
+            self.natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
         }
         if let Some(rate) = self.course.as_ref().and_then(|course| course.rate().natural.as_ref()) {
-            for k in rod.joints() {
-                self.natural_rate[k] += rate[k] * rod.spacing;
-            }
+            self.natural_rate.iter_mut().zip(rate).for_each(|(to, rate)| *to += rate * rod.spacing);
         }
-        if head.is_some() {
-            self.natural[0] *= 0.5; // half a joint
-            self.natural_rate[0] *= 0.5;
-        }
+        rod.at_joints(&mut self.natural);
+        rod.at_joints(&mut self.natural_rate);
         self.held = match (&self.inputs.head, head) {
             (Some(host), Some(_)) => Some(host.rows.map(|[from, to]| hermite(&from, &to, t))),
             (None, Some(motion)) => Some(pose(motion, t)),
@@ -407,7 +387,7 @@ impl Dynamics {
     }
 
     fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
-        let meaningful = COLLAPSED * self.model.rod.spacing..f64::INFINITY;
+        let meaningful = COLLAPSED * self.model.rod.shortest()..f64::INFINITY;
         let mut fine = true;
         for (edge, ends) in self.edges.iter_mut().zip(q.as_chunks().0.windows(2)) {
             *edge = Edge::new(Vector2::from(ends[1]) - Vector2::from(ends[0]));
@@ -674,6 +654,7 @@ impl System for Dynamics {
         let rod = &self.model.rod;
         let reach = state.q.iter().fold(rod.length, |max, x| max.max(x.abs()));
         let stiffest = rod.joint.iter().fold(0.0_f64, |max, b| max.max(*b));
-        8.0 * f64::EPSILON * reach * (rod.ea / rod.spacing + 4.0 * stiffest / (rod.spacing * rod.spacing))
+        let shortest = rod.shortest();
+        8.0 * f64::EPSILON * reach * (rod.ea / shortest + 4.0 * stiffest / (shortest * shortest))
     }
 }

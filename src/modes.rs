@@ -118,8 +118,11 @@ impl Modes {
 /// The rod linearised about its straight rest: M q̈ + C q̇ + K q = 0.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Matrices {
-    /// Inertia of each unknown, x and y of every node, kg: that of the fluid around a straight rod included.
+    /// Inertia of each unknown, x and y of every node, kg: that of the fluid around a straight rod included. It is all of M
+    /// but for the moment of inertia of a body, which couples the first two nodes.
     pub mass: Vec<f64>,
+    /// Inertia M, kg.
+    pub inertia: BandMatrix,
     /// Drag C, N s/m; `None` without.
     pub damping: Option<BandMatrix>,
     /// Stiffness K, N/m.
@@ -146,6 +149,7 @@ impl Matrices {
         let inertia = along(Direction::ACCELERATIONS)?;
         Ok(Self {
             mass: (0..2 * rod.nodes).map(|i| inertia.entry(i, i)).collect(),
+            inertia,
             stiffness: along(Direction::POSITIONS)?,
             damping: if damped { Some(along(Direction::VELOCITIES)?) } else { None },
             first: usize::from(is_held(rod)),
@@ -166,9 +170,11 @@ impl Matrices {
         let damping = self.damping.as_ref()?;
         let i = mode.axis.entry();
         let products = mode.shape.iter().enumerate().skip(self.first).map(|(k, x)| {
-            let near = damping.coupled(k).filter(|j| *j >= self.first);
-            let force: f64 = near.map(|j| damping.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum();
-            [x * force, x * self.inertia(mode.axis, k) * x]
+            let near = || damping.coupled(k).filter(|j| *j >= self.first);
+            let times = |matrix: &BandMatrix| {
+                near().map(|j| matrix.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum::<f64>()
+            };
+            [x * times(damping), x * times(&self.inertia)]
         });
         let [lost, moved] = products.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);
         Some(lost / (2.0 * mode.frequency * moved))
@@ -210,9 +216,8 @@ impl Matrices {
     /// M, C and K as texts in the Matrix Market exchange format, symmetric, each with a name; the unknowns are x and y of
     /// every node that is free to move. Source: R. F. Boisvert, R. Pozo & K. A. Remington, NISTIR 5935 (1996).
     pub fn matrix_market(&self) -> Vec<(&'static str, String)> {
-        let mass = |i: usize, j: usize| if i == j { self.mass[i] } else { 0.0 };
         let mut texts = vec![
-            ("mass.mtx", self.market("mass M, kg", &mass)),
+            ("mass.mtx", self.market("mass M, kg", &|i, j| self.inertia.entry(i, j))),
             ("stiffness.mtx", self.market("stiffness K, N/m", &|i, j| self.stiffness.entry(i, j))),
         ];
         if let Some(damping) = &self.damping {

@@ -95,7 +95,7 @@ fn chain(
         if let Some(link) = state.links.get_mut(e) {
             link.angle = angle;
         }
-        let edge = Vector2::new(angle.cos(), angle.sin()) * rod.spacing;
+        let edge = Vector2::new(angle.cos(), angle.sin()) * rod.cells[e].rest;
         x += edge;
         v += Vector2::new(-edge.y, edge.x) * spin;
         add(&mut state.q, e + 1, x);

@@ -365,6 +365,23 @@ fn has_other_forces(model: &Model) -> bool {
     model.forces.iter().any(|force| !force.is_of_fluid())
 }
 
+fn has_body(model: &Model) -> bool {
+    model.rod.body.is_some()
+}
+
+/// Direction of the body's axis from +x, in (−π, π], rad.
+fn body_angle(state: &State) -> f64 {
+    let [x, y] = [0, 1].map(|i| state.q[2 + i] - state.q[i]);
+    y.atan2(x)
+}
+
+/// Its change: n·δe/ℓ.
+fn body_angle_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
+    let along = |state: &State| [0, 1].map(|i| state.q[2 + i] - state.q[i]);
+    let ([x, y], [dx, dy]) = (along(now.state), along(change.state));
+    (x * dy - y * dx) / (x * x + y * y)
+}
+
 fn is_free(model: &Model) -> bool {
     model.head.is_none()
 }
@@ -433,8 +450,8 @@ pub static VARIABLES: &[Variable] = &[
     output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(FORCES).recorded(),
     output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(HEAD_POWER).fed_in(has_held_head).recorded(),
     output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).fed(&FLUID).recorded(),
-    output("head_dx_m", "m", "displacement of the head node since the start, x", |v, _| v.displacement(0, 0)).recorded(),
-    output("head_dy_m", "m", "displacement of the head node since the start, y", |v, _| v.displacement(0, 1)).recorded(),
+    output("head_dx_m", "m", "displacement of node 0, the head or the centre of a head body, since the start, x", |v, _| v.displacement(0, 0)).recorded(),
+    output("head_dy_m", "m", "displacement of node 0 since the start, y", |v, _| v.displacement(0, 1)).recorded(),
     output("mid_dx_m", "m", "displacement of the middle node since the start, x", |v, _| v.displacement(v.middle(), 0)).recorded(),
     output("mid_dy_m", "m", "displacement of the middle node since the start, y", |v, _| v.displacement(v.middle(), 1)).recorded(),
     output("tip_dx_m", "m", "displacement of the tip node since the start, x", |v, _| v.displacement(v.tip(), 0)).recorded(),
@@ -444,6 +461,9 @@ pub static VARIABLES: &[Variable] = &[
     output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).fed(HEAD_X).recorded(),
     output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).fed(HEAD_Y).recorded(),
     output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(has_held_head).fed(HEAD_NATURAL).recorded(),
+    output("body_x_m", "m", "centre of the head body, x", |v, _| v.state.q[0]).when(has_body).recorded(),
+    output("body_y_m", "m", "centre of the head body, y", |v, _| v.state.q[1]).when(has_body).recorded(),
+    output("body_angle_rad", "rad", "direction of the head body's axis, along which the rod begins, from +x", |v, _| body_angle(v.state)).when(has_body).changing(body_angle_change).recorded(),
     output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.meter.net_displacement()),
     output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.meter.totals.max_lateral),
     output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.totals.work.actuation).fed(NATURAL).recorded(),
@@ -461,7 +481,7 @@ pub static VARIABLES: &[Variable] = &[
     output("y_m", "m", "nodes, y", |v, k| v.state.q[2 * k + 1]).sized(Size::Nodes),
     output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
     output("vy_m_s", "m/s", "velocity of the nodes, y", |v, k| v.state.v[2 * k + 1]).sized(Size::Nodes),
-    output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / v.model().rod.spacing).sized(Size::Joints),
+    output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / (v.model().rod.joint_part(k) * v.model().rod.spacing)).sized(Size::Joints),
     output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints).fed(OWN_NATURAL).changing(joint_moment_change),
 
     output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0),
@@ -502,9 +522,9 @@ pub static VARIABLES: &[Variable] = &[
     input("head_vy_m_s", "m/s", "head velocity to reach with the position, y", |v, _| head_rate(v, 1), |d, t, x| set_head_rate(d, t, 1, x[0])).when(has_held_head),
     input("head_spin_rad_s", "rad/s", "angular rate of the head to reach with the angle", |v, _| head_rate(v, 2), |d, t, x| set_head_rate(d, t, 2, x[0])).when(has_held_head),
 
-    parameter("nodes", "1", "number of nodes", |v, _| v.model().rod.nodes as f64),
+    parameter("nodes", "1", "number of nodes; node 0 is the centre of a head body", |v, _| v.model().rod.nodes as f64),
     parameter("length_m", "m", "length of the rod", |v, _| v.model().rod.length),
-    parameter("mass_kg", "kg", "mass of the rod", |v, _| v.model().rod.total_mass()),
+    parameter("mass_kg", "kg", "mass of the rod, and of a head body", |v, _| v.model().rod.total_mass()),
     parameter("stretching_stiffness_n", "N", "stretching stiffness EA", |v, _| v.model().rod.ea),
     parameter("bending_stiffness_n_m2", "N m^2", "bending stiffness EI before the profile", |v, _| v.model().rod.ei),
     parameter("joint_stiffness_n_m2", "N m^2", "bending stiffness EI at the joints", |v, k| v.model().rod.joint_stiffness(k)).sized(Size::Joints),

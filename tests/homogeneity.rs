@@ -86,6 +86,15 @@ fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
             let (size, rate) = (number(0.02 * length, METRE), number(frequency, HERTZ));
             set("head.position_m", &format!("[0.0, {{ amplitude = {size}, frequency_hz = {rate} }}]"));
         }
+        _ if dice.between(0.0, 1.0) < 0.6 => {
+            let axes = [dice.between(0.03, 0.2), dice.between(0.02, 0.1)].map(|part| part * length);
+            set("head_body.semi_axis_along_m", &number(axes[0], METRE));
+            set("head_body.semi_axis_across_m", &number(axes[1], METRE));
+            if dice.between(0.0, 1.0) < 0.5 {
+                set("head_body.mass_kg", &number(dice.between(1.0, 4.0) * density * axes[0] * axes[1].powi(2), [0, 0, 1]));
+                set("head_body.form_drag_across", "1.3");
+            }
+        }
         _ => {}
     }
     let methods = ["implicit-euler", "newmark", "generalized-alpha", "esdirk3"];

@@ -86,6 +86,10 @@ fn scenes() -> Vec<Scene> {
         with(&["head.kind=driven", "head.position_m=[0.2,-0.1]", "head.angle_rad=0.7"]),
         with(&["solver.integrator=newmark", "drag.ratio=1.5", "rod.nodes=6"]),
     ];
+    // A body before the rod, in a fluid that it accelerates or not.
+    let body = "head_body={ semi_axis_along_m = 0.2, semi_axis_across_m = 0.1, form_drag_along = 0.3, form_drag_across = 1.2 }";
+    scenes.push(with(&[body]));
+    scenes.push(with(&[body, "reactive.shedding=0.8", "loads.buoyancy=true"]));
     // Every law with all that it needs, in water that the rod accelerates, its head free and held.
     let bare = SOFT.replace("ratio = 5.0\n", "");
     let values = [
@@ -113,15 +117,17 @@ fn scenes() -> Vec<Scene> {
 
 /// A bent, stretched and moving rod: one of the right form for `dynamics`, at time `t`.
 fn state(dynamics: &mut Dynamics, dice: &mut Dice, t: f64) -> State {
-    let rod = &dynamics.model.rod;
-    let (nodes, spacing) = (rod.nodes, rod.spacing);
+    let model = Arc::clone(&dynamics.model);
+    let rod = &model.rod;
+    let nodes = rod.nodes;
     let mut state = State::zeros(2 * nodes);
     dynamics.move_to(t, &mut state);
     let mut angle = dynamics.held.map_or_else(|| dice.between(-3.0, 3.0), |[_, _, angle]| angle.value);
     let mut x = node(&state.q, 0);
     for k in 1..nodes {
         angle += dice.between(-0.4, 0.4);
-        x += Vector2::new(angle.cos(), angle.sin()) * (spacing * dice.between(0.98, 1.02));
+        let rest = rod.arc_length(k) - rod.arc_length(k - 1);
+        x += Vector2::new(angle.cos(), angle.sin()) * (rest * dice.between(0.98, 1.02));
         state.q[2 * k..2 * k + 2].copy_from_slice(x.as_slice());
     }
     state.v = dice.many(2 * nodes, -0.2, 0.2);

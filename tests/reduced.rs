@@ -321,6 +321,7 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                 let rod = &model.rod;
                 let travelling = TravellingWave::new(&Recipe {
                     nodes: rod.nodes,
+                    front: rod.front,
                     spacing: rod.spacing,
                     envelope: [1.0, 0.0],
                     reference_length: 1.0,

@@ -32,6 +32,8 @@ impl Kind {
 pub struct Recipe {
     /// Number of nodes.
     pub nodes: usize,
+    /// Node at which the rod begins: 1 behind a body, see [`Rod::front`](crate::rod::Rod::front).
+    pub front: usize,
     /// Their spacing, m.
     pub spacing: f64,
     /// [e₀, e₁] of the amplitude e₀ + e₁ξ along the rod.
@@ -40,6 +42,18 @@ pub struct Recipe {
     pub reference_length: f64,
     /// `wavelength_m`.
     pub wavelength: f64,
+}
+
+impl Recipe {
+    /// Arc length of node `k` in spacings.
+    pub fn place(&self, k: usize) -> f64 {
+        k.saturating_sub(self.front) as f64
+    }
+
+    /// ξ of node `k`.
+    pub fn xi(&self, k: usize) -> f64 {
+        self.place(k) / (self.nodes - self.front - 1) as f64
+    }
 }
 
 /// Where a drive is in its cycle: natural curvature is `gain`·`amplitude` times a function of `phase` alone.

@@ -26,12 +26,11 @@ pub struct TravellingWave {
 impl TravellingWave {
     /// The wave that `recipe` describes.
     pub fn new(recipe: &Recipe) -> Self {
-        let Recipe { nodes, spacing, envelope, reference_length, wavelength } = *recipe;
+        let Recipe { nodes, spacing, envelope, reference_length, wavelength, .. } = *recipe;
         let table = (0..nodes)
             .map(|k| {
-                let xi = k as f64 / (nodes - 1) as f64;
-                let size = spacing / reference_length * (envelope[0] + envelope[1] * xi);
-                let (sin, cos) = (TAU * k as f64 * spacing / wavelength).sin_cos();
+                let size = spacing / reference_length * (envelope[0] + envelope[1] * recipe.xi(k));
+                let (sin, cos) = (TAU * recipe.place(k) * spacing / wavelength).sin_cos();
                 [size * cos, size * sin]
             })
             .collect();

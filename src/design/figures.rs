@@ -82,7 +82,7 @@ impl Design {
     }
 
     fn profile_figure(&self, rod: &Rod) -> Drawn {
-        let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
+        let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
         let line = |values: &[f64]| xi.iter().copied().zip(values.iter().map(|ei| ei / rod.ei)).collect::<Vec<_>>();
         let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
         let highest = self.stiffness.iter().fold(0.0, |max: f64, ei| max.max(ei / rod.ei));
@@ -120,7 +120,7 @@ impl Design {
     fn actuation_figures(&self, rod: &Rod) -> Vec<Drawn> {
         let Answer::Found(found) = &self.answer else { return Vec::new() };
         let line = |values: &[f64]| {
-            let xi = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64);
+            let xi = rod.joints().map(|k| rod.xi(k));
             xi.zip(values.iter().copied()).collect::<Vec<_>>()
         };
         let mut figures = Vec::new();
@@ -427,7 +427,7 @@ impl Design {
         }
         let row = |(i, k): (usize, usize)| {
             let (ei, factor) = (self.stiffness[i], self.stiffness[i] / rod.ei);
-            let mut row = vec![json!(k), json!(k as f64 / (rod.nodes - 1) as f64), json!(ei), json!(factor)];
+            let mut row = vec![json!(k), json!(rod.xi(k)), json!(ei), json!(factor)];
             let bound = self.table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
             let verdict = match &self.answer {
                 Answer::Identified(found) => {
@@ -474,7 +474,12 @@ impl Design {
             let every = motion.times.len().div_ceil(POINTS);
             let frame = |n: usize| {
                 let q = motion.positions(n);
-                Frame { time: motion.times[n], points: q.as_chunks::<2>().0.to_vec(), com: rod.mean(q).into() }
+                Frame {
+                    time: motion.times[n],
+                    points: q.as_chunks::<2>().0.to_vec(),
+                    com: rod.mean(q).into(),
+                    body: Frame::body(rod, q),
+                }
             };
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };

@@ -185,8 +185,7 @@ pub(super) fn series(
             let natural: f64 =
                 sample.weights.iter().zip(&naturals[first..]).map(|(w, natural)| w[0] * natural[k]).sum();
             let s = bend::curvature_per_turning(kappa);
-            // The half-cell joint of a held head is twice as stiff.
-            let scale = if k == 0 { 2.0 } else { 1.0 } * s / spacing;
+            let scale = s / (dynamics.model.rod.joint_part(k) * spacing);
             let series = &mut all[i];
             series.still.push(kappa * scale);
             series.driven.push(natural * scale);
@@ -452,7 +451,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             } else {
                 Verdict::Unobservable
             };
-            let xi = k as f64 / (rod.nodes - 1) as f64;
+            let xi = rod.xi(k);
             Joint { node: k, xi, stiffness_n_m2: *ei, deviation_n_m2: deviation, signal_to_noise: signal, verdict }
         })
         .collect();

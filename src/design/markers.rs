@@ -136,7 +136,7 @@ impl Markers {
 
     /// The first sample and entry that `rod` cannot have, and why: nodes are no further from each other than along the rod.
     fn impossible(&self, rod: &Rod) -> Option<(usize, usize, String)> {
-        let reach = |i: usize, j: usize| rod.spacing * i.abs_diff(j) as f64 + SLACK * rod.length;
+        let reach = |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + SLACK * rod.length;
         let far = |row: &[f64], i: usize, j: usize| {
             (row[2 * i] - row[2 * j]).hypot(row[2 * i + 1] - row[2 * j + 1]) > reach(i, j)
         };

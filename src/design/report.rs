@@ -247,7 +247,7 @@ impl Design {
             "goal": self.table.goal,
             "status": self.status(),
             "reference_stiffness_n_m2": rod.ei,
-            "xi": rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect::<Vec<_>>(),
+            "xi": rod.joints().map(|k| rod.xi(k)).collect::<Vec<_>>(),
             "stiffness_n_m2": self.stiffness,
             "bounds": self.table.bounds,
             "lines": self.lines,
@@ -412,7 +412,7 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
 /// The even profile, the study's gradient and the best linear one of the same mean, and the design, with their objectives.
 fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compared> {
     let rod = &search.problem.model().rod;
-    let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
+    let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
     let reference = rod.ei;
     let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
@@ -571,7 +571,7 @@ fn keys<'a>(scene: &Scene, profile: &'a Profile) -> Result<Vec<([&'a str; 2], to
     let rod = scene.model()?.rod;
     let list = |values: &dyn Fn(usize, f64) -> f64| {
         let points = rod.joints().enumerate().map(|(i, k)| {
-            let xi = k as f64 / (rod.nodes - 1) as f64;
+            let xi = rod.xi(k);
             toml::Value::Array(vec![toml::Value::Float(xi), toml::Value::Float(values(i, xi))])
         });
         toml::Value::Array(points.collect())

@@ -572,7 +572,7 @@ impl Search<'_> {
     /// mean of ξ, and the objective as shown.
     pub fn best_linear(&mut self) -> Option<(f64, f64)> {
         let rod = &self.problem.model().rod;
-        let xi: Vec<f64> = rod.joints().map(|k| k as f64 / (rod.nodes - 1) as f64).collect();
+        let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
         let centre = xi.iter().sum::<f64>() / xi.len() as f64;
         let even = self.table.mean.unwrap_or(1.0);
         let [low, high] = self.table.bounds;

@@ -338,7 +338,7 @@ impl Table {
             return Basis { unknowns: joints.len(), rows: (0..joints.len()).map(|i| vec![(i, 1.0)]).collect() };
         };
         let row = |k: usize| {
-            let xi = k as f64 / (rod.nodes - 1) as f64;
+            let xi = rod.xi(k);
             let after = knots.partition_point(|knot| *knot <= xi);
             match (after.checked_sub(1), after < knots.len()) {
                 (Some(i), true) => {

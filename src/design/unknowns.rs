@@ -153,7 +153,7 @@ impl Unknowns {
         let (xi, places): (Vec<f64>, Vec<String>) = match &table.knots {
             Some(knots) => (knots.clone(), knots.iter().map(|xi| format!("knot xi = {xi}")).collect()),
             None => (
-                joints.iter().map(|k| *k as f64 / (rod.nodes - 1) as f64).collect(),
+                joints.iter().map(|k| rod.xi(*k)).collect(),
                 joints.iter().map(|k| format!("joint {k}")).collect(),
             ),
         };

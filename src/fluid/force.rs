@@ -82,6 +82,15 @@ impl Tally<'_> {
 }
 
 impl Tally<'_> {
+    /// Adds what `on` says of the `i`-th edge that the force was asked for, and nothing of the others.
+    pub fn one(&mut self, i: usize, on: &OnEdge) {
+        if self.fresh {
+            self.sums.fill(OnEdge::ZERO);
+            self.fresh = false;
+        }
+        self.sums[i].add(on);
+    }
+
     /// Nothing at all where no force has said anything.
     fn finish(self) {
         if self.fresh {

@@ -1,5 +1,6 @@
 //! The fluid and what it does to the rod: one force per file.
 
+pub mod body;
 pub mod force;
 pub mod laws;
 pub mod local;

@@ -127,7 +127,8 @@ impl Entry {
         let mut value = Vec::new();
         let sized = standard == Standard::Fmi3 && variable.size != Size::Scalar;
         if structural {
-            value.extend([("min", scene::NODES[0].to_string()), ("max", scene::NODES[1].to_string())]);
+            let [least, most] = scene::NODES.map(|nodes| (nodes + model.rod.front as u64).to_string());
+            value.extend([("min", least), ("max", most)]);
             value.push(("start", model.rod.nodes.to_string()));
         } else {
             value.extend(variable.least().map(|least| ("min", number(least))));

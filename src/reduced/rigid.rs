@@ -48,7 +48,7 @@ impl Chain {
         let zeros = || vec![0.0; 2 * rod.nodes];
         Self {
             mass: rod.total_mass(),
-            edges: vec![Edge::along(Vector2::x(), rod.spacing); rod.nodes - 1],
+            edges: rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect(),
             x: zeros(),
             v: zeros(),
             a: zeros(),
@@ -89,13 +89,13 @@ impl Chain {
                 }
             }
             let n = perpendicular(t);
-            here[0] += t * rod.spacing;
-            here[1] += n * (rod.spacing * spin);
+            here[0] += t * edge.length;
+            here[1] += n * (edge.length * spin);
             (*x, *v) = (here[0].into(), here[1].into());
             mean[0] += here[0] * *mass;
             mean[1] += here[1] * *mass;
             if ACCELERATIONS {
-                here[2] += (n * twist - t * (spin * spin)) * rod.spacing;
+                here[2] += (n * twist - t * (spin * spin)) * edge.length;
                 *a = here[2].into();
                 mean[2] += here[2] * *mass;
             }

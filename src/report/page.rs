@@ -44,6 +44,9 @@ pub struct Motion {
     times: Vec<f64>,
     points: Vec<Vec<f64>>,
     com: Vec<[f64; 2]>,
+    /// Semi-axes and angle of the body around the first node.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    body: Option<Vec<[f64; 3]>>,
     /// Another rod at the same times.
     beside: Option<Vec<Vec<f64>>>,
 }
@@ -109,6 +112,7 @@ impl Motion {
             times: frames.iter().map(|frame| frame.time).collect(),
             points: frames.iter().map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect()).collect(),
             com: frames.iter().map(|frame| frame.com.map(round)).collect(),
+            body: frames.iter().map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4])).collect(),
             beside: None,
         }
     }

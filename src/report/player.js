@@ -1,4 +1,5 @@
-// Plays a motion: { times, points: flat x, y of the nodes at each time, com, beside: points of another rod, if any }. Call start
+// Plays a motion: { times, points: flat x, y of the nodes at each time, com, body: semi-axes and angle of a body around the first node,
+// if any, beside: points of another rod, if any }. Call start
 // once, play for every motion.
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 const part = (id) => document.getElementById(id);
@@ -25,6 +26,10 @@ function play(wanted) {
   motion.points.forEach((frame, k) => {
     for (const points of motion.beside ? [frame, motion.beside[k]] : [frame]) for (let i = 0; i < points.length; i += 2) {
       widen(world, points[i], points[i + 1]); widen(near, points[i] - motion.com[k][0], points[i + 1] - motion.com[k][1]);
+    }
+    if (motion.body) for (const reach of [-1, 1]) {
+      const r = reach * Math.max(motion.body[k][0], motion.body[k][1]), [x, y] = [frame[0] + r, frame[1] + r];
+      widen(world, x, y); widen(near, x - motion.com[k][0], y - motion.com[k][1]);
     }
   });
   world = framed(world); near = framed(near);
@@ -68,6 +73,12 @@ function show(k) {
   part("rod").setAttribute("points", pairs(frame));
   part("beside").setAttribute("points", motion.beside ? pairs(motion.beside[k]) : "");
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
+  part("head").style.display = motion.body ? "none" : ""; part("body").style.display = motion.body ? "" : "none";
+  if (motion.body) {
+    const [along, across, angle] = motion.body[k];
+    part("body").setAttribute("rx", along); part("body").setAttribute("ry", across);
+    part("body").setAttribute("transform", "translate(" + frame[0] + "," + -frame[1] + ") rotate(" + -angle * 180 / Math.PI + ")");
+  }
   part("head").setAttribute("cx", frame[0]); part("head").setAttribute("cy", -frame[1]);
   part("com").setAttribute("cx", com[0]); part("com").setAttribute("cy", -com[1]);
   const end = motion.times[motion.times.length - 1], digits = Math.min(9, Math.max(0, 3 - Math.floor(Math.log10(end || 1))));

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::integrator::Pace;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
+use crate::rod::{Rod, node};
 use crate::variable::{Variable, View};
 
 /// Between half of this and this many times are kept for a curve.
@@ -77,11 +78,21 @@ pub struct Frame {
     pub points: Vec<[f64; 2]>,
     /// Centre of mass, m.
     pub com: [f64; 2],
+    /// Semi-axes (m) and angle (rad) of the body around the first node, where there is one.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub body: Option<[f64; 3]>,
 }
 
 impl Frame {
     /// At most about this many nodes of it are kept.
     pub const POINTS: usize = 120;
+
+    /// Semi-axes (m) and angle (rad) of the body before `rod`, whose nodes are at `q`.
+    pub fn body(rod: &Rod, q: &[f64]) -> Option<[f64; 3]> {
+        let body = rod.body?;
+        let along = node(q, 1) - node(q, 0);
+        Some([body.along, body.across, along.y.atan2(along.x)])
+    }
 
     /// The rod now.
     pub fn of(view: &View<'_>) -> Self {
@@ -91,7 +102,12 @@ impl Frame {
             let k = i * (nodes - 1) / (points - 1);
             [view.state.q[2 * k], view.state.q[2 * k + 1]]
         };
-        Self { time: view.state.t, points: (0..points).map(point).collect(), com: view.meter.now.com.into() }
+        Self {
+            time: view.state.t,
+            points: (0..points).map(point).collect(),
+            com: view.meter.now.com.into(),
+            body: Self::body(&view.dynamics.model.rod, &view.state.q),
+        }
     }
 }
 

@@ -7,6 +7,7 @@ pub mod around;
 pub mod bend;
 pub mod elastic;
 pub mod section;
+pub mod spheroid;
 pub mod stretch;
 
 use nalgebra::Vector2;
@@ -14,6 +15,7 @@ use serde::Deserialize;
 
 pub use alike::Alike;
 pub use section::{Half, Profile, Section, Sections};
+pub use spheroid::Spheroid;
 pub use stretch::Cell;
 
 /// An edge vector as unit tangent and length (m).
@@ -92,10 +94,10 @@ impl Stiffness {
     }
 }
 
-/// A straight rod of N nodes at equal spacing, ready for assembly.
+/// A straight rod of N nodes at equal spacing, or of N − 1 behind a body, ready for assembly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Rod {
-    /// Number of nodes N ≥ 3.
+    /// Number of nodes N ≥ 3, that of a body's centre included.
     pub nodes: usize,
     /// Length L, m.
     pub length: f64,
@@ -111,14 +113,20 @@ pub struct Rod {
     pub youngs: f64,
     /// How each edge resists stretching.
     pub cells: Alike<Cell>,
+    /// Node at which the rod begins: 0, or 1 where node 0 is the centre of a body and the first edge the neck between.
+    pub front: usize,
+    /// The body whose centre is node 0.
+    pub body: Option<Spheroid>,
     /// First node with a joint: 1, or 0 where the head is held and a half-cell joint acts on the first edge.
     pub first_joint: usize,
     /// Stiffness B (N m) of the energy ½B(κ−κ̄)² of the joint at each node: EI_k/ΔL inside, 2EI₀/ΔL for the half-cell
-    /// joint of a held head, zero where there is no joint.
+    /// joint between a held head, or a body, and the rod, zero where there is no joint.
     pub joint: Vec<f64>,
     /// Mass of each node, kg.
     pub mass: Vec<f64>,
     total_mass: f64,
+    /// EI at its front end, N m².
+    front_stiffness: f64,
 }
 
 /// What a rod is made from.
@@ -169,11 +177,37 @@ impl Rod {
             ea: largest(&mut ea.iter().copied()),
             ei: largest(&mut (0..nodes).map(ei)),
             cells: ea.iter().map(|ea| Cell { rest: spacing, axial: ea / spacing }).collect::<Vec<_>>().into(),
+            front: 0,
+            body: None,
             first_joint: usize::from(!held_head),
             joint,
             total_mass: mass.iter().sum(),
+            front_stiffness: ei(0) * stiffness.factor(0.0),
             mass,
         }
+    }
+
+    /// The same rod behind a rigid `body` of `mass` (kg), whose centre is a new node 0. A straight neck as long as the
+    /// semi-axis and as stiff in stretching as the rod's first edge joins it to the rod, which starts with a half-cell joint
+    /// there as at a held head: second order in the mesh.
+    #[must_use]
+    pub fn behind_body(mut self, mass: f64, body: Spheroid) -> Self {
+        let neck = body.along;
+        let axial = self.cells[0].axial * self.spacing / neck;
+        let cells = std::iter::once(Cell { rest: neck, axial }).chain(self.cells.iter().copied());
+        self.cells = cells.collect::<Vec<_>>().into();
+        self.joint[0] = 2.0 * self.front_stiffness / self.spacing;
+        self.joint.insert(0, 0.0);
+        self.mass.insert(0, mass);
+        self.total_mass += mass;
+        (self.nodes, self.front, self.first_joint) = (self.nodes + 1, 1, 1);
+        self.body = Some(body);
+        self
+    }
+
+    /// The shortest edge at rest, m.
+    pub fn shortest(&self) -> f64 {
+        self.cells[0].rest.min(self.spacing)
     }
 
     /// The nodes that carry a joint.
@@ -181,10 +215,20 @@ impl Rod {
         self.first_joint..self.nodes - 1
     }
 
-    /// The part of a whole cell that the joint at node `k` stands for: the half-cell joint of a held head is twice as stiff and
-    /// takes half of a whole joint's natural curvature.
+    /// The part of a whole cell that the joint at node `k` stands for: the half-cell joint where the rod begins is twice as
+    /// stiff and takes half of a whole joint's natural curvature.
     pub fn joint_part(&self, k: usize) -> f64 {
-        if k == 0 { 0.5 } else { 1.0 }
+        if k == self.front { 0.5 } else { 1.0 }
+    }
+
+    /// Makes the `values` of whole cells, one entry per node, those of the joints there: none where there is no joint, half
+    /// at a half-cell joint.
+    pub fn at_joints(&self, values: &mut [f64]) {
+        values[..self.first_joint].fill(0.0);
+        values[self.nodes - 1] = 0.0;
+        if self.first_joint == self.front {
+            values[self.front] *= 0.5;
+        }
     }
 
     /// Bending stiffness EI_k at the joint of node `k`, N m².
@@ -194,22 +238,29 @@ impl Rod {
 
     /// Bending stiffness Y I of the section at node `k`, before the factor along the rod, N m².
     pub fn section_stiffness(&self, k: usize) -> f64 {
-        self.youngs * self.sections.at(k as f64 / (self.nodes - 1) as f64).inertia()
+        self.youngs * self.sections.at(self.xi(k)).inertia()
     }
 
-    /// Arc length of node `k`, m.
+    /// Arc length of node `k`, m, from where the rod begins: negative of the centre of a body before it.
     pub fn arc_length(&self, k: usize) -> f64 {
-        k as f64 * self.spacing
+        if k < self.front { -self.cells[0].rest } else { (k - self.front) as f64 * self.spacing }
     }
 
-    /// Both halves of every edge.
+    /// Arc length of node `k` over the length, 0 for the centre of a body.
+    pub fn xi(&self, k: usize) -> f64 {
+        k.saturating_sub(self.front) as f64 / (self.nodes - self.front - 1) as f64
+    }
+
+    /// Both halves of every edge; those of a neck have no length, for no force acts on it.
     pub fn halves(&self) -> impl Iterator<Item = [Half; 2]> {
         let half = 0.5 * self.spacing;
         let of = move |start: f64| self.sections.half(start, half, self.length);
-        (0..self.nodes - 1).map(move |e| self.arc_length(e)).map(move |s| [of(s), of(s + half)])
+        let neck = move || Half { length: 0.0, middle: 0.0, ..of(0.0) };
+        let along = (self.front..self.nodes - 1).map(move |e| self.arc_length(e)).map(move |s| [of(s), of(s + half)]);
+        (0..self.front).map(move |_| [neck(); 2]).chain(along)
     }
 
-    /// Total mass, kg.
+    /// Total mass, kg, with that of a body before it.
     pub fn total_mass(&self) -> f64 {
         self.total_mass
     }

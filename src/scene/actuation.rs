@@ -99,6 +99,7 @@ impl ActuationTable {
         let drive = Drive { amplitude: self.kappa_amp.get(), frequency: self.frequency_hz.get() };
         let actuation = (self.kind()?.build)(&Recipe {
             nodes: rod.nodes,
+            front: rod.front,
             spacing: rod.spacing,
             envelope: self.envelope.map(Finite::get),
             reference_length: self.kappa_reference_length_m.get(),
@@ -109,9 +110,8 @@ impl ActuationTable {
         }
         let [amplitude, phase] = self.profiles();
         let along = |points: &[[f64; 2]], default: f64| -> Vec<f64> {
-            let xi = (0..rod.nodes).map(|k| k as f64 / (rod.nodes - 1) as f64);
             let profile = Profile::through(points.to_vec()).unwrap_or(default.into());
-            xi.map(|xi| profile.at(xi)).collect()
+            (0..rod.nodes).map(|k| profile.at(rod.xi(k))).collect()
         };
         Ok((actuation.profiled(&along(&amplitude, 1.0), &along(&phase, 0.0)), drive))
     }

@@ -267,11 +267,14 @@ impl Scene {
     pub(super) fn forces(&self, rod: &Rod) -> Result<Forces, Fault> {
         let mut forces = Vec::new();
         if let Some(drag) = &self.drag {
-            forces.push(drag.build(self, rod)?);
+            let law = drag.build(self, rod)?;
+            forces.extend(self.body_drag(law.is_linear()));
+            forces.insert(0, law);
         }
         if let Some(reactive) = &self.reactive {
             forces.push(Box::new(Reactive::new(rod)));
             forces.push(Box::new(Wake::new(rod, reactive.shedding.get())));
+            forces.extend(self.body_inertia());
         }
         Ok(Forces(forces))
     }

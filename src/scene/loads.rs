@@ -26,7 +26,7 @@ pub struct LoadsTable {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PointLoad {
-    /// Node; a negative one counts from the tip, −1.
+    /// Node; a negative one counts from the tip, −1. Node 0 is the centre of a body, where the scene has one.
     pub node: i64,
     /// Force, N.
     #[serde(deserialize_with = "value::pair")]
@@ -51,6 +51,9 @@ impl LoadsTable {
             return None;
         }
         let mut force = vec![0.0; 2 * rod.nodes];
+        if let Some(body) = rod.body {
+            (0..2).for_each(|axis| force[axis] = -body.volume() * gravity[axis]);
+        }
         for (e, halves) in rod.halves().enumerate() {
             for (i, half) in halves.iter().enumerate() {
                 for (axis, g) in gravity.iter().enumerate() {

@@ -1,6 +1,7 @@
 //! Scenes: what a user edits. TOML with units in the keys; unknown keys and values out of range are refused.
 
 mod actuation;
+mod body;
 mod document;
 mod failure;
 pub mod fluid;
@@ -21,6 +22,7 @@ use serde::Deserialize;
 use twox_hash::XxHash3_128;
 
 pub use actuation::ActuationTable;
+pub use body::HeadBodyTable;
 pub use document::{Document, Fault};
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
@@ -59,6 +61,8 @@ pub struct Scene {
     pub drag: Option<DragTable>,
     /// The water that the rod accelerates; absent: no added mass.
     pub reactive: Option<ReactiveTable>,
+    /// A rigid body before the rod; absent: none.
+    pub head_body: Option<HeadBodyTable>,
     /// Gravity and point loads; absent: none.
     pub loads: Option<LoadsTable>,
     /// The head; absent: free.
@@ -100,8 +104,9 @@ impl Scene {
         self.rod.check()?;
         self.actuation.as_ref().map_or(Ok(()), ActuationTable::check)?;
         self.start.check(&self.head)?;
+        self.check_body()?;
         self.check_fluid()?;
-        let nodes = self.rod.nodes.get();
+        let nodes = self.nodes();
         self.loads.as_ref().map_or(Ok(()), |loads| loads.check(nodes))?;
         self.record.check_nodes(nodes)?;
         self.head.check()?;

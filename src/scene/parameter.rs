@@ -30,7 +30,7 @@ impl Parameter {
 }
 
 /// A number that knows its range.
-trait Ranged {
+pub(super) trait Ranged {
     fn number(&self) -> f64;
     fn range() -> RangeInclusive<f64>;
 }
@@ -53,10 +53,10 @@ ranged!(Positive: 0.0..=f64::INFINITY, NotNegative: 0.0..=f64::INFINITY, Toleran
 
 /// The parameters in the making.
 #[derive(Default)]
-struct List(Vec<Parameter>);
+pub(super) struct List(Vec<Parameter>);
 
 impl List {
-    fn add<T: Ranged>(&mut self, key: &str, unit: &'static str, description: &str, value: T) {
+    pub(super) fn add<T: Ranged>(&mut self, key: &str, unit: &'static str, description: &str, value: T) {
         self.push(key, None, unit, description, &value);
     }
 
@@ -163,6 +163,7 @@ impl Scene {
         if let Some(reactive) = &self.reactive {
             list.add("reactive.shedding", "1", "share of the theory's wake that leaves the tail", reactive.shedding);
         }
+        self.body_parameters(&mut list);
         if let Some(gravity) = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2) {
             list.pair("loads.gravity_m_s2", "m/s^2", ["gravity, x", "gravity, y"], gravity);
         }

@@ -93,7 +93,7 @@ impl RecordTable {
 impl Scene {
     /// The nodes whose positions are tabled, in the order asked for.
     pub fn recorded_nodes(&self) -> Vec<usize> {
-        let nodes = self.rod.nodes.get();
+        let nodes = self.nodes();
         match &self.record.nodes {
             Some(chosen) => chosen.iter().map(|node| node.rem_euclid(nodes as i64) as usize).collect(),
             None => (0..nodes).collect(),
@@ -102,7 +102,7 @@ impl Scene {
 
     /// The form of the table of nodes.
     pub fn nodes_table(&self) -> NodesTable {
-        let recorded = self.record.nodes.as_ref().map_or(self.rod.nodes.get(), Vec::len);
+        let recorded = self.record.nodes.as_ref().map_or(self.nodes(), Vec::len);
         let default = if recorded <= NODES_CSV_UP_TO { NodesTable::Csv } else { NodesTable::None };
         self.record.nodes_table.unwrap_or(default)
     }

@@ -13,7 +13,7 @@ use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Stiffness};
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct RodTable {
-    /// Number of nodes.
+    /// Number of nodes; the centre of a body before the rod is one more.
     pub nodes: Whole<{ NODES[0] }, { NODES[1] }>,
     /// Length, m.
     pub length_m: Positive,
@@ -41,7 +41,7 @@ pub struct RodTable {
 }
 
 /// Masses, lengths and stiffnesses of a rod, in SI units: products of a few of them are numbers still.
-const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
+pub(super) const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
 
 fn solid() -> Along<NotNegative> {
     Along::<NotNegative>::constant(0.0)
@@ -183,7 +183,7 @@ pub(super) fn check_points(
 }
 
 impl Scene {
-    /// Its rod on a mesh of `nodes` nodes.
+    /// Its rod on a mesh of `nodes` nodes, behind its body.
     pub(super) fn rod_on(&self, nodes: usize) -> Rod {
         let table = &self.rod;
         let material = Material {
@@ -192,6 +192,6 @@ impl Scene {
             stiffness: table.stiffness(),
         };
         let held = self.head.kind != HeadKind::Free;
-        Rod::new(nodes, table.length_m.get(), &material, table.mass_lumping, held)
+        self.behind_body(Rod::new(nodes, table.length_m.get(), &material, table.mass_lumping, held))
     }
 }

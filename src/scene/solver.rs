@@ -244,7 +244,7 @@ impl Scene {
         };
         let run = Run {
             duration: self.solver.duration_s.get(),
-            nodes: self.rod.nodes.get(),
+            nodes: self.nodes(),
             pace: [self.pace(), self.cheaper_pace()],
             iterations,
         };

@@ -18,10 +18,12 @@ impl Scene {
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
         scene.rod.nodes = Whole::nearest(nodes);
-        let (old, new) = (self.rod.nodes.get(), scene.rod.nodes.get());
+        let (old, new) = (self.rod.nodes.get() as f64, scene.rod.nodes.get() as f64);
+        let (all, front) = (self.nodes() as i64, self.front() as i64);
         for load in scene.loads.iter_mut().flat_map(|loads| &mut loads.point) {
-            let node = load.node.rem_euclid(old as i64) as f64;
-            load.node = (node * (new - 1) as f64 / (old - 1) as f64).round() as i64;
+            let node = load.node.rem_euclid(all);
+            let along = (node - front).max(0) as f64; // a body's centre stays
+            load.node = (along * (new - 1.0) / (old - 1.0)).round() as i64 + front.min(node);
         }
         scene
     }

@@ -17,6 +17,8 @@ pub enum Quantity {
     Position(usize, usize),
     /// Velocity of a node along an axis, m/s.
     Velocity(usize, usize),
+    /// Direction of the body's axis, rad.
+    BodyAngle,
     /// Coordinate of the centre of mass along an axis, m.
     CentreOfMass(usize),
     /// Stretching energy, J.
@@ -90,7 +92,7 @@ impl From<Work> for Output {
 }
 
 /// The outputs by the names of the table of variables.
-const NAMES: [&str; 33] = [
+const NAMES: [&str; 36] = [
     "x_com_m",
     "y_com_m",
     "stretching_energy_j",
@@ -112,6 +114,9 @@ const NAMES: [&str; 33] = [
     "tip_dy_m",
     "tip_x_m",
     "tip_y_m",
+    "body_x_m",
+    "body_y_m",
+    "body_angle_rad",
     "head_force_x_n",
     "head_force_y_n",
     "head_moment_n_m",
@@ -164,6 +169,9 @@ impl Output {
             "tip_dy_m" => moved(tip, 1),
             "tip_x_m" => Q::Position(tip, 0).into(),
             "tip_y_m" => Q::Position(tip, 1).into(),
+            "body_x_m" if model.rod.front == 1 => Q::Position(0, 0).into(),
+            "body_y_m" if model.rod.front == 1 => Q::Position(0, 1).into(),
+            "body_angle_rad" if model.rod.front == 1 => Q::BodyAngle.into(),
             "head_force_x_n" if model.head.is_some() => Q::HeadForce(0).into(),
             "head_force_y_n" if model.head.is_some() => Q::HeadForce(1).into(),
             "head_moment_n_m" if model.head.is_some() => Q::HeadMoment.into(),
@@ -475,6 +483,13 @@ impl Quantity {
             Self::Position(k, i) => {
                 g.q[2 * k + i] += factor;
                 state.q[2 * k + i]
+            }
+            Self::BodyAngle => {
+                let along = node(&state.q, 1) - node(&state.q, 0);
+                let turn = Vector2::new(-along.y, along.x) * (factor / along.norm_squared());
+                add(&mut g.q, 0, -turn);
+                add(&mut g.q, 1, turn);
+                along.y.atan2(along.x)
             }
             Self::Velocity(k, i) => {
                 g.v[2 * k + i] += factor;

@@ -53,9 +53,7 @@ impl Shape {
             sizes[order] = 1.0;
             g.fill(0.0);
             actuation.add_derivatives(sizes, wave.phase, g);
-            if dynamics.model.head.is_some() {
-                g[0] *= 0.5; // half a joint
-            }
+            dynamics.model.rod.at_joints(g);
         }
         (self.wave, self.time) = (Some(wave), t);
     }

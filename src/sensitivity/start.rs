@@ -57,7 +57,7 @@ fn shaped(
             angle = [angle[0] + bend::turning(natural[e]), angle[1] + by[e] / s];
             spin = [spin[0] + rate[e] / s, spin[1] + rate_by[e] / s - 0.5 * rate[e] * natural[e] * by[e] / (s * s)];
         }
-        let edge = Vector2::new(angle[0].cos(), angle[0].sin()) * rod.spacing;
+        let edge = Vector2::new(angle[0].cos(), angle[0].sin()) * rod.cells[e].rest;
         let across = turned(edge);
         x[e + 1] = [x[e][0] + edge, x[e][1] + across * angle[1]];
         w[e + 1] = [w[e][0] + across * spin[0], w[e][1] + across * spin[1] - edge * (spin[0] * angle[1])];

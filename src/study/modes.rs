@@ -10,6 +10,7 @@ use crate::integrator::Pace;
 use crate::modes::{Axis, Matrices, Mode, Modes, lowest};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
+use crate::rod::Rod;
 use crate::scene::Scene;
 
 /// Up to this many nodes all frequencies are computed: their cost grows as N³ (a second or so here).
@@ -104,11 +105,11 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     findings.numbers.insert("explicit_step_limit_s".into(), json!(all.as_ref().map(|all| 2.0 / all.highest())));
 
     findings.tables.push(modes_table(&found, &matrices, step));
-    findings.tables.push(shapes_table(&found, rod.spacing));
+    findings.tables.push(shapes_table(&found, &rod));
     let title = |what: &str| format!("{}: {what}", scene.name);
     let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN).map(|mode| {
         let label = format!("{:.5} Hz", mode.frequency / TAU);
-        Series::new(label, points(&mode.shape).map(|k| (k as f64 * rod.spacing, mode.shape[k])).collect(), Mark::Line)
+        Series::new(label, points(&mode.shape).map(|k| (rod.arc_length(k), mode.shape[k])).collect(), Mark::Line)
     });
     let shapes = Chart {
         title: title("lowest modes of bending"),
@@ -157,11 +158,11 @@ fn modes_table(found: &[Mode], matrices: &Matrices, step: Option<f64>) -> Table 
     }
 }
 
-fn shapes_table(found: &[Mode], spacing: f64) -> Table {
+fn shapes_table(found: &[Mode], rod: &Rod) -> Table {
     let nodes = found.first().map_or(0..0, |mode| 0..mode.shape.len());
     let rows = points(&found[0].shape).map(|k| {
         let shapes = found.iter().map(|mode| json!(mode.shape[k]));
-        [json!(k), json!(k as f64 * spacing)].into_iter().chain(shapes).collect()
+        [json!(k), json!(rod.arc_length(k))].into_iter().chain(shapes).collect()
     });
     let names = (1..=found.len()).map(|i| format!("mode_{i}"));
     Table {

@@ -154,7 +154,8 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     let rod = &stepper.model().rod;
     let (kappa, last) = (&stepper.meter().now.kappa, rod.nodes - 1);
     let at = |s: f64| {
-        let place = (s * last as f64).clamp(1.0, last as f64 - 1.0); // ends have no joint
+        let along = rod.front as f64 + s * (last - rod.front) as f64;
+        let place = along.clamp(rod.front as f64 + 1.0, last as f64 - 1.0); // ends have no whole joint
         let (k, part) = (place.floor() as usize, place.fract());
         (kappa[k] + part * (kappa[(k + 1).min(last - 1)] - kappa[k])) / rod.spacing
     };

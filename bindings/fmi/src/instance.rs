@@ -125,7 +125,7 @@ impl Instance {
         let stepper = Stepper::of(&scene)?;
         let catalogue = Catalogue::of(&scene, &stepper);
         let parameters = catalogue.parameters.iter().map(|parameter| parameter.value).collect();
-        let original = Settings { nodes: scene.rod.nodes.get() as u64, parameters };
+        let original = Settings { nodes: scene.nodes() as u64, parameters };
         let mut instance = Self {
             mode: Mode::Instantiated,
             experiment: Experiment { start: 0.0, stop: None },
@@ -216,7 +216,7 @@ impl Instance {
             document.set(&text)?;
         }
         if self.settings.nodes != self.original.nodes {
-            document.set(&format!("rod.nodes={}", self.settings.nodes))?;
+            document.set(&format!("rod.nodes={}", self.settings.nodes - self.scene.front() as u64))?;
         }
         Stepper::of(&document.scene()?)
     }

@@ -11,6 +11,7 @@ pub static LAW: DragLaw = DragLaw {
     name: "auto",
     meaning: "cox below a Reynolds number of 1e-2 of the depth, cross-flow above",
     validity: Validity { range: "that of the law it takes", source: "of the law it takes" },
+    reynolds: cross_flow::LAW.reynolds,
     keys: cross_flow::LAW.keys,
     needs: &[],
     resistance: None,

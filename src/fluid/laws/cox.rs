@@ -3,7 +3,7 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Recipe};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -15,6 +15,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "creeping flow, length over radius of at least 10; within 10 % in speed for radius over length up to 0.01",
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",
     },
+    reynolds: CREEPING,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -22,6 +22,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "Reynolds numbers of the depth from 1e-3 to 1e5; no lift, vortex shedding or history",
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
+    reynolds: 1e5,
     keys: &["slender_length_m", "viscous", "form_drag", "thinning", "skin_friction", "turbulent_friction"],
     needs: &[],
     resistance: None,

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Recipe};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -15,6 +15,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "creeping flow, waves of small amplitude; 20 to 160 % too fast for bodies of radius over length above 0.01",
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
+    reynolds: CREEPING,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

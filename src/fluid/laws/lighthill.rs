@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Recipe};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -15,6 +15,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "creeping flow, a wave without load, wavelength over radius of at least 30",
         source: "M. J. Lighthill, SIAM Review 18 (1976)",
     },
+    reynolds: CREEPING,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

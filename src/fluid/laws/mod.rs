@@ -33,6 +33,9 @@ pub static LAWS: &[&DragLaw] = &[
 /// The law of a scene that names none.
 pub static DEFAULT: &DragLaw = &cox::LAW;
 
+/// Reynolds number of the depth from which a drag linear in velocity is out of its range.
+pub const CREEPING: f64 = 1.0;
+
 /// Least ln(ℒ/a) of a body that counts as slender.
 pub const SLENDER: f64 = 1.3;
 
@@ -45,6 +48,8 @@ pub struct DragLaw {
     pub meaning: &'static str,
     /// Where it holds, and its source.
     pub validity: Validity,
+    /// Reynolds number of the depth up to which it holds.
+    pub reynolds: f64,
     /// The keys of `[drag]` that it takes beside those of every law.
     pub keys: &'static [&'static str],
     /// Those of them that it cannot do without.

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Recipe};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -15,6 +15,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "creeping flow, thin spheroids",
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
+    reynolds: CREEPING,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -19,6 +19,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "the source study's own scenes: its coefficients lack 1/m, so it says something else at every size",
         source: "the source study",
     },
+    reynolds: 0.0,
     keys: &["ratio"],
     needs: &["ratio"],
     resistance: Some(resistance),

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{DragLaw, Recipe, cox};
+use super::{CREEPING, DragLaw, Recipe, cox};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -15,6 +15,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "creeping flow, a rod parallel to the wall and moving parallel to it, height from the radius up to a third of the length",
         source: "D. J. Jeffrey & Y. Onishi, Q. J. Mech. Appl. Math. 34 (1981); D. F. Katz & J. R. Blake (1975)",
     },
+    reynolds: CREEPING,
     keys: &["slender_length_m", "height_m"],
     needs: &["height_m"],
     resistance: Some(resistance),

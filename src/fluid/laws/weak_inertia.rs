@@ -19,6 +19,7 @@ pub static LAW: DragLaw = DragLaw {
         range: "Reynolds numbers of the diameter up to 0.5",
         source: "H. Lamb (1911); S. Kaplun, J. Math. Mech. 6 (1957); R. E. Khayat & R. G. Cox, J. Fluid Mech. 209 (1989)",
     },
+    reynolds: 0.5,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: None,

@@ -67,7 +67,8 @@ impl Instance {
             let len = if variable.size == Size::Scalar { 1 } else { nodes };
             values.iter().all(|values| values.is_empty() || values.len() == len)
         };
-        let same = (NODES[0]..=NODES[1]).contains(&state.settings.nodes)
+        let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
+        let same = (least..=most).contains(&state.settings.nodes)
             && state.settings.parameters.len() == self.settings.parameters.len()
             && [values.len(), waiting.len()] == [VARIABLES.len(); 2]
             && values.iter().zip(VARIABLES).all(fits);

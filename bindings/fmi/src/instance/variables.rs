@@ -36,7 +36,7 @@ impl Instance {
         match VARIABLES[place].size {
             Size::Scalar => 0..1,
             Size::Nodes => 0..nodes,
-            Size::Joints => usize::from(self.scene.head.kind == caudal::scene::HeadKind::Free)..nodes - 1,
+            Size::Joints => self.scene.first_joint()..nodes - 1,
         }
     }
 
@@ -75,8 +75,9 @@ impl Instance {
 
     /// Sets the structural parameter.
     pub fn set_nodes(&mut self, nodes: u64) -> Outcome {
-        if !(NODES[0]..=NODES[1]).contains(&nodes) {
-            return refuse(format!("nodes: found {nodes}; allowed: {} to {}", NODES[0], NODES[1]));
+        let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
+        if !(least..=most).contains(&nodes) {
+            return refuse(format!("nodes: found {nodes}; allowed: {least} to {most}"));
         }
         if nodes != self.settings.nodes {
             self.settings.nodes = nodes;

@@ -1,0 +1,146 @@
+//! `[head_body]`: a rigid spheroid before the rod.
+
+use serde::Deserialize;
+
+use super::document::Fault;
+use super::parameter::List;
+use super::value::{NotNegative, Positive};
+use super::rod::SIZES;
+use super::{HeadKind, Scene};
+use crate::fluid::Force;
+use crate::fluid::body::{BodyDrag, BodyInertia, FORM_DRAG_ACROSS, FORM_DRAG_ALONG};
+use crate::rod::{Rod, Spheroid};
+
+/// Form drag of a sphere between Reynolds numbers of 10³ and 10⁵ (S. F. Hoerner, Fluid-Dynamic Drag, 1965).
+const SPHERE: f64 = 0.47;
+
+/// `[head_body]`. Its centre is node 0 and the rod's first node is node 1.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct HeadBodyTable {
+    /// Semi-axis along the rod, m: the rod begins at its end.
+    pub semi_axis_along_m: Positive,
+    /// Semi-axis across the rod, m.
+    pub semi_axis_across_m: Positive,
+    /// Mass, kg; that of the fluid it displaces where it is not given.
+    pub mass_kg: Option<Positive>,
+    /// Moment of inertia about its centre, kg m²; where it is not given, that of the mass spread evenly with `[reactive]`,
+    /// and none without, where drag stops every turn at once.
+    pub moment_of_inertia_kg_m2: Option<NotNegative>,
+    /// Form drag along the rod, of the area πb²; where it is not given, a sphere's beside a law of drag that has form drag,
+    /// and none beside one of creeping flow.
+    pub form_drag_along: Option<NotNegative>,
+    /// Form drag across the rod, of the area πab; likewise.
+    pub form_drag_across: Option<NotNegative>,
+}
+
+impl HeadBodyTable {
+    /// Its form.
+    pub fn spheroid(&self) -> Spheroid {
+        Spheroid { along: self.semi_axis_along_m.get(), across: self.semi_axis_across_m.get() }
+    }
+}
+
+impl Scene {
+    /// Node at which the rod begins: 1 behind a body, whose centre is node 0, else 0.
+    pub fn front(&self) -> usize {
+        usize::from(self.head_body.is_some())
+    }
+
+    /// All nodes: those of the rod, and the centre of a body.
+    pub fn nodes(&self) -> usize {
+        self.rod.nodes.get() + self.front()
+    }
+
+    /// First node with a joint.
+    pub fn first_joint(&self) -> usize {
+        usize::from(self.head.kind == HeadKind::Free)
+    }
+
+    /// Mass of the body, kg: its own, or that of the fluid it displaces.
+    fn body_mass(&self, body: &HeadBodyTable) -> Option<f64> {
+        let neutral = || Some(body.spheroid().volume() * self.medium.as_ref()?.density_kg_m3.get());
+        body.mass_kg.map(Positive::get).or_else(neutral)
+    }
+
+    /// The same rod behind the body, where there is one.
+    pub(super) fn behind_body(&self, rod: Rod) -> Rod {
+        let Some(body) = &self.head_body else { return rod };
+        rod.behind_body(self.body_mass(body).unwrap_or_default(), body.spheroid())
+    }
+
+    /// Checks the body's table.
+    pub(super) fn check_body(&self) -> Result<(), Fault> {
+        let Some(body) = &self.head_body else { return Ok(()) };
+        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+        if self.head.kind != HeadKind::Free {
+            let problem =
+                "found with a held head; a host's vehicle brings its own body: remove [head_body], or take head.kind = \"free\"";
+            return fault("head_body", problem.into());
+        }
+        let Some(mass) = self.body_mass(body) else {
+            let problem = "missing; there is no [medium] whose density would make the body neutrally buoyant";
+            return fault("head_body.mass_kg", problem.into());
+        };
+        let [along, across] = [body.semi_axis_along_m, body.semi_axis_across_m].map(Positive::get);
+        let [low, high] = [SIZES.start(), SIZES.end()];
+        let sizes = [
+            ("mass_kg", "mass", mass, "kg"),
+            ("semi_axis_along_m", "volume", along * across * across, "m^3"),
+            ("semi_axis_along_m", "drag of its spin", along.powi(3), "m^3"),
+        ];
+        for (key, what, size, unit) in sizes {
+            if !SIZES.contains(&size) {
+                let problem = format!("makes its {what} {size:e} {unit}; allowed: what makes it {low:e} to {high:e} {unit}");
+                return fault(&format!("head_body.{key}"), problem);
+            }
+        }
+        if self.drag.is_none() && (body.form_drag_along.is_some() || body.form_drag_across.is_some()) {
+            let key = if body.form_drag_along.is_some() { FORM_DRAG_ALONG } else { FORM_DRAG_ACROSS };
+            return fault(key, "found without [drag], without which nothing has any; add it".into());
+        }
+        if self.reactive.is_none() && body.moment_of_inertia_kg_m2.is_some() {
+            let problem = "found without [reactive], without which drag stops every turn at once; add it or remove this";
+            return fault("head_body.moment_of_inertia_kg_m2", problem.into());
+        }
+        Ok(())
+    }
+
+    /// The drag of the body beside a law of drag that is linear in velocity, or not.
+    pub(super) fn body_drag(&self, linear: bool) -> Option<Box<dyn Force>> {
+        let body = self.head_body.as_ref()?;
+        let spheroid = body.spheroid();
+        let default = if linear { 0.0 } else { SPHERE };
+        let form = [body.form_drag_along, body.form_drag_across].map(|form| form.map_or(default, NotNegative::get));
+        Some(Box::new(BodyDrag { viscous: spheroid.drag(), half_area: spheroid.areas().map(|area| 0.5 * area), form }))
+    }
+
+    /// The inertia of the fluid around the body, and of its spin.
+    pub(super) fn body_inertia(&self) -> Option<Box<dyn Force>> {
+        let body = self.head_body.as_ref()?;
+        let spheroid = body.spheroid();
+        let spread = self.body_mass(body).unwrap_or_default() * spheroid.inertia();
+        let own = body.moment_of_inertia_kg_m2.map_or(spread, NotNegative::get);
+        Some(Box::new(BodyInertia { added: spheroid.added(), own }))
+    }
+
+    /// The numbers of the body.
+    pub(super) fn body_parameters(&self, list: &mut List) {
+        let Some(body) = &self.head_body else { return };
+        list.add("head_body.semi_axis_along_m", "m", "semi-axis of the body along the rod", body.semi_axis_along_m);
+        list.add("head_body.semi_axis_across_m", "m", "semi-axis of the body across the rod", body.semi_axis_across_m);
+        if let Some(mass) = body.mass_kg {
+            list.add("head_body.mass_kg", "kg", "mass of the body", mass);
+        }
+        let numbers = [
+            ("head_body.moment_of_inertia_kg_m2", "kg m^2", "moment of inertia", body.moment_of_inertia_kg_m2),
+            (FORM_DRAG_ALONG, "1", "form drag along the rod", body.form_drag_along),
+            (FORM_DRAG_ACROSS, "1", "form drag across the rod", body.form_drag_across),
+        ];
+        for (key, unit, what, value) in numbers {
+            if let Some(value) = value {
+                list.add(key, unit, &format!("{what} of the body"), value);
+            }
+        }
+    }
+}
