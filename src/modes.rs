@@ -171,9 +171,8 @@ impl Matrices {
         let i = mode.axis.entry();
         let products = mode.shape.iter().enumerate().skip(self.first).map(|(k, x)| {
             let near = || damping.coupled(k).filter(|j| *j >= self.first);
-            let times = |matrix: &BandMatrix| {
-                near().map(|j| matrix.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum::<f64>()
-            };
+            let times =
+                |matrix: &BandMatrix| near().map(|j| matrix.entry(2 * k + i, 2 * j + i) * mode.shape[j]).sum::<f64>();
             [x * times(damping), x * times(&self.inertia)]
         });
         let [lost, moved] = products.fold([0.0; 2], |[a, b], [c, d]| [a + c, b + d]);

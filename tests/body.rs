@@ -75,8 +75,8 @@ fn spheroids_have_the_added_mass_that_lamb_tables() {
     let beta = 1.0 / square - (1.0 - square) / (2.0 * e.powi(3)) * l;
     let body = sphere(1.3, 1.3 * 0.8);
     let [along, across, spin] = body.added();
-    let expected = square * square * (beta - alpha)
-        / ((2.0 - square) * (2.0 * square - (2.0 - square) * (beta - alpha)));
+    let expected =
+        square * square * (beta - alpha) / ((2.0 - square) * (2.0 * square - (2.0 - square) * (beta - alpha)));
     let worst = [
         off(along, alpha / (2.0 - alpha) * body.volume()),
         off(across, beta / (2.0 - beta) * body.volume()),
@@ -269,7 +269,8 @@ fn derivatives_by_what_acts_on_the_body_are_those_of_differences() {
             ("head_body.form_drag_along", 0.5),
             ("head_body.form_drag_across", 1.2),
         ];
-        let given = values.map(|(name, value)| format!("{name}={:e}", if name == key { value * (1.0 + by) } else { value }));
+        let given =
+            values.map(|(name, value)| format!("{name}={:e}", if name == key { value * (1.0 + by) } else { value }));
         let more = [
             "head_body={ semi_axis_along_m = 0.2, semi_axis_across_m = 0.1, mass_kg = 9.0, moment_of_inertia_kg_m2 = 0.1 }",
             "reactive.shedding=1.0",

@@ -91,7 +91,10 @@ fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
             set("head_body.semi_axis_along_m", &number(axes[0], METRE));
             set("head_body.semi_axis_across_m", &number(axes[1], METRE));
             if dice.between(0.0, 1.0) < 0.5 {
-                set("head_body.mass_kg", &number(dice.between(1.0, 4.0) * density * axes[0] * axes[1].powi(2), [0, 0, 1]));
+                set(
+                    "head_body.mass_kg",
+                    &number(dice.between(1.0, 4.0) * density * axes[0] * axes[1].powi(2), [0, 0, 1]),
+                );
                 set("head_body.form_drag_across", "1.3");
             }
         }

@@ -127,7 +127,8 @@ fn swimmers_of_all_sizes_are_as_fast_as_gazzola_argentina_and_mahadevan_found() 
     let text = include_str!("../models/validation/kern-koumoutsakos-eel.toml");
     let points = [1.6e3, 1.2e4, 8e4, 5e5].map(|swimming: f64| {
         let viscosity = 1000.0 * TAU * 0.25 / swimming;
-        let changes = [&format!("medium.viscosity_pa_s={viscosity:e}") as &str, "rod.nodes=17", "solver.duration_s=16.0"];
+        let changes =
+            [&format!("medium.viscosity_pa_s={viscosity:e}") as &str, "rod.nodes=17", "solver.duration_s=16.0"];
         let speed = mean(&scene_of(text, &changes), "cycle_forward_speed_m_s");
         let reynolds = speed * 1000.0 / viscosity;
         let fit = f64::min(0.03 * swimming.powf(1.31), 0.4 * swimming.powf(1.02));

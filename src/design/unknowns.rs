@@ -152,10 +152,9 @@ impl Unknowns {
         let joints: Vec<usize> = rod.joints().collect();
         let (xi, places): (Vec<f64>, Vec<String>) = match &table.knots {
             Some(knots) => (knots.clone(), knots.iter().map(|xi| format!("knot xi = {xi}")).collect()),
-            None => (
-                joints.iter().map(|k| rod.xi(*k)).collect(),
-                joints.iter().map(|k| format!("joint {k}")).collect(),
-            ),
+            None => {
+                (joints.iter().map(|k| rod.xi(*k)).collect(), joints.iter().map(|k| format!("joint {k}")).collect())
+            }
         };
         let mut first = 0;
         let block = |variable: &Variable| {

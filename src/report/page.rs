@@ -112,7 +112,10 @@ impl Motion {
             times: frames.iter().map(|frame| frame.time).collect(),
             points: frames.iter().map(|frame| frame.points.iter().flatten().map(|x| round(*x)).collect()).collect(),
             com: frames.iter().map(|frame| frame.com.map(round)).collect(),
-            body: frames.iter().map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4])).collect(),
+            body: frames
+                .iter()
+                .map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4]))
+                .collect(),
             beside: None,
         }
     }

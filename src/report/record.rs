@@ -6,9 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
 use crate::integrator::Pace;
+use crate::rod::{Rod, node};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
-use crate::rod::{Rod, node};
 use crate::variable::{Variable, View};
 
 /// Between half of this and this many times are kept for a curve.

@@ -4,8 +4,8 @@ use serde::Deserialize;
 
 use super::document::Fault;
 use super::parameter::List;
-use super::value::{NotNegative, Positive};
 use super::rod::SIZES;
+use super::value::{NotNegative, Positive};
 use super::{HeadKind, Scene};
 use crate::fluid::Force;
 use crate::fluid::body::{BodyDrag, BodyInertia, FORM_DRAG_ACROSS, FORM_DRAG_ALONG};
@@ -74,8 +74,7 @@ impl Scene {
         let Some(body) = &self.head_body else { return Ok(()) };
         let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
         if self.head.kind != HeadKind::Free {
-            let problem =
-                "found with a held head; a host's vehicle brings its own body: remove [head_body], or take head.kind = \"free\"";
+            let problem = "found with a held head; a host's vehicle brings its own body: remove [head_body], or take head.kind = \"free\"";
             return fault("head_body", problem.into());
         }
         let Some(mass) = self.body_mass(body) else {
@@ -91,7 +90,8 @@ impl Scene {
         ];
         for (key, what, size, unit) in sizes {
             if !SIZES.contains(&size) {
-                let problem = format!("makes its {what} {size:e} {unit}; allowed: what makes it {low:e} to {high:e} {unit}");
+                let problem =
+                    format!("makes its {what} {size:e} {unit}; allowed: what makes it {low:e} to {high:e} {unit}");
                 return fault(&format!("head_body.{key}"), problem);
             }
         }
@@ -100,7 +100,8 @@ impl Scene {
             return fault(key, "found without [drag], without which nothing has any; add it".into());
         }
         if self.reactive.is_none() && body.moment_of_inertia_kg_m2.is_some() {
-            let problem = "found without [reactive], without which drag stops every turn at once; add it or remove this";
+            let problem =
+                "found without [reactive], without which drag stops every turn at once; add it or remove this";
             return fault("head_body.moment_of_inertia_kg_m2", problem.into());
         }
         Ok(())
