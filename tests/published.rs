@@ -73,7 +73,7 @@ static CASES: &[Case] = &[
         scene: "sznitman-worm",
         found: |scene| mean(scene, "cycle_forward_speed_m_s"),
         published: 0.35e-3,
-        tolerance: 0.45,
+        tolerance: 0.3,
     },
 ];
 

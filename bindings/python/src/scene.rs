@@ -70,7 +70,7 @@ impl Scene {
     /// Number of nodes.
     #[getter]
     fn nodes(&self) -> usize {
-        self.scene.rod.nodes.get()
+        self.scene.nodes()
     }
 
     /// Duration of a run, s.
