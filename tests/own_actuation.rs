@@ -34,8 +34,7 @@ impl Actuation for TwoHarmonics {
         for ((out, size), place) in out.iter_mut().zip(&self.sizes).zip(&self.places) {
             let (sin, cos) = (phase - place).sin_cos();
             let (sin2, cos2) = (2.0 * (phase - place)).sin_cos();
-            *out +=
-                size * (value * (sin + 0.3 * sin2) + first * (cos + 0.6 * cos2) - second * (sin + 1.2 * sin2));
+            *out += size * (value * (sin + 0.3 * sin2) + first * (cos + 0.6 * cos2) - second * (sin + 1.2 * sin2));
         }
     }
 
@@ -75,8 +74,7 @@ fn derivatives_by_the_drive_are_those_of_the_actuation_itself() {
         let run = |values: [f64; 3], parameters: &[Parameter]| {
             let (scene, model) = problem(values, head);
             let mut problem = Problem::of_model(&scene, model).unwrap();
-            let outputs: Vec<Output> =
-                names.iter().map(|name| Output::named(name, problem.model()).unwrap()).collect();
+            let outputs: Vec<Output> = names.iter().map(|name| Output::named(name, problem.model()).unwrap()).collect();
             let forward = problem.forward(parameters, &outputs, 1_000_000, |_| {}).unwrap();
             let trajectory = problem.simulate().unwrap();
             let adjoints: Vec<_> = (0..outputs.len())

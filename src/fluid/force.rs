@@ -11,8 +11,8 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::medium::{Fluid, Key};
-pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::around::{Alone, Around};
+pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
 use crate::system::{Direction, Linearisation};
@@ -88,7 +88,11 @@ impl Tally<'_> {
             self.sums.fill(OnEdge::ZERO);
             self.fresh = false;
         }
-        self.sums[i].add(on);
+        if self.slopes {
+            self.sums[i].add(on);
+        } else {
+            self.sums[i].add_force(on);
+        }
     }
 
     /// Nothing at all where no force has said anything.

@@ -131,8 +131,8 @@ fn end<L: Law>(
     let force = t * (along * length) + n * (across * length);
     // a t tᵀ + b n nᵀ = b I + (a − b) t tᵀ.
     let by_velocity = length * direction.v;
-    let mut own = Block::outer(edge.t, t) * ((by.along - by.across) * by_velocity)
-        + Block::diagonal(by.across * by_velocity);
+    let mut own =
+        Block::outer(edge.t, t) * ((by.along - by.across) * by_velocity) + Block::diagonal(by.across * by_velocity);
     // The edge turns by n·δe/ℓ; the velocity's components turn with it, and so does the traction.
     let turn = length * direction.q * edge.per_length;
     let mut turned = [by.along * v - across, along - by.across * u];

@@ -110,7 +110,7 @@ impl Scene {
         self.loads.as_ref().map_or(Ok(()), |loads| loads.check(nodes))?;
         self.record.check_nodes(nodes)?;
         self.head.check()?;
-        self.rod.check_sizes(self.head.kind != HeadKind::Free)?;
+        self.rod.check_sizes(self.head.kind != HeadKind::Free || self.head_body.is_some())?;
         let duration = self.solver.duration_s.get();
         self.solver.check_steps()?;
         self.record.check_rows(duration)?;

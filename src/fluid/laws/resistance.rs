@@ -73,10 +73,7 @@ impl Law for Resistance {
     #[inline(always)]
     fn with_slopes(&self, [along, across]: &[f64; 2], scale: f64, u: f64, w: f64) -> (Traction, TractionSlopes) {
         let (along, across) = (along * scale, across * scale);
-        (
-            Traction { along: along * u, across: across * w },
-            TractionSlopes { along, across, mixed: None },
-        )
+        (Traction { along: along * u, across: across * w }, TractionSlopes { along, across, mixed: None })
     }
 
     fn parameters(&self) -> &[Key] {
