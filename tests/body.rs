@@ -186,7 +186,7 @@ fn a_spheroid_adrift_turns_broadside_as_kirchhoff_s_equations_say() {
     assert!(largest(expected.iter().copied()) > 1.5);
     let (coarse, fine) = (worst(&scene), worst(&scene_of(ADRIFT, &["solver.time_step_s=0.0025"])));
     println!("{coarse:e} {fine:e}");
-    // Second order of the method; measured: 1.3e-5 and order 2.00.
+    // Second order of the method; measured: 8.3e-6 and order 2.00.
     assert!(coarse < 1e-4 && (order(coarse, fine) - 2.0).abs() < 0.05, "{coarse:e} {fine:e}");
 }
 
@@ -232,7 +232,7 @@ fn a_headed_rod_converges_at_second_order_in_its_mesh() {
         let changes: Vec<f64> = ends.windows(2).map(|pair| distance(&pair[0], &pair[1])).collect();
         let orders: Vec<f64> = changes.windows(2).map(|pair| order(pair[0], pair[1])).collect();
         println!("{more} {orders:?}");
-        assert!((orders[1] - 2.0).abs() < 0.1, "{more}: {orders:?} {changes:?}");
+        assert!((orders[1] - 2.0).abs() < 0.1, "{more}: {orders:?} {changes:?}"); // measured: 2.004
     }
 }
 
@@ -257,7 +257,8 @@ fn a_headed_rod_s_energy_balance_closes_at_its_order() {
     };
     let found = [2e-3, 1e-3, 5e-4].map(defect);
     println!("{found:?}");
-    assert!(found[2].abs() < 1e-3 && order(found[1], found[2]) > 1.8, "{found:?}");
+    // Of the actuation's work; measured: 5.3e-6 and order 2.01.
+    assert!(found[2].abs() < 2e-5 && order(found[1], found[2]) > 1.9, "{found:?}");
 }
 
 #[test]

@@ -47,13 +47,13 @@ fn tenth_period(scene: &Scene) -> f64 {
 }
 
 static CASES: &[Case] = &[
-    // asin ⅓. Measured: 1e-12 off.
+    // asin ⅓. Measured: 7e-15 off.
     Case { scene: "oblique-fall", found: drift, published: 19.471_220_634_490_69, tolerance: 1e-9 },
-    // Stokes.
+    // Stokes. Measured: 7e-15 off.
     Case { scene: "sinking-sphere", found: |scene| -run(scene).state().v[0], published: 0.545, tolerance: 1e-9 },
-    // Kirchhoff: π − 2ψ with tan ψ = (M + m⊥) 0.1/(M + m∥), the angle of the impulse.
+    // Kirchhoff: π − 2ψ with tan ψ = (M + m⊥) 0.1/(M + m∥), the angle of the impulse. Measured: 1.4e-6 off.
     Case { scene: "kirchhoff-spheroid", found: swing, published: 2.839164, tolerance: 1e-3 },
-    // An independent program's thrust; times 0.594464 N.
+    // An independent program's thrust over (ξ⊥ − ξ∥) ω L² θ₀². Measured: 7.8e-4 off.
     Case {
         scene: "yu-lauga-hosoi-tail",
         found: |scene| mean(scene, "cycle_thrust_n").abs() / 0.594_468,
@@ -61,14 +61,14 @@ static CASES: &[Case] = &[
         tolerance: 0.01,
     },
     Case { scene: "pyelastica-flagella", found: tenth_period, published: 0.01400, tolerance: 0.01 },
-    // Three-dimensional simulation. The error is the model's.
+    // Three-dimensional simulation. Measured: 1.5e-3 off, by chance: the model's error is 30 %.
     Case {
         scene: "kern-koumoutsakos-eel",
         found: |scene| mean(scene, "cycle_forward_speed_m_s"),
         published: 0.40,
         tolerance: 0.3,
     },
-    // An experiment, whose height and kinematics are known roughly.
+    // An experiment, whose height and kinematics are known roughly. Measured: 1.2e-2 off.
     Case {
         scene: "sznitman-worm",
         found: |scene| mean(scene, "cycle_forward_speed_m_s"),
@@ -110,6 +110,7 @@ fn a_cylinder_across_the_flow_has_the_drag_that_was_measured() {
     for (reynolds, measured) in [(0.1, 58.0), (0.5, 17.0), (1.0, 10.3)] {
         let found = drag_coefficient(&weak_inertia::LAW, reynolds, 1e6);
         println!("weak-inertia Re {reynolds}: {found} of {measured}");
+        // Measured: 4.0 %, 3.3 %, 4.5 % low.
         assert!((found / measured - 1.0).abs() < 0.06, "{reynolds}: {found}");
     }
     // Over six decades, as far as one law of viscous, boundary-layer and form drag goes; ℒ/a = 500 for a viscous part that knows
@@ -117,6 +118,7 @@ fn a_cylinder_across_the_flow_has_the_drag_that_was_measured() {
     for (reynolds, published) in [(0.1, 60.0), (1.0, 9.9), (10.0, 2.67), (100.0, 1.45), (1e3, 0.96), (1e4, 1.09)] {
         let found = drag_coefficient(&cross_flow::LAW, reynolds, 500.0);
         println!("cross-flow Re {reynolds}: {found} of {published}");
+        // Measured: −12 %, −9 %, 3 %, 6 %, 28 %, 5 %.
         assert!((found / published - 1.0).abs() < 0.3, "{reynolds}: {found}");
     }
 }
@@ -133,10 +135,11 @@ fn swimmers_of_all_sizes_are_as_fast_as_gazzola_argentina_and_mahadevan_found() 
         let reynolds = speed * 1000.0 / viscosity;
         let fit = f64::min(0.03 * swimming.powf(1.31), 0.4 * swimming.powf(1.02));
         println!("Sw {swimming:e}: Re {reynolds:e}, fit {fit:e}, {:.3}", reynolds / fit);
+        // Measured: 0.54 to 0.77.
         assert!((0.4..2.5).contains(&(reynolds / fit)), "{swimming}: {reynolds} {fit}");
         [swimming.ln(), reynolds.ln()]
     });
-    // The slope falls from 1.31 towards 1.02.
+    // The slope falls from 1.31 towards 1.02. Measured: 1.24, 1.15, 1.09.
     let slopes: Vec<f64> = points.windows(2).map(|p| (p[1][1] - p[0][1]) / (p[1][0] - p[0][0])).collect();
     println!("{slopes:?}");
     assert!(slopes.windows(2).all(|pair| pair[1] < pair[0]), "{slopes:?}");

@@ -76,13 +76,14 @@ fn references2(name: &str, nodes: std::ops::Range<usize>) -> Vec<u32> {
 
 /// All models, some with other methods.
 fn scenes() -> Vec<Document> {
-    let changes: [(&str, &[&str]); 6] = [
+    let changes: [(&str, &[&str]); 7] = [
         ("baseline", &[]),
         ("driven-head", &[]),
         ("cantilever", &["solver.integrator=generalized-alpha"]),
         ("glycerol", &["solver.integrator=esdirk3", "medium.flow_m_s=[0.1,0.0]"]),
         ("newmark-compare-newmark", &[]),
         ("baseline-smooth", &["solver.form=chain"]),
+        ("sperm", &[]),
     ];
     changes.map(|(model, changes)| document(model, changes)).into()
 }
@@ -95,7 +96,7 @@ fn the_trajectory_is_the_stepper_s_to_the_bit_in_both_versions() {
         let (fmi2, fmi3) = (Fmi2::of(&two), Fmi3::of(&three));
         let (a, b) = (fmi2.start(&two), fmi3.start());
         let mut stepper = Stepper::of(&scene).unwrap();
-        let nodes = scene.rod.nodes.get();
+        let nodes = scene.nodes();
         let h = 3.0 * scene.solver.time_step_s.unwrap().get();
         for step in 0..30 {
             // A host that steers.
@@ -206,6 +207,26 @@ fn parameters_are_the_scene_s_keys_and_nodes_is_structural() {
     fmi.initialize(a);
     let stepper = Stepper::of(&scene).unwrap();
     assert_eq!(stepper.get("y_m").unwrap(), fmi.read(a, "y_m", 33));
+    unsafe { (fmi.free)(a) };
+}
+
+#[test]
+fn the_number_of_nodes_counts_the_centre_of_a_head_body() {
+    let fmu = Unpacked::of(&document("sperm", &[]), Standard::Fmi3);
+    let fmi = Fmi3::of(&fmu);
+    let a = fmi.instance(None, null_mut());
+    unsafe {
+        assert_eq!((fmi.configure)(a), 0);
+        assert_eq!((fmi.set_u64)(a, &reference("nodes"), 1, &3, 1), 3, "a rod of two nodes");
+        assert_eq!((fmi.set_u64)(a, &reference("nodes"), 1, &18, 1), 0);
+        assert_eq!((fmi.configured)(a), 0);
+    }
+    fmi.initialize(a);
+    let mut stepper = Stepper::of(&document("sperm", &["rod.nodes=17"]).scene().unwrap()).unwrap();
+    stepper.do_step(1e-2).unwrap();
+    assert_eq!(fmi.advance(a, 0.0, 1e-2).0, 0);
+    assert_eq!(stepper.get("y_m").unwrap(), fmi.read(a, "y_m", 18));
+    assert_eq!(stepper.get("body_angle_rad").unwrap(), fmi.read(a, "body_angle_rad", 1));
     unsafe { (fmi.free)(a) };
 }
 
