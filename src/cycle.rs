@@ -259,6 +259,11 @@ impl Cycle {
         vector(&self.change, place) / self.period()
     }
 
+    /// Mean force (N) of the tail on a held head, and the mean of its modulus.
+    pub fn mean_head_force(&self) -> (Vector2<f64>, f64) {
+        (self.mean_vector(place::FORCE), self.mean(place::FORCE_MODULUS))
+    }
+
     /// Mean power, W.
     fn power(&self, i: usize) -> f64 {
         self.mean(place::WORK + i)

@@ -1,18 +1,19 @@
 //! A run: a scene driven over its duration, and the summary of what came out.
 
 use std::ops::ControlFlow;
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
-use crate::cycle::{self, Averages, GRAVITY, Measure};
+use crate::cycle::{self, Averages, GRAVITY};
 use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
 use crate::model::Mechanics;
-use crate::reduced::Differences;
 use crate::reduced::measure::{Course, Point};
+use crate::reduced::{Differences, Measure};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -93,8 +94,10 @@ const NO_TIME: f64 = 1e-9;
 #[expect(missing_docs, reason = "the names say what they are, with units")]
 pub struct Verification {
     pub net_displacement_m: f64,
-    /// What both differ by; see [`Measure`](crate::reduced::Measure) for what it is relative to.
+    /// What both differ by; see [`Measure`] for what it is relative to.
     pub relative_differences: Differences,
+    /// The measures of which both runs have no more than rounding makes of a rod at rest: their differences say nothing.
+    pub noise: Vec<Measure>,
     pub steps: u64,
     pub wall_s: f64,
 }
@@ -144,6 +147,7 @@ impl Verification {
         Ok(Some(Self {
             net_displacement_m: meter.net_displacement(),
             relative_differences: truth.differences(&found),
+            noise: truth.noise(&found),
             steps: meter.totals.steps,
             wall_s: start.elapsed().as_secs_f64(),
         }))
@@ -155,6 +159,8 @@ impl Verification {
 #[expect(missing_docs, reason = "the names say what they are, with units; time_step_s is the mean of adaptive steps")]
 pub struct Summary {
     pub name: String,
+    pub scene_file: PathBuf,
+    pub scene_fingerprint: String,
     pub caudal_version: &'static str,
     pub complete: bool,
     pub ending: String,
@@ -287,10 +293,12 @@ impl Summary {
         let dynamics = stepper.view().dynamics;
         let speed = mean(displacement.abs());
         let whole = stepper.cycles().since_start();
-        let held = |measure: &Measure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
+        let held = |measure: &cycle::Measure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
         let cycles = stepper.cycles().averages(dynamics);
         Self {
             name: scene.name.clone(),
+            scene_file: scene.file(),
+            scene_fingerprint: format!("{:032x}", scene.fingerprint()),
             caudal_version: env!("CARGO_PKG_VERSION"),
             complete: outcome.ending == Ending::Complete,
             ending: match &outcome.ending {

@@ -137,6 +137,27 @@ fn a_smooth_scene_has_a_reference_errors_and_a_recommendation() {
 }
 
 #[test]
+fn the_first_error_of_a_held_head_is_that_of_the_mean_force_on_it() {
+    let driven = include_str!("../models/driven-head.toml");
+    let overrides = ["rod.nodes=9", "solver.duration_s=0.5"];
+    let asked = Accuracy { nodes: vec![9], steps: vec![4e-3, 2e-3, 1e-3], tolerances: vec![1e-3] };
+    let findings = study(driven, &overrides, &asked);
+    let reference = &findings.numbers["reference_9_nodes"];
+    assert!(reference["head_force_error"].as_f64().unwrap() < 1e-5, "{reference}"); // measured: 1.9e-6
+    assert!(findings.figures.iter().any(|figure| figure.file == "head_force-work.svg"));
+    assert!(findings.answers.iter().all(|answer| !answer.contains("displacement")), "{:?}", findings.answers);
+    // The same by a run of its own, whose summary has the mean.
+    let scene = scene_of(driven, &[&overrides[..], &["solver.integrator=esdirk3", "solver.time_step_s=5e-4"]].concat());
+    let tail = run(&scene);
+    let outcome = Outcome { ending: Ending::Complete, wall: Duration::ZERO };
+    let mean = Summary::of(&scene, &tail, &outcome, &[]).mean_head_force_n.unwrap();
+    let found = ["mean_head_force_x_n", "mean_head_force_y_n"].map(|key| reference[key].as_f64().unwrap());
+    let apart = (mean[0] - found[0]).hypot(mean[1] - found[1]) / mean[0].hypot(mean[1]);
+    println!("{reference} {apart:e}");
+    assert!(apart < 1e-5, "{apart:e}");
+}
+
+#[test]
 fn on_the_smooth_baseline_generalized_alpha_and_esdirk3_agree() {
     let smooth = include_str!("../models/baseline-smooth.toml");
     let ends = [("esdirk3", 2.5e-3), ("generalized-alpha", 6.25e-4)].map(|(method, step)| {

@@ -243,7 +243,7 @@ fn a_snapshot_goes_on_with_the_cycles_that_it_was_saved_with() {
     let mut tail = Stepper::of(&scene).unwrap();
     tail.do_step(1.0).unwrap();
     let snapshot = tail.save();
-    let bytes = tail.serialize(&snapshot).unwrap();
+    let bytes = snapshot.serialize().unwrap();
     tail.do_step(1.0).unwrap();
     let mut other = Stepper::of(&scene).unwrap();
     other.restore(&other.deserialize(&bytes).unwrap()).unwrap();

@@ -368,6 +368,22 @@ fn a_run_asks_before_it_replaces_results_of_another_scene() {
     assert_eq!((refused.status.code(), errors(&refused).as_str()), (Some(2), expected));
     assert_eq!(std::fs::read(folder.path().join("here/summary.json")).unwrap(), before);
     assert_eq!(caudal(folder.path(), "run worm.toml --out here --force").status.code(), Some(0));
+
+    // Of the same name: a file that was edited is the same scene, and so is a copy; another file that says other things is not.
+    let worm = |ratio: f64| other.replace("ratio = 5.0", &format!("ratio = {ratio:?}"));
+    for (file, text, code) in [
+        ("worm.toml", worm(3.5), 0),
+        ("copy.toml", worm(3.5), 0),
+        ("else.toml", worm(4.0), 2),
+        ("copy.toml", worm(4.0), 0),
+    ] {
+        std::fs::write(folder.path().join(file), &text).unwrap();
+        let output = caudal(folder.path(), &format!("run {file} --out here"));
+        assert_eq!(output.status.code(), Some(code), "{file}: {}", errors(&output));
+        let copy = folder.path().canonicalize().unwrap().join("copy.toml");
+        let expected = format!("holds a run of `worm` by another file, {}, not a run of `worm`", copy.display());
+        assert!(code == 0 || errors(&output).contains(&expected), "{}", errors(&output));
+    }
 }
 
 #[test]

@@ -7,9 +7,12 @@ use std::collections::HashSet;
 
 use caudal::error::Error;
 use caudal::integrator::{Method, Pace};
+use caudal::linear::Choice;
+use caudal::newton::Newton;
 use caudal::reduced::RUNGS;
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
+use caudal::system::Form;
 use caudal::variable::{Causality, VARIABLES};
 use common::{Dice, SOFT, STUDY, stepper_of};
 
@@ -228,18 +231,36 @@ fn a_snapshot_brings_back_every_bit_after_a_failed_step() {
 }
 
 #[test]
-fn a_snapshot_of_another_number_of_nodes_is_refused_and_changes_nothing() {
-    let (mut nine, five) = (stepper_of(SOFT, &[]), stepper_of(SOFT, &["rod.nodes=5"]));
+fn a_snapshot_of_another_scene_is_refused_and_changes_nothing() {
+    let mut soft = stepper_of(SOFT, &[]);
+    let before = bits(&soft);
+    for other in ["rod.nodes=5", "medium.viscosity_pa_s=1.1", "start.spin_rad_s=1e-9"] {
+        let refused = soft.restore(&stepper_of(SOFT, &[other]).save());
+        assert!(matches!(refused, Err(Error::Snapshot(_))), "{other}: {refused:?}");
+        assert_eq!(bits(&soft), before, "{other}");
+    }
+}
+
+#[test]
+fn without_a_scene_a_snapshot_of_another_number_of_nodes_is_refused_and_changes_nothing() {
+    let made = |nodes: u64| {
+        let scene = common::scene_of(SOFT, &[]).with_nodes(nodes);
+        let (model, newton) =
+            (scene.model().unwrap(), Newton::with(Form::Positions, Choice::Auto, nodes as usize, 1e-10));
+        Stepper::init(model, scene.integrator().unwrap(), newton.unwrap(), 2e-3).unwrap()
+    };
+    let (mut nine, five) = (made(9), made(5));
     let before = bits(&nine);
     assert_eq!(nine.restore(&five.save()), Err(Error::WrongLength { name: "snapshot", expected: 18, found: 10 }));
     assert_eq!(bits(&nine), before);
+    assert_eq!(nine.restore(&made(9).save()), Ok(()));
 }
 
 #[test]
 fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_one_wherever_it_stands() {
     let scene = common::scene_of(SOFT, &[]);
     let stepper = Stepper::of(&scene).unwrap();
-    let bytes = stepper.serialize(&stepper.save()).unwrap();
+    let bytes = stepper.save().serialize().unwrap();
     let newmark = Method::named("newmark").unwrap();
     let others = [
         ("nodes", scene.with_nodes(11)),
@@ -253,8 +274,9 @@ fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_
         ("spin", scene.with_spin(0.1)),
     ];
     for (name, other) in others {
-        let refused = Stepper::of(&other).unwrap().deserialize(&bytes);
-        assert!(matches!(refused, Err(Error::Snapshot(_))), "{name}");
+        let mut other = Stepper::of(&other).unwrap();
+        assert!(matches!(other.deserialize(&bytes), Err(Error::Snapshot(_))), "{name}");
+        assert!(matches!(other.restore(&stepper.save()), Err(Error::Snapshot(_))), "{name}");
     }
     let mut document = Document::new("else/where.toml", SOFT.replace("name = \"soft\"", "name = \"other\" # said"));
     assert_eq!(Stepper::of(&document.scene().unwrap()).unwrap().deserialize(&bytes), Ok(stepper.save()));

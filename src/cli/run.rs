@@ -23,7 +23,7 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force
         return Ok(refuse(&error));
     }
     let folder = out.unwrap_or_else(|| output_folder(&scene));
-    if !force && let Err(error) = Output::is_free(&folder, &scene.name) {
+    if !force && let Err(error) = Output::is_free(&folder, &scene) {
         return Ok(refuse(&error));
     }
     let mut output = match Output::create(&folder, &scene, &stepper) {
@@ -68,13 +68,16 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));
     }
-    if let Some(Verification { net_displacement_m, relative_differences, wall_s, .. }) = &summary.verification {
+    if let Some(Verification { net_displacement_m, relative_differences, noise, wall_s, .. }) = &summary.verification {
         say(&format!("the whole model: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s"));
         for measure in Measure::ALL {
-            if let Some(difference) = relative_differences.get(measure) {
-                let [name, relative] = measure.meaning();
-                say(&format!("  {name} differs by {difference:.1e} of {relative}"));
-            }
+            let Some(difference) = relative_differences.get(measure) else { continue };
+            let [name, relative] = measure.meaning();
+            say(&if noise.contains(&measure) {
+                format!("  {name}: both are at rest; what they differ by is rounding")
+            } else {
+                format!("  {name} differs by {difference:.1e} of {relative}")
+            });
         }
     }
     for note in summary.notes.iter().skip(assessment.warnings.len()) {

@@ -108,15 +108,17 @@ pub fn library_name() -> String {
     format!("{}caudal_fmi{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
 }
 
-/// Finds the shared library beside the program `executable`, or in `../lib` of it.
+/// Finds the shared library of the program `executable`: beside it, in `../lib` of it, or in the Python package of the
+/// environment that it stands in.
 ///
 /// # Errors
 /// [`Error::Fmu`] that says what to do.
 pub fn library(executable: &Path) -> Result<PathBuf> {
     let folder = executable.parent().unwrap_or(Path::new("."));
-    let places =
-        [folder.to_path_buf(), folder.join("../lib"), folder.join("deps")].map(|place| place.join(library_name()));
-    places.iter().find(|place| place.is_file()).cloned().ok_or_else(|| {
+    let near = [folder.to_path_buf(), folder.join("../lib"), folder.join("deps")];
+    let packages = ["../lib", "../Lib"].map(|lib| folder.join(lib)).into_iter().flat_map(python_packages);
+    let place = |folder: PathBuf| folder.join(library_name());
+    near.into_iter().chain(packages).map(place).find(|place| place.is_file()).ok_or_else(|| {
         Error::Fmu(format!(
             "the library {} is neither in {} nor in ../lib of it; `cargo build --release` in the project's folder \
              makes it, or give its place with --library",
@@ -124,4 +126,15 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
             folder.display()
         ))
     })
+}
+
+/// Where the Python package may be in the folder `lib` of an environment, in the order of their names.
+fn python_packages(lib: PathBuf) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(&lib).into_iter().flatten().flatten();
+    let versions = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("python"));
+    let mut roots: Vec<PathBuf> = versions.map(|entry| entry.path()).collect();
+    roots.sort();
+    roots.push(lib); // Windows has no folder of the version
+    let kinds = ["site-packages", "dist-packages"];
+    roots.iter().flat_map(|root| kinds.map(|kind| root.join(kind).join("caudal"))).collect()
 }

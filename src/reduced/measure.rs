@@ -15,8 +15,8 @@ pub const PATH: f64 = 0.01;
 /// small difference of large forces.
 const MEAN: f64 = 1e-3;
 
-/// What is below this part of the length, or of the force and moment that EI has over it, is noise.
-const NOISE: f64 = 1e-9;
+/// What is at most this part of the length, or of the force and moment that EI has over it, is noise.
+pub const NOISE: f64 = 1e-9;
 
 /// A quantity that runs are compared by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
@@ -119,16 +119,41 @@ impl Course {
         (1..self.points.len()).map(|i| (self.points[i].time - self.points[i - 1].time) * of(i)).sum()
     }
 
+    /// How far the centre of mass came through the fluid by `point`.
+    fn moved(&self, point: &Point) -> Vector2<f64> {
+        self.points
+            .first()
+            .map_or(Vector2::zeros(), |start| point.com - start.com - self.flow * (point.time - start.time))
+    }
+
+    /// How far the tip is from where it would be, had the fluid carried it on.
+    fn tip_moved(&self, point: &Point) -> f64 {
+        self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.flow * (point.time - start.time)).norm())
+    }
+
+    /// The measures that this course and the other have no more of than noise.
+    pub fn noise(&self, other: &Self) -> Vec<Measure> {
+        let quiet = |of: &dyn Fn(&Self, &Point) -> f64, noise: f64| {
+            [self, other].iter().all(|course| course.points.iter().all(|point| of(course, point) <= noise))
+        };
+        let [length, moment] = [NOISE * self.length, NOISE * self.stiffness];
+        let is_noise = |measure: &Measure| match measure {
+            Measure::Displacement => quiet(&|course, point| course.moved(point).norm(), length),
+            Measure::Tip => quiet(&Self::tip_moved, length),
+            Measure::Force => self.held && quiet(&|_, point| point.force.norm(), moment / self.length),
+            Measure::Moment => self.held && quiet(&|_, point| point.moment.abs(), moment),
+        };
+        Measure::ALL.into_iter().filter(is_noise).collect()
+    }
+
     /// What the other course, at the same times, differs from this one by.
     pub fn differences(&self, other: &Self) -> Differences {
         let (ours, theirs) = (&self.points, &other.points);
         let count = ours.len().min(theirs.len());
         let Some((start, end)) = ours.first().zip(ours.last()) else { return Differences::default() };
         let noise = NOISE * self.length;
-        let moved = |point: &Point| point.com - start.com - self.flow * (point.time - start.time);
-        let path: f64 = ours.windows(2).map(|pair| (moved(&pair[1]) - moved(&pair[0])).norm()).sum();
-        let tip_moved = |point: &Point| (point.tip - start.tip - self.flow * (point.time - start.time)).norm();
-        let travel = ours.iter().map(tip_moved).fold(noise, f64::max);
+        let path: f64 = ours.windows(2).map(|pair| (self.moved(&pair[1]) - self.moved(&pair[0])).norm()).sum();
+        let travel = ours.iter().map(|point| self.tip_moved(point)).fold(noise, f64::max);
         let farthest = |of: fn(&Point) -> Vector2<f64>| {
             (0..count).map(|i| (of(&ours[i]) - of(&theirs[i])).norm()).fold(0.0, f64::max)
         };
@@ -145,7 +170,7 @@ impl Course {
             (apart / square.max(noise * span.sqrt())).max(means[0]).max(means[1])
         };
         Differences {
-            displacement: farthest(|point| point.com) / moved(end).norm().max(PATH * path).max(noise),
+            displacement: farthest(|point| point.com) / self.moved(end).norm().max(PATH * path).max(noise),
             tip: farthest(|point| point.tip) / travel,
             force: self.held.then(|| of_loads(&|point| point.force, NOISE * self.stiffness / self.length)),
             moment: self.held.then(|| of_loads(&|point| Vector2::new(point.moment, 0.0), NOISE * self.stiffness)),

@@ -8,6 +8,8 @@ mod findings;
 pub mod map;
 mod output;
 mod page;
+#[cfg(feature = "parquet")]
+pub mod parquet;
 mod record;
 mod svg;
 pub(crate) mod tables;

@@ -1,15 +1,17 @@
 //! The files of a run: each is written beside its place and put there whole.
 
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use tempfile::NamedTempFile;
 
 use super::chart::Figure;
 use super::figures;
 use super::page::Page;
+#[cfg(feature = "parquet")]
+use super::parquet::Parquet;
 use super::record::{Record, Times};
-use super::tables::{Csv, Folder, Kept, Parquet, room, text_file};
+use super::tables::{Csv, Folder, Kept, room, text_file};
 use crate::check::recorded;
 use crate::error::{Error, Result};
 use crate::run::Summary;
@@ -52,15 +54,23 @@ impl Output {
         }
     }
 
-    /// Whether `folder` is free for results of a run of the scene `name`, or has older ones of it.
+    /// Whether `folder` is free for results of a run of `scene`, or has older ones of it: of its name, and of its file or of
+    /// what it says.
     ///
     /// # Errors
     /// [`Error::Occupied`] where it has others.
-    pub fn is_free(folder: &Path, name: &str) -> Result<()> {
-        let wanted = format!("a run of `{name}`");
-        match holds(folder).filter(|holds| *holds != wanted) {
-            Some(holds) => Err(Error::Occupied { path: folder.to_path_buf(), holds, wanted }),
-            None => Ok(()),
+    pub fn is_free(folder: &Path, scene: &Scene) -> Result<()> {
+        let wanted = format!("a run of `{}`", scene.name);
+        let occupied =
+            |holds: String| Err(Error::Occupied { path: folder.to_path_buf(), holds, wanted: wanted.clone() });
+        match holds(folder) {
+            Some(results) if results.what != wanted => occupied(results.what),
+            Some(Results { what, run: Some((file, fingerprint)) })
+                if file != scene.file() && fingerprint != format!("{:032x}", scene.fingerprint()) =>
+            {
+                occupied(format!("{what} by another file, {}", file.display()))
+            }
+            _ => Ok(()),
         }
     }
 
@@ -154,23 +164,32 @@ impl Output {
     }
 }
 
-/// What results a folder holds, in words.
-fn holds(folder: &Path) -> Option<String> {
+/// What results a folder holds.
+struct Results {
+    /// In words.
+    what: String,
+    /// File and fingerprint of the scene of a run.
+    run: Option<(PathBuf, String)>,
+}
+
+fn holds(folder: &Path) -> Option<Results> {
     let read = |file: &str| -> Option<serde_json::Value> {
         serde_json::from_str(&std::fs::read_to_string(folder.join(file)).ok()?).ok()
     };
     let text = |numbers: &serde_json::Value, key: &str| numbers.get(key)?.as_str().map(str::to_string);
+    let other = |what: String| Some(Results { what, run: None });
     if let Some(summary) = read("summary.json") {
         let name = text(&summary, "name")?;
-        return Some(match text(&summary, "subject") {
-            Some(subject) => format!("the study of {subject} of `{name}`"),
-            None => format!("a run of `{name}`"),
-        });
+        if let Some(subject) = text(&summary, "subject") {
+            return other(format!("the study of {subject} of `{name}`"));
+        }
+        let run = text(&summary, "scene_file").map(PathBuf::from).zip(text(&summary, "scene_fingerprint"));
+        return Some(Results { what: format!("a run of `{name}`"), run });
     }
     if let Some(design) = read("design.json") {
-        return text(&design, "name").map(|name| format!("the design `{name}`"));
+        return other(format!("the design `{}`", text(&design, "name")?));
     }
-    folder.join("cases.journal").exists().then(|| "a sweep".to_string())
+    folder.join("cases.journal").exists().then(|| Results { what: "a sweep".to_string(), run: None })
 }
 
 /// The names that the table of node positions may have.
@@ -187,6 +206,7 @@ struct Nodes {
 #[derive(Debug)]
 enum Form {
     Csv(Csv),
+    #[cfg(feature = "parquet")]
     Parquet(Parquet),
     None,
 }
@@ -200,8 +220,9 @@ impl Nodes {
                 let header = ["time_s".to_string()].into_iter().chain(columns);
                 Form::Csv(Csv::create(folder.join(NODES_FILES[0]), header)?)
             }
+            #[cfg(feature = "parquet")]
             NodesTable::Parquet => Form::Parquet(Parquet::create(folder.join(NODES_FILES[1]))?),
-            NodesTable::None => Form::None,
+            _ => Form::None,
         };
         Ok(Self { table, chosen, from })
     }
@@ -216,6 +237,7 @@ impl Nodes {
                 let positions = self.chosen.iter().flat_map(|k| [q[2 * k], q[2 * k + 1]]);
                 table.row(time, [time].into_iter().chain(positions))
             }
+            #[cfg(feature = "parquet")]
             Form::Parquet(table) => table.rows(time, &self.chosen, q),
             Form::None => Ok(()),
         }
@@ -225,6 +247,7 @@ impl Nodes {
     fn keep(self, kept: &mut Kept) {
         match self.table {
             Form::Csv(table) => kept.put_table(table),
+            #[cfg(feature = "parquet")]
             Form::Parquet(table) => kept.put(table.path(), table.complete()),
             Form::None => {}
         }

@@ -1,6 +1,7 @@
 //! `[actuation]`: natural curvature along the rod, read by its kind.
 
-use serde::Deserialize;
+use serde::de::Error;
+use serde::{Deserialize, Deserializer};
 
 use super::Scene;
 use super::document::Fault;
@@ -15,8 +16,9 @@ use crate::rod::{Profile, Rod};
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ActuationTable {
-    /// Name of the kind of actuation.
-    pub kind: String,
+    /// Kind of actuation.
+    #[serde(deserialize_with = "kind")]
+    pub kind: &'static Kind,
     /// Amplitude, a turning per reference length.
     pub kappa_amp: Finite,
     /// Reference length, m; 1 m makes the amplitude a curvature in 1/m.
@@ -35,6 +37,16 @@ pub struct ActuationTable {
     pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
 }
 
+fn kind<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Kind, D::Error> {
+    let name = String::deserialize(from)?;
+    Kind::named(&name).ok_or_else(|| {
+        let names = || KINDS.iter().map(|kind| kind.name);
+        let near = nearest(&name, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+        let listed = names().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
+        D::Error::custom(value::refused(format_args!("{name:?}"), format_args!("{listed}{near}")))
+    })
+}
+
 /// An actuation with what drives it.
 type Driven = (Box<dyn Actuation>, Drive);
 
@@ -47,17 +59,6 @@ fn even_envelope() -> [Finite; 2] {
 }
 
 impl ActuationTable {
-    /// Its kind.
-    fn kind(&self) -> Result<&'static Kind, Fault> {
-        let names = || KINDS.iter().map(|kind| kind.name);
-        Kind::named(&self.kind).ok_or_else(|| {
-            let near = nearest(&self.kind, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
-            let listed = names().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
-            let problem = value::refused(format_args!("{:?}", self.kind), format_args!("{listed}{near}"));
-            Fault { key: "actuation.kind".into(), problem }
-        })
-    }
-
     /// Its keys that belong to some kinds only, where they are given.
     fn given(&self) -> impl Iterator<Item = &'static str> {
         let keys = [("wavelength_m", self.wavelength_m.is_some())];
@@ -66,7 +67,7 @@ impl ActuationTable {
 
     pub(super) fn check(&self) -> Result<(), Fault> {
         let fault = |key: &str, problem: String| Err(Fault { key: format!("actuation.{key}"), problem });
-        let kind = self.kind()?;
+        let kind = self.kind;
         if let Some(key) = self.given().find(|key| !kind.keys.contains(key)) {
             let owners = KINDS.iter().filter(|kind| kind.keys.contains(&key)).map(|kind| kind.name);
             let owners = owners.collect::<Vec<_>>().join(", ");
@@ -95,9 +96,9 @@ impl ActuationTable {
         [amplitude.collect(), phase.collect()]
     }
 
-    fn build(&self, rod: &Rod) -> Result<Driven, Fault> {
+    fn build(&self, rod: &Rod) -> Driven {
         let drive = Drive { amplitude: self.kappa_amp.get(), frequency: self.frequency_hz.get() };
-        let actuation = (self.kind()?.build)(&Recipe {
+        let actuation = (self.kind.build)(&Recipe {
             nodes: rod.nodes,
             front: rod.front,
             spacing: rod.spacing,
@@ -106,14 +107,14 @@ impl ActuationTable {
             wavelength: self.wavelength_m.map_or(f64::INFINITY, Positive::get),
         });
         if self.amplitude_profile.is_none() && self.phase_profile_rad.is_none() {
-            return Ok((actuation, drive));
+            return (actuation, drive);
         }
         let [amplitude, phase] = self.profiles();
         let along = |points: &[[f64; 2]], default: f64| -> Vec<f64> {
             let profile = Profile::through(points.to_vec()).unwrap_or(default.into());
             (0..rod.nodes).map(|k| profile.at(rod.xi(k))).collect()
         };
-        Ok((actuation.profiled(&along(&amplitude, 1.0), &along(&phase, 0.0)), drive))
+        (actuation.profiled(&along(&amplitude, 1.0), &along(&phase, 0.0)), drive)
     }
 }
 
@@ -124,7 +125,7 @@ impl Scene {
     }
 
     /// What drives `rod`, its own.
-    pub(super) fn drive(&self, rod: &Rod) -> Result<Option<Driven>, Fault> {
-        self.actuation.as_ref().map(|actuation| actuation.build(rod)).transpose()
+    pub(super) fn drive(&self, rod: &Rod) -> Option<Driven> {
+        self.actuation.as_ref().map(|actuation| actuation.build(rod))
     }
 }

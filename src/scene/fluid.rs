@@ -256,7 +256,7 @@ impl Scene {
     /// The flow around `rod`, its own; none without a medium, or where a table of its head cannot be read.
     pub fn regime(&self, rod: &Rod) -> Option<Regime> {
         let fluid = self.medium.as_ref()?.fluid();
-        let actuation = self.drive(rod).ok()?;
+        let actuation = self.drive(rod);
         let head = self.head_motion().ok()?;
         let gravity = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
         let gravity = gravity.map_or(0.0, |gravity| regime::size(gravity.map(Finite::get)));

@@ -143,11 +143,10 @@ impl Scene {
     pub fn model(&self) -> Result<Model> {
         let rod = self.rod_on(self.rod.nodes.get());
         let loads = self.loads.as_ref();
-        let refuse = |Fault { key, problem }: Fault| self.error(&key, problem);
         Ok(Model {
-            actuation: self.drive(&rod).map_err(refuse)?,
+            actuation: self.drive(&rod),
             start: self.start.build(),
-            forces: self.forces(&rod).map_err(refuse)?,
+            forces: self.forces(&rod).map_err(|Fault { key, problem }| self.error(&key, problem))?,
             fluid: self.medium.as_ref().map_or(Fluid::NONE, MediumTable::fluid),
             load: loads.and_then(|loads| loads.build(&rod)),
             buoyancy: loads.and_then(|loads| loads.buoyancy(&rod)),
@@ -155,6 +154,11 @@ impl Scene {
             spin: self.start.spin_rad_s.map_or(0.0, Finite::get),
             rod,
         })
+    }
+
+    /// The file that says it, from the root where there is such a file.
+    pub fn file(&self) -> PathBuf {
+        self.file.canonicalize().unwrap_or_else(|_| self.file.clone())
     }
 
     /// Names what this scene says, the contents of its tables when it was read, and the version of the program; not where

@@ -63,6 +63,12 @@ pub(super) fn allowed_nodes(nodes: usize) -> String {
 
 impl RecordTable {
     pub(super) fn check_nodes(&self, nodes: usize) -> Result<(), Fault> {
+        // A library that writes no files leaves them to the program that has read the scene.
+        let writes = cfg!(feature = "report") && !cfg!(feature = "parquet");
+        if writes && self.nodes_table == Some(NodesTable::Parquet) {
+            let problem = "found \"parquet\", which this program was built without (its feature `parquet`); allowed: `csv`, `none`";
+            return Err(Fault { key: "record.nodes_table".into(), problem: problem.into() });
+        }
         let refuse = |found: &dyn std::fmt::Display| {
             Err(Fault { key: "record.nodes".into(), problem: value::refused(found, allowed_nodes(nodes)) })
         };

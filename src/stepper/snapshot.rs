@@ -19,6 +19,8 @@ const MAGIC: [u8; 8] = *b"caudal\x00\x01";
 /// matrices and factors, which every step makes anew.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
+    /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint); 0 of a stepper that was made without one.
+    scene: u128,
     clock: Clock,
     time_step: f64,
     state: State,
@@ -29,6 +31,9 @@ pub struct Snapshot {
     cycles: Cycles,
     work: Work,
 }
+
+/// What is wrong with a snapshot of another scene.
+const OTHER: &str = "it was saved from another scene, or from this one with other parameters";
 
 /// What stands before a serialised snapshot.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -52,12 +57,21 @@ impl Snapshot {
     pub fn time(&self) -> f64 {
         self.state.t
     }
+
+    /// Its bytes, which a stepper of the same scene in any process of this version takes over.
+    ///
+    /// # Errors
+    /// Those of [`seal`].
+    pub fn serialize(&self) -> Result<Vec<u8>> {
+        seal(self.scene, self)
+    }
 }
 
 impl Stepper {
     /// A copy of everything that changes.
     pub fn save(&self) -> Snapshot {
         Snapshot {
+            scene: self.scene,
             clock: self.clock,
             time_step: self.time_step,
             state: self.state.clone(),
@@ -73,8 +87,12 @@ impl Stepper {
     /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
     ///
     /// # Errors
-    /// [`Error::WrongLength`] for a snapshot of another number of nodes.
+    /// [`Error::Snapshot`] for a snapshot of another scene; [`Error::WrongLength`] for one of another number of nodes, where
+    /// a stepper was made without a scene.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
+        if snapshot.scene != self.scene {
+            return refuse(OTHER);
+        }
         let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
         if !self.fits(snapshot) {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
@@ -92,14 +110,6 @@ impl Stepper {
         self.cycles = snapshot.cycles;
         self.newton.work = snapshot.work;
         Ok(())
-    }
-
-    /// A snapshot as bytes, which a stepper of the same scene in any process of this version takes over.
-    ///
-    /// # Errors
-    /// Those of [`seal`].
-    pub fn serialize(&self, snapshot: &Snapshot) -> Result<Vec<u8>> {
-        seal(self.scene, snapshot)
     }
 
     /// The snapshot in `bytes`.
@@ -153,7 +163,7 @@ pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
         return refuse(&format!("it was saved by caudal {}; this is {}", label.version, here.version));
     }
     if label.scene != here.scene {
-        return refuse("it was saved from another scene, or from this one with other parameters");
+        return refuse(OTHER);
     }
     if label.checksum != here.checksum {
         return refuse("it is damaged: its checksum is wrong");

@@ -160,6 +160,9 @@ pub struct Trial {
     pub processor_s: f64,
     /// Displacement of the centre of mass, m.
     pub displacement: [f64; 2],
+    /// Mean force (N) on a held head over the run, and the mean of its modulus.
+    #[serde(default)]
+    pub head_force: Option<([f64; 2], f64)>,
     /// Means of [`SHOWN`] over the last whole cycles.
     #[serde(default)]
     pub cycles: [Option<f64>; SHOWN.len()],
@@ -211,6 +214,7 @@ impl Trial {
             wall_s: 0.0,
             processor_s: 0.0,
             displacement: [f64::NAN; 2],
+            head_force: None,
             cycles: [None; SHOWN.len()],
             work_in: f64::NAN,
             largest_work_in: 0.0,
@@ -240,6 +244,10 @@ impl Trial {
         trial.iterations = work.newton_iterations;
         trial.factorisations = work.factorisations;
         trial.displacement = (meter.now.com - meter.first.1).into();
+        trial.head_force = stepper.cycles().since_start().filter(|_| stepper.model().head.is_some()).map(|run| {
+            let (mean, modulus) = run.mean_head_force();
+            (mean.into(), modulus)
+        });
         let averages = stepper.cycles().averages(stepper.view().dynamics);
         trial.cycles = SHOWN.map(|measure| averages.mean(&measure));
         trial.work_in = put_in(&meter.totals.work);

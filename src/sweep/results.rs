@@ -9,9 +9,12 @@ use crate::error::{Error, Result};
 use crate::jobs::{Job, Journal};
 use crate::report::Figure;
 use crate::report::cases::{Axis, Cases};
-use crate::report::tables::{ColumnType, Folder, Kept, csv_of, parquet_of};
+#[cfg(feature = "parquet")]
+use crate::report::parquet::parquet_of;
+use crate::report::tables::{ColumnType, Folder, Kept, csv_of};
 
 /// From this number of cases on the table is there as Parquet too.
+#[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
 
 /// The results of a sweep, in one journal or in those of its shards.
@@ -107,6 +110,7 @@ impl<'a> Results<'a> {
         let path = folder.path().join("table.csv");
         let table = csv_of(&path, &columns, self.rows().map(cells));
         kept.put(path, table);
+        #[cfg(feature = "parquet")]
         if sweep.size() >= PARQUET_FROM {
             let path = folder.path().join("table.parquet");
             let table = parquet_of(&path, &header, self.rows().map(cells));

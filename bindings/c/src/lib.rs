@@ -406,7 +406,8 @@ unsafe fn keep(snapshot: Snapshot, state: *mut *mut caudal_state) -> Outcome {
     Ok(())
 }
 
-/// Goes back to a state; what follows is equal to the bit to what followed then.
+/// Goes back to a state of the same scene; what follows is equal to the bit to what followed then. A state of another scene is
+/// refused.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_restore(
     simulation: *mut caudal_simulation,
@@ -432,9 +433,9 @@ pub unsafe extern "C" fn caudal_serialize(
 ) -> caudal_status {
     // SAFETY: the caller's promises.
     unsafe {
-        on(simulation, |simulation| {
+        on(simulation, |_| {
             let (Some(state), Some(size)) = (state.as_ref(), size.as_mut()) else { return refuse("no state or size") };
-            let content = simulation.stepper.serialize(&state.0)?;
+            let content = state.0.serialize()?;
             let room = std::mem::replace(size, content.len());
             if bytes.is_null() {
                 return Ok(());

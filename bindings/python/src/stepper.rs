@@ -2,9 +2,9 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
-use std::sync::{Arc, Mutex, MutexGuard, TryLockError};
+use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use caudal::stepper::{Change, snapshot};
+use caudal::stepper::Change;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};
@@ -103,7 +103,7 @@ impl Variable {
 #[pyclass(frozen, module = "caudal")]
 pub struct Snapshot {
     snapshot: caudal::stepper::Snapshot,
-    scene: Arc<caudal::scene::Scene>,
+    scene: String,
 }
 
 #[pymethods]
@@ -115,11 +115,11 @@ impl Snapshot {
     }
 
     fn __bytes__<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        Ok(PyBytes::new(py, &snapshot::seal(self.scene.fingerprint(), &self.snapshot).or_raise(py)?))
+        Ok(PyBytes::new(py, &self.snapshot.serialize().or_raise(py)?))
     }
 
     fn __repr__(&self) -> String {
-        format!("<caudal.Snapshot of {:?} at {} s>", self.scene.name, self.time_s())
+        format!("<caudal.Snapshot of {:?} at {} s>", self.scene, self.time_s())
     }
 }
 
@@ -344,7 +344,7 @@ impl Stepper {
     ///     For :meth:`restore`.
     fn save(&self) -> PyResult<Snapshot> {
         let snapshot = self.open()?.stepper()?.save();
-        Ok(Snapshot { snapshot, scene: Arc::clone(&self.scene.get().scene) })
+        Ok(Snapshot { snapshot, scene: self.scene.get().scene.name.clone() })
     }
 
     /// Go back to a snapshot; what follows is equal to the bit to what followed then.
@@ -365,12 +365,7 @@ impl Stepper {
             let snapshot = stepper.deserialize(bytes.as_bytes()).or_raise(py)?;
             return stepper.restore(&snapshot).or_raise(py);
         }
-        let snapshot = snapshot.cast::<Snapshot>()?.get();
-        if snapshot.scene.fingerprint() != self.scene.get().scene.fingerprint() {
-            let other = format!("it was saved from another scene, {:?}", snapshot.scene.name);
-            return Err(exception(py, &caudal::Error::Snapshot(other)));
-        }
-        stepper.restore(&snapshot.snapshot).or_raise(py)
+        stepper.restore(&snapshot.cast::<Snapshot>()?.get().snapshot).or_raise(py)
     }
 
     /// Free its memory; it cannot be used any more.

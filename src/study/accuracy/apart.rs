@@ -2,8 +2,8 @@
 
 use serde_json::json;
 
-use super::SAMPLES;
 use super::reference::Reference;
+use super::{SAMPLES, in_words, quantities};
 use crate::error::Result;
 use crate::report::Findings;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
@@ -36,9 +36,9 @@ pub fn without_reference(
     let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
     let why = match reference {
         Some(Reference { errors, .. }) => {
-            let [displacement, tip, work] = errors.map(|e| 100.0 * e);
+            let errors = in_words(quantities(scene), errors.map(|e| format!("{:.1} %", 100.0 * e)));
             format!(
-                "two references that have only the equations in common, ESDIRK3 and generalized-α extrapolated, with steps from {step:e} s down, differ by {displacement:.1} % in displacement, {tip:.1} % in the tip's path, {work:.1} % in the energy put in"
+                "two references that have only the equations in common, ESDIRK3 and generalized-α extrapolated, with steps from {step:e} s down, differ by {errors}"
             )
         }
         None => {

@@ -2,8 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::QUANTITIES;
-use super::reference::Result3;
+use super::reference::Results;
 use super::words::{Report, Row};
 use crate::error::Result;
 use crate::integrator::Pace;
@@ -11,8 +10,6 @@ use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::study::trial::{SHOWN, Trial};
 
-/// The beginnings of the names of their figures.
-const FILES: [&str; 3] = ["displacement", "tip", "energy"];
 /// An error is shown down to this multiple of the reference's own.
 const TRUSTED: f64 = 2.0;
 
@@ -20,7 +17,7 @@ impl Report<'_> {
     pub(super) fn charts(
         &self,
         rows: &[Row<'_>],
-        limit: Option<&(Result3, [f64; 3], f64)>,
+        limit: Option<&(Results, [f64; 3], f64)>,
         findings: &mut Findings,
     ) -> Result<()> {
         let nodes = self.nodes();
@@ -30,7 +27,7 @@ impl Report<'_> {
             ("time", "processor time (s)", |trial| trial.processor_s),
             ("work", "linear solves", |trial| trial.factorisations as f64),
         ];
-        for (i, quantity) in QUANTITIES.iter().enumerate() {
+        for (i, (quantity, key)) in self.quantities().iter().map(|quantity| (quantity.name, quantity.key)).enumerate() {
             let floor = reference.map_or(0.0, |reference| TRUSTED * reference.errors[i]);
             for (file, label, cost) in &costs {
                 let mut series: Vec<Series> = Vec::new();
@@ -60,19 +57,22 @@ impl Report<'_> {
                 let caption = format!(
                     "Error of the {quantity} against {label}, one line a method; the triangles show the slopes of whole orders."
                 );
-                findings.figures.push(Figure::new(format!("{}-{file}.svg", FILES[i]), caption, chart.svg()));
+                findings.figures.push(Figure::new(format!("{key}-{file}.svg"), caption, chart.svg()));
             }
         }
         if let Some((limit, ..)) = limit {
-            let caption = "Error of the displacement that the steps make, one line a method, and what each mesh makes, as levels.";
+            let caption = format!(
+                "Error of the {} that the steps make, one line a method, and what each mesh makes, as levels.",
+                self.quantities()[0].name
+            );
             let chart = self.decomposition(rows, limit);
             findings.figures.push(Figure::new("decomposition.svg", caption, chart.svg()));
         }
         Ok(())
     }
 
-    /// Error of the displacement by the steps, one line a method, and by each mesh, as level lines.
-    fn decomposition(&self, rows: &[Row<'_>], limit: &Result3) -> Chart {
+    /// Error of the first quantity by the steps, one line a method, and by each mesh, as level lines.
+    fn decomposition(&self, rows: &[Row<'_>], limit: &Results) -> Chart {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
@@ -92,7 +92,7 @@ impl Report<'_> {
         Chart {
             title: format!("{}: error of the steps against error of the mesh", self.scene.name),
             x: "time step (s)".into(),
-            y: "relative error of the net displacement".into(),
+            y: format!("relative error of the {}", self.quantities()[0].name),
             scale: Scale::LogLog,
             series,
         }
@@ -110,7 +110,7 @@ impl Report<'_> {
         let targets = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
         let mut out = Vec::new();
         for curve in curves {
-            for (i, quantity) in QUANTITIES.iter().enumerate() {
+            for (i, quantity) in self.quantities().iter().map(|quantity| quantity.name).enumerate() {
                 let of = self.on(rows, nodes).filter(|row| row.curve() == curve);
                 let mut line = vec![json!(curve), json!(quantity)];
                 let of: Vec<_> = of.collect();
@@ -131,17 +131,34 @@ impl Report<'_> {
     }
 
     pub(super) fn table(&self, rows: &[Row<'_>]) -> Table {
-        let error = |errors: Option<[f64; 3]>, i: usize| errors.map_or(Value::Null, |e| json!(e[i]));
+        let [first, _, energy] = self.quantities();
+        let errors = |kind: &str| self.quantities().map(|quantity| format!("{kind}_error_{}", quantity.key));
+        let columns: Vec<String> = ["model", "integrator", "time_step_s", "tolerance", "nodes", "steps"]
+            .into_iter()
+            .chain(["newton_iterations", "linear_solves", "step_halvings", "wall_s", "processor_s"])
+            .chain(first.columns.iter().chain(energy.columns).copied())
+            .chain(SHOWN.map(|measure| measure.key))
+            .map(str::to_string)
+            .chain(["time", "total"].into_iter().flat_map(errors))
+            .chain(["failure".to_string()])
+            .collect();
         let line = |row: &Row<'_>| {
-            let trial = row.trial;
+            let (trial, recipe) = (row.trial, &row.case.recipe);
             let (step, tolerance) = match row.case.pace {
                 Pace::Fixed(step) => (json!(step), Value::Null),
                 Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };
             let done = row.time.is_some();
-            let recipe = &row.case.recipe;
-            let cycle = |i: usize| if done { json!(trial.cycles[i]) } else { Value::Null };
-            vec![
+            let found = Results::of(trial).first.into_iter().take(first.columns.len()).chain([trial.work_in]);
+            let found = found.map(Some).chain(trial.cycles).map(|value| json!(value.filter(|_| done)));
+            let errors =
+                [row.time, row.total].into_iter().flat_map(|errors| [0, 1, 2].map(|i| json!(errors.map(|e| e[i]))));
+            let failure = match &trial.failure {
+                Some((_, _, reason)) => json!(reason),
+                None if done => Value::Null,
+                None => json!("its energy grew without bound"),
+            };
+            let mut line = vec![
                 json!(recipe.rung.name),
                 json!(recipe.rung.method.map_or_else(|| recipe.to_string(), str::to_string)),
                 step,
@@ -153,55 +170,11 @@ impl Report<'_> {
                 json!(trial.halvings),
                 json!(trial.wall_s),
                 json!(trial.processor_s),
-                if done { json!(trial.displacement[0]) } else { Value::Null },
-                if done { json!(trial.work_in) } else { Value::Null },
-                cycle(0),
-                cycle(1),
-                cycle(2),
-                error(row.time, 0),
-                error(row.time, 1),
-                error(row.time, 2),
-                error(row.total, 0),
-                error(row.total, 1),
-                error(row.total, 2),
-                trial.failure.as_ref().map_or_else(
-                    || if done { Value::Null } else { json!("its energy grew without bound") },
-                    |(_, _, reason)| json!(reason),
-                ),
-            ]
+            ];
+            line.extend(found.chain(errors).chain([failure]));
+            line
         };
-        Table {
-            file: "accuracy.csv",
-            title: "All runs",
-            columns: [
-                "model",
-                "integrator",
-                "time_step_s",
-                "tolerance",
-                "nodes",
-                "steps",
-                "newton_iterations",
-                "linear_solves",
-                "step_halvings",
-                "wall_s",
-                "processor_s",
-                "net_displacement_m",
-                "energy_put_in_j",
-                SHOWN[0].key,
-                SHOWN[1].key,
-                SHOWN[2].key,
-                "time_error_displacement",
-                "time_error_tip",
-                "time_error_energy",
-                "total_error_displacement",
-                "total_error_tip",
-                "total_error_energy",
-                "failure",
-            ]
-            .map(str::to_string)
-            .to_vec(),
-            rows: rows.iter().map(line).collect(),
-        }
+        Table { file: "accuracy.csv", title: "All runs", rows: rows.iter().map(line).collect(), columns }
     }
 }
 

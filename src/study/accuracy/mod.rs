@@ -24,7 +24,7 @@ use crate::integrator::Pace;
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Findings;
-use crate::scene::Scene;
+use crate::scene::{HeadKind, Scene};
 
 /// Newton's tolerance in all runs: far below every error of interest.
 const NEWTON: f64 = 1e-12;
@@ -51,8 +51,44 @@ pub struct Accuracy {
     pub tolerances: Vec<f64>,
 }
 
-/// What is compared.
-const QUANTITIES: [&str; 3] = ["net displacement", "tip path", "energy put in"];
+/// A quantity that runs are compared by.
+struct Quantity {
+    /// Its name.
+    name: &'static str,
+    /// The same within a sentence, after "in".
+    within: &'static str,
+    /// Its name in keys, columns and files.
+    key: &'static str,
+    /// The columns of its value; none where it is a course.
+    columns: &'static [&'static str],
+}
+
+const DISPLACEMENT: Quantity = Quantity {
+    name: "net displacement",
+    within: "displacement",
+    key: "displacement",
+    columns: &["net_displacement_m"],
+};
+const HEAD_FORCE: Quantity = Quantity {
+    name: "mean head force",
+    within: "the mean head force",
+    key: "head_force",
+    columns: &["mean_head_force_x_n", "mean_head_force_y_n"],
+};
+const TIP: Quantity = Quantity { name: "tip path", within: "the tip's path", key: "tip", columns: &[] };
+const ENERGY: Quantity =
+    Quantity { name: "energy put in", within: "energy", key: "energy", columns: &["energy_put_in_j"] };
+
+/// What is compared: what a free head gets by swimming or a held one bears, the tip's path, and the energy put in.
+fn quantities(scene: &Scene) -> [&'static Quantity; 3] {
+    [if scene.head.kind == HeadKind::Free { &DISPLACEMENT } else { &HEAD_FORCE }, &TIP, &ENERGY]
+}
+
+/// Three errors in words.
+fn in_words(quantities: [&Quantity; 3], errors: [String; 3]) -> String {
+    let parts: Vec<_> = quantities.iter().zip(errors).map(|(q, error)| format!("{error} in {}", q.within)).collect();
+    parts.join(", ")
+}
 
 #[derive(Debug, Clone, PartialEq)]
 struct Case {

@@ -3,21 +3,28 @@
 use super::{MANNER, SAMPLES};
 use crate::study::trial::Trial;
 
-/// The quantities of a run: displacement, tip, energy put in.
+/// The part of the mean modulus of a force that errors of its mean are relative to where the mean is smaller.
+const MEAN: f64 = 1e-3;
+
+/// What runs are compared by, see [`quantities`](super::quantities).
 #[derive(Debug, Clone)]
-pub struct Result3 {
-    pub displacement: f64,
+pub struct Results {
+    /// Net displacement (m) along x and nothing, or mean force (N) on a held head along x and y.
+    pub first: [f64; 2],
+    /// Errors of it are relative to no less than this.
+    least: f64,
     pub tip: Vec<[f64; 2]>,
     pub work: f64,
     /// Largest |work| of the run: what errors of the work are compared with.
     pub largest_work: f64,
 }
 
-impl Result3 {
+impl Results {
     pub fn of(trial: &Trial) -> Self {
         Self {
-            displacement: trial.displacement[0],
-            tip: trial.tip[..=SAMPLES].to_vec(),
+            first: trial.head_force.map_or([trial.displacement[0], 0.0], |(mean, _)| mean),
+            least: trial.head_force.map_or(0.0, |(_, modulus)| MEAN * modulus),
+            tip: trial.tip.iter().copied().take(SAMPLES + 1).collect(),
             work: trial.work_in,
             largest_work: trial.largest_work_in,
         }
@@ -28,22 +35,35 @@ impl Result3 {
         let to = |c: f64, f: f64| f + (f - c) / (ratio - 1.0);
         let tips = coarse.tip.iter().zip(&fine.tip);
         Self {
-            displacement: to(coarse.displacement, fine.displacement),
+            first: [0, 1].map(|i| to(coarse.first[i], fine.first[i])),
+            least: fine.least,
             tip: tips.map(|(c, f)| [to(c[0], f[0]), to(c[1], f[1])]).collect(),
             work: to(coarse.work, fine.work),
             largest_work: fine.largest_work,
         }
     }
 
+    /// The distance of the first quantity from the other's.
+    pub fn apart(&self, other: &Self) -> f64 {
+        (self.first[0] - other.first[0]).hypot(self.first[1] - other.first[1])
+    }
+
+    /// The first quantity in words.
+    pub fn first_in_words(&self, held: bool) -> String {
+        let [x, y] = self.first;
+        if held { format!("mean head force ({x:.9e}, {y:.9e}) N") } else { format!("displacement {x:.9e} m") }
+    }
+
     /// Relative differences of the three quantities from `reference`.
     pub fn errors(&self, reference: &Self) -> [f64; 3] {
         let first = reference.tip.first().copied().unwrap_or_default();
+        let size = |a: [f64; 2]| a[0].hypot(a[1]);
         let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let travel = reference.tip.iter().map(|tip| distance(tip, &first)).fold(f64::MIN_POSITIVE, f64::max);
         let apart = self.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max);
         let relative = |x: f64, y: f64, scale: f64| if x == y { 0.0 } else { (x - y).abs() / scale.abs() };
         [
-            relative(self.displacement, reference.displacement, reference.displacement),
+            relative(self.apart(reference), 0.0, size(reference.first).max(reference.least)),
             apart / travel,
             relative(self.work, reference.work, reference.largest_work),
         ]
@@ -52,7 +72,7 @@ impl Result3 {
 
 /// A reference and its own relative errors.
 pub struct Reference {
-    pub result: Result3,
+    pub result: Results,
     pub errors: [f64; 3],
 }
 
@@ -63,8 +83,8 @@ impl Reference {
         if !trials.iter().all(|trial| trial.is_complete(MANNER)) {
             return None;
         }
-        let [first, second, coarse, fine] = [first, second, coarse, fine].map(Result3::of);
-        let other = Result3::extrapolated(&coarse, &fine, 4.0);
+        let [first, second, coarse, fine] = [first, second, coarse, fine].map(Results::of);
+        let other = Results::extrapolated(&coarse, &fine, 4.0);
         let [own, others] = [first.errors(&second), other.errors(&second)];
         let errors = std::array::from_fn(|i| f64::max(own[i], others[i]));
         Some(Self { result: second, errors })

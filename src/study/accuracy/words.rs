@@ -2,13 +2,13 @@
 
 use serde_json::json;
 
-use super::reference::{Reference, Result3};
-use super::{Case, MANNER, QUANTITIES};
+use super::reference::{Reference, Results};
+use super::{Case, MANNER, Quantity, in_words, quantities};
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::Findings;
 use crate::report::chart::number;
-use crate::scene::Scene;
+use crate::scene::{HeadKind, Scene};
 use crate::study::trial::{Recipe, Trial};
 
 /// From this error on, relative, a cheaper model computes another motion.
@@ -84,6 +84,15 @@ fn milliseconds(seconds: f64) -> String {
 }
 
 impl Report<'_> {
+    /// What is compared.
+    pub fn quantities(&self) -> [&'static Quantity; 3] {
+        quantities(self.scene)
+    }
+
+    fn is_held(&self) -> bool {
+        self.scene.head.kind != HeadKind::Free
+    }
+
     /// Nodes of the first mesh: the scene's own unless others were asked for.
     pub fn nodes(&self) -> u64 {
         self.meshes.first().copied().unwrap_or_default()
@@ -107,22 +116,22 @@ impl Report<'_> {
 
     /// The limit of fine meshes by Richardson's extrapolation with the order that three meshes show, and its uncertainty:
     /// half of what the extrapolation adds.
-    fn mesh_limit(&self) -> Option<(Result3, [f64; 3], f64)> {
+    fn mesh_limit(&self) -> Option<(Results, [f64; 3], f64)> {
         let [.., a, b, c] = self.references else { return None };
         let [.., na, nb, nc] = self.meshes else { return None };
         let ratio = (nc - 1) as f64 / (nb - 1) as f64;
         if ((nb - 1) as f64 / (na - 1) as f64 - ratio).abs() > 1e-9 || ratio <= 1.0 {
             return None;
         }
-        let change = (b.result.displacement - a.result.displacement) / (c.result.displacement - b.result.displacement);
-        let order = change.abs().log(ratio).clamp(0.5, 4.0);
-        let limit = Result3::extrapolated(&b.result, &c.result, ratio.powf(order));
+        let change = b.result.apart(&a.result) / c.result.apart(&b.result);
+        let order = change.log(ratio).clamp(0.5, 4.0);
+        let limit = Results::extrapolated(&b.result, &c.result, ratio.powf(order));
         let added = c.result.errors(&limit);
         Some((limit, added.map(|e| 0.5 * e), order))
     }
 
-    fn row<'r>(&self, case: &'r Case, trial: &'r Trial, limit: Option<&(Result3, [f64; 3], f64)>) -> Row<'r> {
-        let result = trial.is_complete(MANNER).then(|| Result3::of(trial));
+    fn row<'r>(&self, case: &'r Case, trial: &'r Trial, limit: Option<&(Results, [f64; 3], f64)>) -> Row<'r> {
+        let result = trial.is_complete(MANNER).then(|| Results::of(trial));
         let mesh = self.meshes.iter().position(|nodes| *nodes == case.nodes);
         let reference = mesh.and_then(|mesh| self.references.get(mesh));
         Row {
@@ -135,16 +144,21 @@ impl Report<'_> {
 
     fn references_in_words(&self, findings: &mut Findings) {
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
-            let [displacement, tip, work] = reference.errors;
+            let errors = reference.errors;
             findings.answers.push(format!(
-                "Reference on {nodes} nodes: displacement {:.9e} m, energy put in {:.6e} J; two independent references agree to {displacement:.1e} in displacement, {tip:.1e} in the tip's path, {work:.1e} in energy.",
-                reference.result.displacement, reference.result.work
+                "Reference on {nodes} nodes: {}, energy put in {:.6e} J; two independent references agree to {}.",
+                reference.result.first_in_words(self.is_held()),
+                reference.result.work,
+                in_words(self.quantities(), errors.map(|e| format!("{e:.1e}")))
             ));
-            findings.numbers.insert(
-                format!("reference_{nodes}_nodes"),
-                json!({ "net_displacement_m": reference.result.displacement, "energy_put_in_j": reference.result.work,
-                    "displacement_error": displacement, "tip_error": tip, "energy_error": work }),
-            );
+            let mut numbers = json!({ "energy_put_in_j": reference.result.work });
+            for (column, value) in self.quantities()[0].columns.iter().zip(reference.result.first) {
+                numbers[*column] = json!(value);
+            }
+            for (quantity, error) in self.quantities().iter().zip(errors) {
+                numbers[format!("{}_error", quantity.key)] = json!(error);
+            }
+            findings.numbers.insert(format!("reference_{nodes}_nodes"), numbers);
         }
     }
 
@@ -159,8 +173,10 @@ impl Report<'_> {
         let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
-                "The scene as it stands, {} on {nodes} nodes: its steps make an error of {:.2} % in displacement, {:.2} % in the tip's path, {:.2} % in energy, in {}.",
-                row.setting(), 100.0 * errors[0], 100.0 * errors[1], 100.0 * errors[2], milliseconds(row.trial.processor_s)
+                "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
+                row.setting(),
+                in_words(self.quantities(), errors.map(|e| format!("{:.2} %", 100.0 * e))),
+                milliseconds(row.trial.processor_s)
             ));
         }
     }
@@ -183,45 +199,49 @@ impl Report<'_> {
     /// What the cheaper models leave out, and what the whole one costs that errs as much.
     fn cheaper_models(&self, rows: &[Row<'_>], findings: &mut Findings) {
         let on_mesh = || self.on(rows, self.nodes());
-        let displacement = |row: &Row<'_>| row.time.map(|e| e[0]);
+        let first = |row: &Row<'_>| row.time.map(|e| e[0]);
+        let what = self.quantities()[0];
         let own_method = self.scene.method().ok().map(|(method, values)| Recipe::whole(method, values));
         for (finest, errors) in self.settled(rows) {
             let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
-            let Some(row) = self.cheapest(model, displacement, SETTLED * errors[0]) else { continue };
+            let Some(row) = self.cheapest(model, first, SETTLED * errors[0]) else { continue };
             let (name, seconds) = (row.case.recipe.rung.name, row.trial.processor_s);
-            let mut numbers = json!({ "displacement_error": errors[0], "tip_error": errors[1], "energy_error": errors[2],
-                "processor_s": seconds });
+            let mut numbers = json!({ "processor_s": seconds });
+            for (quantity, error) in self.quantities().iter().zip(errors) {
+                numbers[format!("{}_error", quantity.key)] = json!(error);
+            }
             let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
             if errors[0] >= USELESS {
-                text += " leaves out what decides this motion: its displacement is another.";
+                text += &format!(" leaves out what decides this motion: its {} is another.", what.name);
                 findings.answers.push(text);
                 findings.numbers.insert(format!("model_{name}"), numbers);
                 continue;
             }
-            let [of_displacement, of_tip, of_work] = errors.map(percent);
             text += &format!(
-                " errs by {of_displacement} in displacement, {of_tip} in the tip's path, {of_work} in energy, which no step removes, and takes {}.",
+                " errs by {}, which no step removes, and takes {}.",
+                in_words(self.quantities(), errors.map(percent)),
                 milliseconds(seconds)
             );
             // The scene's own method with steps that still err more, so that it is not made dearer than it is.
             let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
-            let own = own.filter(|row| displacement(row).is_some_and(|e| e >= errors[0]));
+            let own = own.filter(|row| first(row).is_some_and(|e| e >= errors[0]));
             let own = own.max_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s));
             let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
-            let best = self.cheapest(whole, displacement, errors[0]);
+            let best = self.cheapest(whole, first, errors[0]);
             for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
-                let Some((other, error)) = other.and_then(|other| Some((other, displacement(other)?))) else {
+                let Some((other, error)) = other.and_then(|other| Some((other, first(other)?))) else {
                     continue;
                 };
                 let ratio = other.trial.processor_s / seconds;
                 text += &format!(
-                    " The whole model by {}, which {errs} in displacement ({}), takes {} times as long.",
+                    " The whole model by {}, which {errs} in {} ({}), takes {} times as long.",
                     other.setting(),
+                    what.within,
                     percent(error),
                     two_digits(ratio)
                 );
-                numbers[key] =
-                    json!({ "setting": other.setting(), "displacement_error": error, "times_as_long": ratio });
+                numbers[key] = json!({ "setting": other.setting(), "times_as_long": ratio });
+                numbers[key][format!("{}_error", what.key)] = json!(error);
             }
             findings.answers.push(text);
             findings.numbers.insert(format!("model_{name}"), numbers);
@@ -255,7 +275,7 @@ impl Report<'_> {
 
     fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
         let nodes = self.nodes();
-        for (i, quantity) in QUANTITIES.iter().enumerate().take(2) {
+        for (i, quantity) in self.quantities().iter().map(|quantity| quantity.name).enumerate().take(2) {
             for target in TARGETS {
                 let percent = 100.0 * target;
                 let time = self.cheapest(self.on(rows, nodes), |row| row.time.map(|e| e[i]), target);
@@ -283,18 +303,21 @@ impl Report<'_> {
         }
     }
 
-    fn meshes_in_words(&self, limit: Option<&(Result3, [f64; 3], f64)>, findings: &mut Findings) {
+    fn meshes_in_words(&self, limit: Option<&(Results, [f64; 3], f64)>, findings: &mut Findings) {
         let Some((limit, uncertain, order)) = limit else { return };
         findings.answers.push(format!(
-            "In the limit of fine meshes the displacement is {:.6e} m (±{:.1e} relative, extrapolated; its error falls as N^-{order:.2}).",
-            limit.displacement, uncertain[0]
+            "In the limit of fine meshes: {} (±{:.1e} relative, extrapolated; its error falls as N^-{order:.2}).",
+            limit.first_in_words(self.is_held()),
+            uncertain[0]
         ));
         for (nodes, reference) in self.meshes.iter().zip(self.references) {
-            let [displacement, tip, work] = reference.result.errors(limit);
-            let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (displacement / target).powf(1.0 / order);
+            let errors = reference.result.errors(limit);
+            let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (errors[0] / target).powf(1.0 / order);
             findings.answers.push(format!(
-                "The mesh of {nodes} nodes makes an error of {:.3} % in displacement, {:.3} % in the tip's path, {:.3} % in energy; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
-                100.0 * displacement, 100.0 * tip, 100.0 * work, needed(1e-2), needed(1e-4)
+                "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
+                in_words(self.quantities(), errors.map(|e| format!("{:.3} %", 100.0 * e))),
+                needed(1e-2),
+                needed(1e-4)
             ));
         }
     }
