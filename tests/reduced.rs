@@ -675,9 +675,12 @@ fn taken(number: u64) -> Option<Taken> {
 
 #[test]
 fn what_auto_takes_is_as_accurate_as_it_says() {
-    // `CAUDAL_SCENES` asks for more, from the first on; DESIGN.md has the table of 1000.
-    let wanted = std::env::var("CAUDAL_SCENES").ok().and_then(|text| text.parse().ok());
-    let all: Vec<Taken> = wanted.map_or(700..1000_u64, |count| 0..count).filter_map(taken).collect();
+    // `CAUDAL_SCENES=from..to` asks for others; DESIGN.md has the tables. The margins were tuned on scenes 0..1000, so that these
+    // are none of them.
+    let wanted = std::env::var("CAUDAL_SCENES").ok();
+    let wanted = wanted.as_deref().and_then(|text| text.split_once("..")).map(|(from, to)| [from, to].map(str::parse));
+    let [from, to] = wanted.map_or([1_000_000, 1_000_300_u64], |range| range.map(Result::unwrap));
+    let all: Vec<Taken> = (from..to).filter_map(taken).collect();
     for rung in ["shape", "overdamped"] {
         let of: Vec<_> = all.iter().filter(|case| case.rung == rung).collect();
         let middle = |value: &dyn Fn(&Taken) -> f64| {

@@ -205,7 +205,7 @@ struct Nodes {
 
 #[derive(Debug)]
 enum Form {
-    Csv(Csv),
+    Csv(Box<Csv>),
     #[cfg(feature = "parquet")]
     Parquet(Parquet),
     None,
@@ -218,7 +218,7 @@ impl Nodes {
             NodesTable::Csv => {
                 let columns = chosen.iter().flat_map(|k| [format!("x{k}_m"), format!("y{k}_m")]);
                 let header = ["time_s".to_string()].into_iter().chain(columns);
-                Form::Csv(Csv::create(folder.join(NODES_FILES[0]), header)?)
+                Form::Csv(Box::new(Csv::create(folder.join(NODES_FILES[0]), header)?))
             }
             #[cfg(feature = "parquet")]
             NodesTable::Parquet => Form::Parquet(Parquet::create(folder.join(NODES_FILES[1]))?),
@@ -246,7 +246,7 @@ impl Nodes {
     /// Puts it in place.
     fn keep(self, kept: &mut Kept) {
         match self.table {
-            Form::Csv(table) => kept.put_table(table),
+            Form::Csv(table) => kept.put_table(*table),
             #[cfg(feature = "parquet")]
             Form::Parquet(table) => kept.put(table.path(), table.complete()),
             Form::None => {}
