@@ -6,6 +6,7 @@ use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
 use crate::fluid::body;
 use crate::fluid::force::Validity;
+use crate::fluid::laws::auto::INERTIA;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
 use crate::fluid::{Force, Forces};
 use crate::head::Signal;
@@ -13,7 +14,7 @@ use crate::integrator::Pace;
 use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
-use crate::reduced::RUNGS;
+use crate::reduced::{RUNGS, Rung};
 use crate::regime;
 use crate::rod::{Rod, bend};
 use crate::scene::{Document, Fault, NodesTable, Scene, StartKind};
@@ -24,6 +25,12 @@ use crate::system::Form;
 const MODES_UP_TO: u64 = 201;
 /// Stokes number below which the boundary layer's share of the added mass is over a fifth.
 const THIN_LAYER: f64 = 100.0;
+/// Depth over length up to which the reactive force is that of a slender body.
+const SLENDER_DEPTH: f64 = 0.3;
+/// Periods, nodes and tolerance of the prescribed motion that is followed with the reactive force and without.
+const PRESCRIBED: f64 = 8.0;
+const PRESCRIBED_NODES: u64 = 17;
+const PRESCRIBED_TOLERANCE: f64 = 1e-4;
 /// Fewest steps in a period of the drive.
 const STEPS_A_PERIOD: f64 = 20.0;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
@@ -153,6 +160,56 @@ impl Assessment {
             facts.push(Fact { name: "model taken", text: format!("{}: {reason}", choice.rung.name) });
         }
         Ok(facts)
+    }
+
+    /// What the reactive force does to the motion that the scene prescribes, and what leaving it out costs; none where nothing
+    /// is prescribed or nothing says so.
+    pub fn reactive(scene: &Scene, stepper: &Stepper) -> Option<Fact> {
+        let fact = |text: String| Some(Fact { name: "reactive force", text });
+        let regime = scene.regime(&stepper.model().rod)?;
+        let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
+        let slender = regime.depth / stepper.model().rod.length;
+        let thick = if slender > SLENDER_DEPTH { ", more than its theory is for" } else { "" };
+        let about = format!("own frequencies fall by {slows:.1} %; depth over length {slender:.3}{thick}");
+        if regime.reynolds < INERTIA {
+            return fact(format!("Re_d is below {INERTIA}: without it speed and power stay as they are; {about}"));
+        }
+        let Some(frequency) = scene.drive_frequency().filter(|frequency| *frequency > 0.0) else { return fact(about) };
+        let duration = PRESCRIBED / frequency;
+        let moves = |reactive: bool| -> Option<[f64; 2]> {
+            let nodes = (scene.rod.nodes.get() as u64).min(PRESCRIBED_NODES);
+            let scene = scene.with_reactive(reactive).with_nodes(nodes).with_duration(duration);
+            let scene = scene.with_pace(Pace::Adaptive(PRESCRIBED_TOLERANCE)).with_model(Rung::named("shape")?);
+            let mut stepper = Stepper::of(&scene).ok()?;
+            stepper.do_step(duration).ok()?;
+            let names = match stepper.model().head {
+                Some(_) => ["cycle_thrust_n", "cycle_head_power_w"],
+                None => ["cycle_forward_speed_m_s", "cycle_actuation_power_w"],
+            };
+            let [motion, power] = names.map(|name| stepper.get_scalar(name).ok().filter(|x| *x != 0.0));
+            Some([motion?, power?])
+        };
+        let Some(([with, with_power], [without, without_power])) =
+            scene.drag.as_ref().and(moves(true).zip(moves(false)))
+        else {
+            return fact(about);
+        };
+        let motion = if stepper.model().head.is_some() { "thrust" } else { "speed" };
+        let percent = |to: f64, from: f64| 100.0 * (to / from - 1.0);
+        let says = if scene.reactive_on(&stepper.model().rod).is_some() {
+            format!(
+                "left out, the shape that is prescribed would have {:+.0} % {motion} and take {:+.0} % power",
+                percent(without, with),
+                percent(without_power, with_power)
+            )
+        } else {
+            format!(
+                "[reactive] would give the shape that is prescribed {:+.0} % {motion} and let it take {:+.0} % power",
+                percent(with, without),
+                percent(with_power, without_power)
+            )
+        };
+        fact(format!("{says}, over {PRESCRIBED} periods; {about}"))
     }
 
     fn describe(&mut self, scene: &Scene, stepper: &Stepper, coarse: bool) {

@@ -1,7 +1,7 @@
 //! What a swimmer is measured by: averages over whole cycles of its drive, and how they differ from cycle to cycle.
 //!
 //! A cycle is a period of the actuation, whose phase a host may make faster or slower; without an actuation it is the period
-//! of the driven head's sinusoids. [`Cycles`] follows the run step by step and keeps the increase of a few integrals over each
+//! of the sinusoids of driven head and flow. [`Cycles`] follows the run step by step and keeps the increase of a few integrals over each
 //! of the last [`KEPT`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held
 //! head, and work. The end of a cycle need not be the end of a step: there an integral is the cubic Hermite polynomial of its
 //! values and rates at the ends of the step, of fourth order in the step, so that no step is made for it. ∫F dt, ∫M dt and
@@ -53,8 +53,10 @@ mod place {
     pub(super) const PATH: usize = 9;
     pub(super) const FORCE_MODULUS: usize = 10;
     pub(super) const MOMENT_MODULUS: usize = 11;
-    pub(super) const WORK: usize = 12;
-    pub(super) const ALL: usize = 19;
+    pub(super) const DRAG: usize = 12;
+    pub(super) const REACTIVE: usize = 14;
+    pub(super) const WORK: usize = 16;
+    pub(super) const ALL: usize = 23;
 }
 
 /// Integrals over time since the start, or their rates.
@@ -79,11 +81,11 @@ fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, load, head, fl
 enum Source {
     /// The actuation, at the frequency that it has.
     Actuation,
-    /// The driven head, at this frequency, Hz.
+    /// The driven head or the flow, at this frequency, Hz.
     Head(f64),
-    /// A head that moves by a table.
+    /// A head or a flow that moves by a table.
     Table,
-    /// A head of sinusoids whose frequencies are no multiples of the lowest.
+    /// Sinusoids of head and flow whose frequencies are no multiples of the lowest.
     Mixed,
     /// Nothing.
     Nothing,
@@ -91,7 +93,7 @@ enum Source {
 
 impl Source {
     fn of(model: &Model) -> Self {
-        let signals = || model.head.iter().flatten();
+        let signals = || model.head.iter().flatten().chain(model.flow.iter().flatten());
         let frequency = |signal: &Signal| match signal {
             Signal::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
                 Some(frequency.abs())
@@ -118,7 +120,7 @@ impl Source {
     fn phase(self, dynamics: &Dynamics, t: f64) -> Option<f64> {
         match self {
             Self::Actuation => Some(dynamics.inputs.cycle(t) / std::f64::consts::TAU),
-            Self::Head(frequency) => dynamics.inputs.head.is_none().then_some(frequency * t),
+            Self::Head(frequency) => steady(dynamics).then_some(frequency * t),
             Self::Table | Self::Mixed | Self::Nothing => None,
         }
     }
@@ -129,13 +131,18 @@ impl Source {
         match self {
             Self::Actuation if dynamics.inputs.drive.frequency == 0.0 => "the actuation's frequency is 0".to_string(),
             Self::Actuation => shorter(dynamics.inputs.drive.frequency.recip()),
-            Self::Head(_) if dynamics.inputs.head.is_some() => "a host moves the head".to_string(),
+            Self::Head(_) if !steady(dynamics) => "a host moves the head or the flow".to_string(),
             Self::Head(frequency) => shorter(frequency.recip()),
-            Self::Table => "the head moves by a table, which has no period".to_string(),
-            Self::Mixed => "the head's sinusoids have no common period among their own".to_string(),
+            Self::Table => "the head or the flow moves by a table, which has no period".to_string(),
+            Self::Mixed => "the sinusoids of head and flow have no common period among their own".to_string(),
             Self::Nothing => "nothing drives the tail periodically".to_string(),
         }
     }
+}
+
+/// True where head and flow go on as the scene says.
+fn steady(dynamics: &Dynamics) -> bool {
+    dynamics.inputs.head.is_none() && !dynamics.inputs.flow_taken
 }
 
 /// What is followed, at one time.
@@ -165,6 +172,8 @@ fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
     put(&mut rates, place::FLOW, dynamics.inputs.fluid.flow);
     put(&mut rates, place::AXIS, axis);
     put(&mut rates, place::FORCE, reading.head_force);
+    put(&mut rates, place::DRAG, reading.push.drag);
+    put(&mut rates, place::REACTIVE, reading.push.inertia + reading.push.wake + reading.push.flow);
     rates[place::MOMENT] = reading.head_moment;
     rates[place::PATH] = velocity.norm();
     rates[place::FORCE_MODULUS] = reading.head_force.norm();
@@ -352,6 +361,12 @@ fn held<T>(dynamics: &Dynamics, value: T) -> Option<T> {
     dynamics.model.head.is_some().then_some(value)
 }
 
+/// The mean of a force along the head's mean axis, where the rod accelerates the fluid: else drag is all there is.
+fn along_axis_in_water(cycle: &Cycle, dynamics: &Dynamics, place: usize) -> Option<f64> {
+    let axis = cycle.axis().filter(|_| dynamics.model.forces.are_inertial())?;
+    Some(cycle.mean_vector(place).dot(&axis))
+}
+
 measure!(PERIOD, "period", "_s", "s", "mean duration T of the last whole cycles", |c, _| Some(c.period()));
 measure!(
     SPEED,
@@ -413,6 +428,22 @@ measure!(
         Some(c.mean_vector(place::FORCE).dot(&axis))
     }
 );
+measure!(
+    DRAG_THRUST,
+    "drag_thrust",
+    "_n",
+    "N",
+    "mean force of drag on the rod along the head's mean axis: below zero it brakes",
+    |c, d| along_axis_in_water(c, d, place::DRAG)
+);
+measure!(
+    REACTIVE_THRUST,
+    "reactive_thrust",
+    "_n",
+    "N",
+    "mean force along the head's mean axis of the fluid that the rod accelerates and of the wake that leaves it",
+    |c, d| along_axis_in_water(c, d, place::REACTIVE)
+);
 measure!(HEAD_FORCE_X, "head_force_x", "_n", "N", "mean force of the tail on the held head, x", |c, d| held(
     d,
     c.mean(place::FORCE)
@@ -440,6 +471,11 @@ measure!(
     "mean power taken by viscosity over the last whole cycles",
     |c, _| Some(c.power(1))
 );
+measure!(WAKE_POWER, "wake_power", "_w", "W", "mean power taken by the wake over the last whole cycles", |c, d| d
+    .model
+    .forces
+    .are_inertial()
+    .then(|| c.power(5)));
 measure!(LOAD_POWER, "load_power", "_w", "W", "mean power of loads over the last whole cycles", |c, _| Some(
     c.power(2)
 ));
@@ -475,7 +511,7 @@ measure!(
 );
 
 /// All measures, in the order in which every face shows them.
-pub const MEASURES: [Measure; 18] = [
+pub const MEASURES: [Measure; 21] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
@@ -484,11 +520,14 @@ pub const MEASURES: [Measure; 18] = [
     STROUHAL,
     SLIP,
     THRUST,
+    DRAG_THRUST,
+    REACTIVE_THRUST,
     HEAD_FORCE_X,
     HEAD_FORCE_Y,
     HEAD_MOMENT,
     ACTUATION_POWER,
     VISCOUS_POWER,
+    WAKE_POWER,
     LOAD_POWER,
     HEAD_POWER,
     FLOW_POWER,

@@ -64,6 +64,20 @@ impl Signal {
         Self::Table(points.iter().enumerate().map(row).collect())
     }
 
+    /// The root mean square over its period, or over the rows of a table.
+    pub fn root_mean_square(&self) -> f64 {
+        match self {
+            Self::Constant(value) => value.abs(),
+            Self::Sinusoid { amplitude, frequency, phase, offset } if *frequency == 0.0 => {
+                (offset + amplitude * phase.sin()).abs()
+            }
+            Self::Sinusoid { amplitude, offset, .. } => offset.hypot(amplitude * std::f64::consts::FRAC_1_SQRT_2),
+            Self::Table(rows) => {
+                (rows.iter().map(|row| row.value * row.value).sum::<f64>() / rows.len().max(1) as f64).sqrt()
+            }
+        }
+    }
+
     /// The signal at time `t` (s).
     pub fn at(&self, t: f64) -> Sample {
         match self {

@@ -75,6 +75,8 @@ pub mod metrics;
 
 pub mod cycle;
 #[cfg(feature = "faer")]
+pub mod linear_stability;
+#[cfg(feature = "faer")]
 pub mod modes;
 pub mod reduced;
 

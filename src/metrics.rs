@@ -73,23 +73,91 @@ impl Power {
         self.other += other.other;
     }
 
-    /// What every force in `forces` stores, J, and its part of the powers, added to `self`.
-    fn add_forces(&mut self, forces: &Forces, rod: &Kinematics<'_>) -> f64 {
-        let mut stored = 0.0;
+    /// What every force in `forces` stores, J and N s, and its part of powers and forces, added to `self` and `push`.
+    fn add_forces(&mut self, forces: &Forces, rod: &Kinematics<'_>, push: &mut Push) -> (f64, Vector2<f64>) {
+        let (mut stored, mut momentum) = (0.0, Vector2::zeros());
         for force in forces.iter() {
-            let Powers { against_fluid, of_flow } = force::powers(force, rod);
+            let Powers { opposing, against_fluid, of_flow } = force::powers(force, rod);
             self.flow += of_flow;
+            *push.from(force.sink()) -= opposing;
             match force.sink() {
                 Some(Sink::Drag) => self.viscous += against_fluid,
                 Some(Sink::Wake) => self.wake += against_fluid,
+                Some(Sink::Flow) => self.flow -= against_fluid,
                 Some(Sink::Other) => self.other -= against_fluid,
                 None => {
                     stored += force.energy(rod, 0.0, None);
                     self.other += force.energy_by_time(rod, 0.0, None);
+                    let along = |axis: Vector2<f64>| force.momentum(rod, axis, 0.0, None);
+                    momentum += Vector2::new(along(Vector2::x()), along(Vector2::y()));
                 }
             }
         }
-        stored
+        (stored, momentum)
+    }
+}
+
+/// Forces on the whole rod (N), or impulses (N s), by who gives them:
+/// d/dt (momentum of the rod + of the fluid) = drag + wake + flow + load + head + other.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Push {
+    /// Drag.
+    pub drag: Vector2<f64>,
+    /// The wake that leaves the tail.
+    pub wake: Vector2<f64>,
+    /// The inertia of the fluid: less the rate of its momentum, so that it is no part of the balance.
+    pub inertia: Vector2<f64>,
+    /// The pressure of a flow that accelerates.
+    pub flow: Vector2<f64>,
+    /// Gravity, point loads, buoyancy and a host's forces.
+    pub load: Vector2<f64>,
+    /// A held head.
+    pub head: Vector2<f64>,
+    /// Other forces.
+    pub other: Vector2<f64>,
+}
+
+impl Push {
+    /// What changes the momentum of rod and fluid together.
+    pub fn net(&self) -> Vector2<f64> {
+        self.drag + self.wake + self.flow + self.load + self.head + self.other
+    }
+
+    /// What the force with that sink gives.
+    pub(crate) fn from(&mut self, sink: Option<Sink>) -> &mut Vector2<f64> {
+        match sink {
+            Some(Sink::Drag) => &mut self.drag,
+            Some(Sink::Wake) => &mut self.wake,
+            Some(Sink::Flow) => &mut self.flow,
+            Some(Sink::Other) => &mut self.other,
+            None => &mut self.inertia,
+        }
+    }
+
+    fn add(&mut self, other: &Self, factor: f64) {
+        self.drag += other.drag * factor;
+        self.wake += other.wake * factor;
+        self.inertia += other.inertia * factor;
+        self.flow += other.flow * factor;
+        self.load += other.load * factor;
+        self.head += other.head * factor;
+        self.other += other.other * factor;
+    }
+}
+
+/// Momentum, N s.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Momentum {
+    /// Of the rod; zero of one that moves without inertia.
+    pub rod: Vector2<f64>,
+    /// Of the fluid that it accelerates, against the flow.
+    pub fluid: Vector2<f64>,
+}
+
+impl Momentum {
+    /// Of both.
+    pub fn total(&self) -> Vector2<f64> {
+        self.rod + self.fluid
     }
 }
 
@@ -104,6 +172,10 @@ pub struct Reading {
     pub energy: Energy,
     /// Powers.
     pub power: Power,
+    /// Forces on the rod.
+    pub push: Push,
+    /// Momentum of rod and fluid.
+    pub momentum: Momentum,
     /// Force of the tail on a held head, N.
     pub head_force: Vector2<f64>,
     /// Moment of the tail on a held head about node 0, N m.
@@ -163,16 +235,19 @@ impl Reading {
             }
             power.actuation -= self.moment[k] * dynamics.natural_rate[k];
         }
-        let mut moment_of_mass = Vector2::zeros();
+        let (mut moment_of_mass, mut momentum, mut push) = (Vector2::zeros(), Momentum::default(), Push::default());
         for ((mass, q), v) in rod.mass.iter().zip(state.q.as_chunks().0).zip(state.v.as_chunks().0) {
             moment_of_mass += Vector2::from(*q) * *mass;
             energy.kinetic += 0.5 * mass * Vector2::from(*v).norm_squared();
+            momentum.rod += Vector2::from(*v) * *mass;
         }
         self.com = moment_of_mass / rod.total_mass();
         if dynamics.mechanics == Mechanics::Overdamped {
             energy.kinetic = 0.0;
+            momentum.rod = Vector2::zeros();
         }
         if dynamics.is_loaded() {
+            push.load = (0..rod.nodes).map(|k| dynamics.load(k)).sum();
             power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
         }
         let edges = bent.edges();
@@ -190,11 +265,13 @@ impl Reading {
             };
             energy.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
-        energy.fluid = power.add_forces(&dynamics.model.forces, &bent.kinematics());
+        (energy.fluid, momentum.fluid) =
+            power.add_forces(&dynamics.model.forces, &bent.kinematics(), &mut push);
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
             let held = holding.unwrap_or_else(|| bent.reaction());
             self.head_force = -held;
+            push.head = held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;
             self.head = [node(&state.q, 0), node(&state.v, 0)];
@@ -212,7 +289,7 @@ impl Reading {
             let node = bent.clone().position(|(kappa, moment)| !(kappa + moment).is_finite()).unwrap_or(0);
             return Err(Error::NotFinite { time_s: state.t, node, what: "position, curvature or force" });
         }
-        (self.energy, self.power) = (energy, power);
+        (self.energy, self.power, self.push, self.momentum) = (energy, power, push, momentum);
         Ok(())
     }
 
@@ -268,11 +345,22 @@ impl Reading {
     }
 }
 
+/// Who gives the energy of a change at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Giver {
+    /// The actuation: the shape changed.
+    Actuation,
+    /// The flow: it changed, or the density of the fluid.
+    Flow,
+}
+
 /// The running totals of a run, over every step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Totals {
     /// Work since the start, J.
     pub work: Power,
+    /// Impulses since the start, N s.
+    pub impulse: Push,
     /// Energies integrated over time since the start, J s.
     pub energy_time: Energy,
     /// Largest |y_COM|, m.
@@ -321,6 +409,8 @@ impl Totals {
         let half_time = 0.5 * (now.time - from.time);
         totals.energy_time.add(&from.energy, half_time);
         totals.energy_time.add(&now.energy, half_time);
+        totals.impulse.add(&from.push, half_time);
+        totals.impulse.add(&now.push, half_time);
         totals
     }
 }
@@ -334,6 +424,8 @@ pub struct Meter {
     pub totals: Totals,
     /// Energy at the start, J.
     pub first_energy: f64,
+    /// Momentum of rod and fluid at the start, N s.
+    pub first_momentum: Vector2<f64>,
     /// Time (s) and centre of mass (m) at the start.
     pub first: (f64, Vector2<f64>),
     /// Positions at the start, m, two entries per node.
@@ -351,6 +443,7 @@ impl Meter {
         Ok(Self {
             totals: Totals { max_lateral: now.com.y.abs(), max_strain: now.strain, ..Totals::default() },
             first_energy: now.energy.total(),
+            first_momentum: now.momentum.total(),
             first: (now.time, now.com),
             first_positions: state.q.clone(),
             now,
@@ -370,11 +463,30 @@ impl Meter {
         };
         let mut sum = self.totals.work;
         sum.add(&work);
+        if next.time == self.now.time {
+            // The rod has not moved: only another flow, or another density, changes the energy of the fluid.
+            sum.flow += next.energy.fluid - self.now.energy.fluid;
+        }
         if !sum.net().is_finite() {
             return Err(Error::NotFinite { time_s: next.time, node: 0, what: "work" });
         }
-        let half_time = 0.5 * (next.time - self.now.time);
+        let span = next.time - self.now.time;
+        let half_time = 0.5 * span;
         let totals = &mut self.totals;
+        match middle {
+            Some(middle) => {
+                for (push, part) in [(&self.now.push, 1.0), (&middle.push, 4.0), (&next.push, 1.0)] {
+                    totals.impulse.add(push, part * span / 6.0);
+                }
+            }
+            None => {
+                totals.impulse.add(&self.now.push, half_time);
+                totals.impulse.add(&next.push, half_time);
+            }
+        }
+        if span == 0.0 {
+            totals.impulse.flow += next.momentum.fluid - self.now.momentum.fluid;
+        }
         totals.work = sum;
         totals.energy_time.add(&self.now.energy, half_time);
         totals.energy_time.add(&next.energy, half_time);
@@ -388,10 +500,22 @@ impl Meter {
         Ok(())
     }
 
-    /// Counts what a shape that changed at once did, its reading in `next`: the actuation gives what the kinetic energy
-    /// gains.
-    pub fn count_jump(&mut self, next: &mut Reading) {
-        self.totals.work.actuation += next.energy.total() - self.now.energy.total();
+    /// Counts what a shape or a motion that changed at once did, its reading in `next`: the `giver` gives what the energies
+    /// gain.
+    pub fn count_jump(&mut self, next: &mut Reading, giver: Giver) {
+        let work = &mut self.totals.work;
+        let given = match giver {
+            Giver::Actuation => &mut work.actuation,
+            Giver::Flow => &mut work.flow,
+        };
+        *given += next.energy.total() - self.now.energy.total();
+        // What changes the shape at once of a rod that is held is borne by what holds it.
+        let impulse = &mut self.totals.impulse;
+        let given = match giver {
+            Giver::Actuation => &mut impulse.head,
+            Giver::Flow => &mut impulse.flow,
+        };
+        *given += next.momentum.total() - self.now.momentum.total();
         self.totals.max_lateral = self.totals.max_lateral.max(next.com.y.abs());
         std::mem::swap(&mut self.now, next);
     }
@@ -404,6 +528,11 @@ impl Meter {
     /// Δx of the centre of mass since the start, m.
     pub fn net_displacement(&self) -> f64 {
         self.now.com.x - self.first.1.x
+    }
+
+    /// Defect of the balance of momentum, N s: what was given and is neither in the rod nor in the fluid.
+    pub fn momentum_defect(&self) -> Vector2<f64> {
+        self.totals.impulse.net() - (self.now.momentum.total() - self.first_momentum)
     }
 
     /// Defect of the energy balance, J: what went in and neither went out nor is stored.

@@ -17,12 +17,13 @@ pub use course::Course;
 
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
+use crate::fluid::force::visit_alone;
 use crate::fluid::{Fluid, Forces, Kinematics};
-use crate::head::{Motion, Pose, Row, Sample, hermite, pose};
+use crate::head::{Motion, Pose, Row, Sample, Signal, hermite, pose};
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
-use crate::rod::{Edge, Rod, node};
+use crate::rod::{Edge, Rod, add, node};
 use crate::start::{Start, add_spin};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
 
@@ -65,8 +66,10 @@ pub struct Model {
     pub start: Start,
     /// What acts on the rod from outside, beside constant loads.
     pub forces: Forces,
-    /// The fluid as the scene has it.
+    /// The fluid as the scene has it, at time zero where its flow changes by itself.
     pub fluid: Fluid,
+    /// The velocity of its flow where that changes by itself, m/s.
+    pub flow: Option<[Signal; 2]>,
     /// Constant force of gravity and point loads (N), two entries per node.
     pub load: Option<Vec<f64>>,
     /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` where the scene has none.
@@ -92,6 +95,8 @@ pub struct Inputs {
     pub force: Option<Vec<f64>>,
     /// The fluid.
     pub fluid: Fluid,
+    /// True once a host has set the flow, which then no longer goes on as the scene says.
+    pub flow_taken: bool,
     /// A host's motion of the head.
     pub head: Option<HostHead>,
 }
@@ -156,6 +161,7 @@ impl Inputs {
             natural: None,
             force: None,
             fluid: model.fluid,
+            flow_taken: false,
             head: None,
         }
     }
@@ -277,6 +283,13 @@ impl Dynamics {
     pub fn take_over_head(&mut self, t: f64) -> &mut HostHead {
         let pose = self.held.unwrap_or_default();
         self.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
+    }
+
+    /// The flow as a host sets it from now on: it stays as it is until told otherwise.
+    pub fn take_over_flow(&mut self) -> &mut Vector2<f64> {
+        self.inputs.flow_taken = true;
+        self.inputs.fluid.acceleration = Vector2::zeros();
+        &mut self.inputs.fluid.flow
     }
 
     /// Evaluates natural curvature and head pose at time `t` (s), where no state is yet.
@@ -463,6 +476,11 @@ impl Dynamics {
         if let Some(course) = &mut self.course {
             course.at(t, &mut self.inputs);
         }
+        if let (Some([x, y]), false) = (&self.model.flow, self.inputs.flow_taken) {
+            let (x, y) = (x.at(t), y.at(t));
+            let Fluid { flow, acceleration, .. } = &mut self.inputs.fluid;
+            (*flow, *acceleration) = (Vector2::new(x.value, y.value), Vector2::new(x.rate, y.rate));
+        }
     }
 
     fn work_along(&self, from: &[f64], to: &[f64]) -> f64 {
@@ -515,6 +533,18 @@ impl Dynamics {
         out.fill(0.0);
         self.subtract_loads(out);
         self.model.forces.add(rod, out);
+    }
+
+    /// The same without the forces that depend on accelerations.
+    pub fn write_applied_without_inertia(&self, rod: &Kinematics<'_>, out: &mut [f64]) {
+        if !self.model.forces.are_inertial() {
+            return self.write_applied(rod, out);
+        }
+        out.fill(0.0);
+        self.subtract_loads(out);
+        for force in self.model.forces.iter().filter(|force| !force.is_inertial()) {
+            visit_alone(force, rod, |k, force| add(out, k, force));
+        }
     }
 
     fn subtract_loads(&self, out: &mut [f64]) {

@@ -15,6 +15,7 @@ use faer::dyn_stack::{MemBuffer, MemStack, StackReq};
 use faer::matrix_free::LinOp;
 use faer::matrix_free::eigen::{PartialEigenParams, partial_eigen_scratch, partial_self_adjoint_eigen};
 use faer::{Col, Mat, MatMut, MatRef, Par, Side};
+use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
 use crate::fluid::{Fluid, Forces};
@@ -274,7 +275,8 @@ fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Dynamics {
         actuation: None,
         start: Start::Jump,
         forces,
-        fluid: Fluid { flow: nalgebra::Vector2::zeros(), ..fluid },
+        fluid: Fluid { flow: Vector2::zeros(), acceleration: Vector2::zeros(), ..fluid },
+        flow: None,
         load: None,
         buoyancy: None,
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),

@@ -8,6 +8,7 @@ pub mod snapshot;
 use std::ops::ControlFlow;
 use std::sync::Arc;
 
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use dense::Dense;
@@ -16,7 +17,7 @@ pub use snapshot::Snapshot;
 use crate::cycle::Cycles;
 use crate::error::{Error, Result, nearest};
 use crate::integrator::{Pace, StepError};
-use crate::metrics::{Meter, Reading, Totals};
+use crate::metrics::{Giver, Meter, Reading, Totals};
 use crate::model::course::HIGHEST_ORDER;
 use crate::model::{Course, Dynamics, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
@@ -40,6 +41,9 @@ const SLOW: f64 = 1e-3;
 
 /// A step length within this of a multiple of Δt, relative, is that multiple.
 const STEP_ROUNDING: f64 = 1e-9;
+
+/// A change of the flow at once is taken for an acceleration of this many times it a second, in linear equations.
+const GUST: f64 = 1e6;
 
 /// A simulation that a host drives.
 #[derive(Debug)]
@@ -87,9 +91,11 @@ struct Clock {
 struct Kick {
     /// They have changed since the state settled.
     due: bool,
+    /// How much the flow has changed at once since then, m/s.
+    gust: Vector2<f64>,
     /// The state before; there once inputs have changed.
     before: State,
-    /// What was measured before, where a shape that changed at once was counted.
+    /// What was measured before, where a shape or a motion that changed at once was counted.
     measured: Option<Box<(Meter, Cycles)>>,
 }
 
@@ -129,7 +135,7 @@ impl Stepper {
             clock: Clock { origin: state.t, count: 0 },
             time_step,
             max_halvings: MAX_HALVINGS,
-            kick: Kick { due: false, before: State::default(), measured: None },
+            kick: Kick { due: false, gust: Vector2::zeros(), before: State::default(), measured: None },
             before: None,
             dense,
             tangent: None,
@@ -388,7 +394,9 @@ impl Stepper {
             self.kick.before.copy_from(&self.state);
             self.kick.measured = None;
             self.kick.due = false;
-            if let Err(error) = self.settle() {
+            let gust = std::mem::take(&mut self.kick.gust);
+            if let Err(error) = self.settle(gust) {
+                self.kick.gust = gust;
                 self.unsettle();
                 return Err(error);
             }
@@ -397,12 +405,27 @@ impl Stepper {
     }
 
     /// Makes the state one of its own under the changed inputs, and counts what that does at once.
-    fn settle(&mut self) -> Result<()> {
-        self.mover.settle(&mut self.dynamics, &mut self.newton, &mut self.state)?;
-        if self.state.q != self.kick.before.q {
+    /// A `gust` (m/s) of the flow at once, before any other force can act, gives the rod the velocities that an endless
+    /// acceleration of no duration would: forces of the fluid are linear in accelerations.
+    fn settle(&mut self, gust: Vector2<f64>) -> Result<()> {
+        let Self { dynamics, mover, newton, state, .. } = self;
+        mover.settle(dynamics, newton, state)?;
+        if gust != Vector2::zeros() && dynamics.model.forces.are_inertial() {
+            let steady = dynamics.inputs.fluid.acceleration;
+            self.next.a.copy_from_slice(&state.a);
+            dynamics.inputs.fluid.acceleration += gust * GUST;
+            let accelerated = mover.settle(dynamics, newton, state);
+            dynamics.inputs.fluid.acceleration = steady;
+            accelerated?;
+            let accelerations = state.a.iter().zip(&self.next.a);
+            state.v.iter_mut().zip(accelerations).for_each(|(v, (with, without))| *v += (with - without) / GUST);
+            mover.settle(dynamics, newton, state)?;
+        }
+        let (shape, motion) = (self.state.q != self.kick.before.q, self.state.v != self.kick.before.v);
+        if shape || motion {
             self.reading.take(&mut self.dynamics, &self.state)?;
             self.kick.measured = Some(Box::new((self.meter.clone(), self.cycles)));
-            self.meter.count_jump(&mut self.reading);
+            self.meter.count_jump(&mut self.reading, if shape { Giver::Actuation } else { Giver::Flow });
             self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
         }
         Ok(())
@@ -558,6 +581,7 @@ impl Stepper {
         }
         self.steered = true;
         self.kick.due |= !self.dynamics.inputs.act_as(&self.inputs.0);
+        self.kick.gust += self.dynamics.inputs.fluid.flow - self.inputs.0.fluid.flow;
         self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
         Ok(())
     }
@@ -616,6 +640,7 @@ impl Change<'_> {
                 None => Box::new(Course::resting(&dynamics.model, &dynamics.inputs, t)),
             };
             course.change_rates(dynamics, order, |rates| variable.write(rates, t, values));
+            dynamics.inputs.flow_taken |= course.takes_flow();
             if course.moves_head() {
                 dynamics.take_over_head(t);
                 course.set_values(&dynamics.inputs);

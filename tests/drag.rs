@@ -98,7 +98,7 @@ fn viscous_power_is_never_negative_whatever_the_shape_motion_and_flow() {
         let edges: Vec<Edge> = (0..8).map(|e| Edge::new(turn(e + 1) * Vector2::new(0.12, 0.0))).collect();
         let v: Vec<f64> = (0..9).flat_map(|k| <[f64; 2]>::from(turn(3 * k + 2) * Vector2::new(0.3, 0.0))).collect();
         let flow = turn(5) * Vector2::new(0.2, 0.0);
-        let (fluid, zeros) = (Fluid { viscosity: 0.3, density: 1000.0, flow }, [0.0; 18]);
+        let (fluid, zeros) = (Fluid { flow, viscosity: 0.3, density: 1000.0, ..Fluid::NONE }, [0.0; 18]);
         let rod = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid };
         let powers = force::powers(&**drag, &rod);
         // The least possible: every node's relative velocity along its edge.

@@ -74,42 +74,25 @@ fn found(scene: &Scene, stepper: &Stepper, readings: &[(Reading, Vec<f64>)]) -> 
     let now = &stepper.meter().now;
     let period = period(scene).min(readings.len() - 1);
     let (before, last) = readings.split_at(readings.len() - period);
-    let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-    let mut state = stepper.state().clone();
-    dynamics.move_to(state.t, &mut state);
-    let bent = dynamics.shape(&state).unwrap();
-    let rod = bent.kinematics();
-    let (mut wake, mut drag, mut momentum) = (Vector2::zeros(), Vector2::zeros(), Vector2::zeros());
-    for force in bent.dynamics.model.forces.iter() {
-        match force.name() {
-            "wake" => wake = -resultant(force, &rod),
-            "reactive" => {
-                // The momentum of a node's share of the fluid is ∂T/∂v.
-                let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; state.q.len()]);
-                force.energy(&rod, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
-                momentum = v.as_chunks().0.iter().map(|v| Vector2::from(*v)).sum();
-            }
-            _ => drag -= resultant(force, &rod),
-        }
-    }
+    let dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
     let start = &before[before.len() - 1];
-    let moved = rod_com(&dynamics, now.com, &state.q) - rod_com(&dynamics, start.0.com, &start.1);
+    let moved = rod_com(&dynamics, now.com, &stepper.state().q) - rod_com(&dynamics, start.0.com, &start.1);
     vec![
-        ("final_velocities_m_s", state.v.clone()),
+        ("final_velocities_m_s", stepper.state().v.clone()),
         ("com_m", pair(now.com)),
-        ("rod_com_m", pair(rod_com(&dynamics, now.com, &state.q))),
+        ("rod_com_m", pair(rod_com(&dynamics, now.com, &stepper.state().q))),
         ("mean_velocity_last_period_m_s", pair(moved / (period as f64 * time_step(scene)))),
         ("mean_force_on_host_last_period_N", mean(last, |r| pair(r.head_force))),
         ("bending_j", vec![now.energy.bending]),
         ("kinetic_j", vec![now.energy.kinetic]),
         ("fluid_kinetic_j", vec![now.energy.fluid]),
-        ("fluid_momentum_n_s", pair(momentum)),
+        ("fluid_momentum_n_s", pair(now.momentum.fluid)),
         ("drag_power_w", vec![now.power.viscous]),
         ("wake_power_w", vec![now.power.wake]),
         ("mean_drag_power_w", mean(readings, |r| vec![r.power.viscous])),
         ("mean_wake_power_w", mean(readings, |r| vec![r.power.wake])),
-        ("drag_force_n", pair(drag)),
-        ("wake_force_n", pair(wake)),
+        ("drag_force_n", pair(now.push.drag)),
+        ("wake_force_n", pair(now.push.wake)),
         ("head_exerts_n", pair(-now.head_force)),
         ("mean_head_exerts_n", mean(readings, |r| pair(-r.head_force))),
     ]
@@ -196,6 +179,18 @@ fn what_the_reactive_force_takes_is_the_energy_and_momentum_of_the_water() {
             force.energy(&rod, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
             let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
             let momentum: Vector2<f64> = v.as_chunks().0.iter().map(|v| Vector2::from(*v)).sum();
+            let own = [Vector2::x(), Vector2::y()].map(|axis| force.momentum(&rod, axis, 0.0, None));
+            // Measured: at most 1e-15 of it.
+            assert!((Vector2::from(own) - momentum).norm() < 1e-13 * momentum.norm(), "{own:?} {momentum}");
+            // How the momentum changes as it says itself.
+            let rate = Vector2::from([Vector2::x(), Vector2::y()].map(|axis| {
+                let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 2 * nodes]);
+                force.momentum(&rod, axis, 1.0, Some(Slopes { q: &mut q, v: &mut v, a: &mut a }));
+                dot(&q, &later.v) + dot(&v, &later.a)
+            }));
+            let sum = resultant(force, &rod);
+            // Σ f = dP_f/dt, semi-discretely; measured: see below.
+            assert!((rate - sum).norm() < 1e-12 * sum.norm().max(1.0), "{rate} {sum}");
             (dot(&q, &later.v) + dot(&v, &later.a), momentum, powers(force, &rod).against_fluid, resultant(force, &rod))
         };
         let (gained, _, taken, sum) = at(0.0);

@@ -71,6 +71,7 @@ impl Placement {
         let mut dynamics = Dynamics::new(Arc::new(model));
         dynamics.inputs.drive.amplitude *= self.sign();
         dynamics.inputs.fluid.flow = self.turn * dynamics.inputs.fluid.flow;
+        dynamics.inputs.fluid.acceleration = self.turn * Vector2::new(0.6, -0.3);
         dynamics.inputs.force = Some(self.vectors(&dice.many(2 * nodes, -0.5, 0.5), Vector2::zeros()));
         dynamics.inputs.natural = Some(dice.many(nodes, -1.0, 1.0).iter().map(|x| x * self.sign()).collect());
         dynamics

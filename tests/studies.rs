@@ -60,6 +60,48 @@ fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
     assert!(seen > 10, "{seen}");
 }
 
+/// A clamped strip in nothing but the water that it accelerates, and the study of it.
+fn flutter(changes: &[&str], points: usize) -> Findings {
+    let folder = tempfile::tempdir().unwrap();
+    let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
+    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let text = include_str!("../models/flag.toml");
+    let bare = text
+        .replace("[drag]\nlaw = \"cross-flow\"\n", "")
+        .replace("[[loads.point]]\nnode = -1\nforce_n = [0.0, 1e-4]\n", "")
+        .replace("[loads]\n", "");
+    let asked = Stability { vary: Vary::Flow, points, ..Stability::default() };
+    complete(Study::Stability(asked).make(&scene_of(&bare, changes), desk).unwrap())
+}
+
+#[test]
+fn a_map_over_the_flow_shows_flutter_and_divergence_where_theory_has_them() {
+    for (changes, outcome) in
+        [(&["rod.nodes=33"][..], "flutter"), (&["rod.nodes=33", "reactive.shedding=0.2"], "divergence")]
+    {
+        let findings = flutter(changes, 5);
+        let critical = findings.tables.iter().find(|table| table.file == "critical.csv").unwrap();
+        for row in &critical.rows {
+            let [Some(share), Some(found), Some(theory)] = [0, 2, 6].map(|i| row[i].as_f64()) else {
+                // Beyond the highest speed of the map.
+                assert!(row[0].as_f64() > Some(0.9) && outcome == "flutter", "{row:?}");
+                continue;
+            };
+            // Measured: see below; on 33 nodes.
+            let off = found / theory - 1.0;
+            println!("{outcome} {share}: {found} {theory} {off:e}");
+            assert!(off.abs() < 1e-2, "{share}: {found} {theory}");
+            assert_eq!(row[4], outcome, "{share}");
+        }
+        let map = findings.tables.iter().find(|table| table.file == "stability.csv").unwrap();
+        for row in &map.rows {
+            let beyond = critical.rows.iter().find(|critical| critical[0] == row[0]).unwrap()[2].as_f64();
+            let beyond = beyond.unwrap_or(f64::INFINITY);
+            assert_eq!(row[3] == "stays at rest", row[1].as_f64().unwrap() < beyond, "{row:?}");
+        }
+    }
+}
+
 #[test]
 fn scaling_shows_second_order_in_the_mesh_and_agreement_of_both_forms() {
     let folder = tempfile::tempdir().unwrap();
@@ -109,6 +151,8 @@ fn the_command_writes_a_page_numbers_tables_and_figures_and_no_journal() {
         std::fs::read_dir(out).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
     let wanted = [
+        "damped.csv",
+        "damped.svg",
         "damping.mtx",
         "frequencies.svg",
         "mass.mtx",
@@ -132,6 +176,18 @@ fn what_cannot_be_studied_is_refused_as_wrong_input() {
         &["study", "stability", "models/cantilever.toml", "--vary", "amplitude"][..],
         &["study", "stability", "models/cantilever.toml", "--vary", "spin"],
         &["study", "stability", "models/cantilever.toml", "--range", "2,1"],
+        &["study", "stability", "models/cantilever.toml", "--vary", "flow"],
+        &["study", "stability", "models/fish.toml", "--vary", "flow"],
+        &["study", "stability", "models/flag.toml", "--vary", "flow", "--steps", "1e-3,1e-2"],
+        &[
+            "study",
+            "stability",
+            "models/flag.toml",
+            "--vary",
+            "flow",
+            "--set",
+            "medium.flow_m_s=[{ amplitude = 1, frequency_hz = 1 }, 0]",
+        ],
         &["study", "accuracy", "models/baseline.toml", "--steps", "-1"],
         &["study", "scaling", "models/baseline.toml", "--nodes", "2"],
         &["study", "modes", "models/nothing.toml"],

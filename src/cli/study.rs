@@ -47,11 +47,12 @@ pub enum Study {
         #[arg(long, value_delimiter = ',')]
         tolerances: Vec<f64>,
     },
-    /// What every method does at every step, over a parameter: accurate, wrong, growing, failing
+    /// What every method does at every step, over a parameter: accurate, wrong, growing, failing; with --vary flow, where a
+    /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory
     Stability {
         #[command(flatten)]
         common: Common,
-        /// What varies: modulus, amplitude, nodes or spin
+        /// What varies: modulus, amplitude, nodes, spin, or flow
         #[arg(long, default_value = "modulus", value_parser = vary)]
         vary: Vary,
         /// Its smallest and largest value [default: around the scene's]

@@ -275,10 +275,10 @@ impl Force for BodyInertia {
         let Motion { t, n, u, w, spin, per_length } = motion;
         let [m, k, j] = self.masses(rod.fluid.density);
         let more = m - k;
-        let a = node(rod.a, 0);
+        let a = rod.accelerating_against_fluid(0);
         let (at, an) = (a.dot(&t), a.dot(&n));
         let opening = node(rod.v, 1) - node(rod.v, 0);
-        let accelerating = node(rod.a, 1) - a;
+        let accelerating = node(rod.a, 1) - node(rod.a, 0);
         let stretching = opening.dot(&t);
         // φ̈ = (ë·n − 2φ̇ℓ̇)/ℓ.
         let twist = (accelerating.dot(&n) - 2.0 * spin * stretching) * per_length;
@@ -321,6 +321,19 @@ impl Force for BodyInertia {
             add(v, 1, second * factor);
         }
         0.5 * (m * u * u + k * w * w + j * spin * spin)
+    }
+
+    fn momentum(&self, rod: &Kinematics<'_>, axis: Vector2<f64>, factor: f64, by: Option<Slopes<'_>>) -> f64 {
+        let Motion { t, n, u, w, per_length, .. } = Motion::of(rod);
+        let [m, k, _] = self.masses(rod.fluid.density);
+        let (along, across) = (t.dot(&axis), n.dot(&axis));
+        if let Some(Slopes { q, v, .. }) = by {
+            let by_edge = n * ((m - k) * (w * along + u * across) * per_length);
+            add(q, 0, by_edge * -factor);
+            add(q, 1, by_edge * factor);
+            add(v, 0, (t * (m * along) + n * (k * across)) * factor);
+        }
+        m * u * along + k * w * across
     }
 
     fn parameters(&self) -> &[Key] {

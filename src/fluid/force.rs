@@ -40,6 +40,12 @@ impl Kinematics<'_> {
     pub fn against_fluid(&self, k: usize) -> Vector2<f64> {
         node(self.v, k) - self.fluid.flow
     }
+
+    /// Acceleration (m/s²) of node `k` against the fluid.
+    #[inline(always)]
+    pub fn accelerating_against_fluid(&self, k: usize) -> Vector2<f64> {
+        node(self.a, k) - self.fluid.acceleration
+    }
 }
 
 /// What a force opposes the last node with beyond its last edge: it may know the last two edges.
@@ -110,6 +116,8 @@ pub enum Sink {
     Drag,
     /// Into the wake that leaves the tail.
     Wake,
+    /// Nowhere: the flow itself puts it in.
+    Flow,
     /// Elsewhere.
     Other,
 }
@@ -192,6 +200,12 @@ pub trait Force: std::fmt::Debug + Send + Sync {
         0.0
     }
 
+    /// Momentum (N s) along the unit vector `axis` that it stores: what it opposes the whole rod with is the rate of that; adds
+    /// `factor` times its derivatives to `by`.
+    fn momentum(&self, _rod: &Kinematics<'_>, _axis: Vector2<f64>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
+        0.0
+    }
+
     /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.
     fn energy_by_time(&self, _rod: &Kinematics<'_>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
         0.0
@@ -214,9 +228,11 @@ pub trait Force: std::fmt::Debug + Send + Sync {
     }
 }
 
-/// Powers (W) of a force.
+/// Powers (W) of a force, and its sum over the rod.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Powers {
+    /// ΣF: what it opposes the whole rod with, N.
+    pub opposing: Vector2<f64>,
     /// F·(v − u): what it takes, and what its energy gains.
     pub against_fluid: f64,
     /// −F·u: what the flow puts in.
@@ -455,6 +471,7 @@ pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
         sum += opposing;
     });
     powers.of_flow = -sum.dot(&flow);
+    powers.opposing = sum;
     powers
 }
 

@@ -12,11 +12,14 @@ pub struct Fluid {
     pub density: f64,
     /// Uniform background velocity u, m/s.
     pub flow: Vector2<f64>,
+    /// Its rate u̇, m/s²; a pressure gradient of −ρu̇ goes with it.
+    pub acceleration: Vector2<f64>,
 }
 
 impl Fluid {
     /// No fluid at all, and no change of any.
-    pub const NONE: Self = Self { viscosity: 0.0, density: 0.0, flow: Vector2::new(0.0, 0.0) };
+    pub const NONE: Self =
+        Self { viscosity: 0.0, density: 0.0, flow: Vector2::new(0.0, 0.0), acceleration: Vector2::new(0.0, 0.0) };
 }
 
 /// A parameter of a scene that forces may depend on, by its key.

@@ -2,12 +2,14 @@
 
 pub mod body;
 pub mod force;
+pub mod froude_krylov;
 pub mod laws;
 pub mod local;
 pub mod medium;
 pub mod reactive;
 
 pub use force::{Force, Forces, Kinematics, Sink};
+pub use froude_krylov::FroudeKrylov;
 pub use local::{HeadWeight, LocalDrag};
 pub use medium::{DENSITY, Fluid, Key, VISCOSITY};
 pub use reactive::Reactive;

@@ -87,7 +87,7 @@ impl Force for Reactive {
             let (stretching, lambda) = (opening.dot(&t), opening.dot(&n));
             let c = self.halves[k].map(|half| density * half);
             let motion = [0, 1].map(|i| {
-                let (v, a) = (rod.against_fluid(k + i), node(rod.a, k + i));
+                let (v, a) = (rod.against_fluid(k + i), rod.accelerating_against_fluid(k + i));
                 ([v.dot(&t), v.dot(&n)], [a.dot(&t), a.dot(&n)])
             });
             let mut pair = Vector2::zeros();
@@ -146,6 +146,28 @@ impl Force for Reactive {
             }
         }
         energy
+    }
+
+    fn momentum(&self, rod: &Kinematics<'_>, axis: Vector2<f64>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
+        // Σ c ℓ w n, the derivative of the energy by the velocity of the whole rod.
+        let mut momentum = 0.0;
+        for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
+            let (t, n) = (edge.t, edge.n());
+            let (along, across) = (t.dot(&axis), n.dot(&axis));
+            for (i, half) in halves.iter().enumerate() {
+                let c = rod.fluid.density * half;
+                let v = rod.against_fluid(k + i);
+                let (u, w) = (v.dot(&t), v.dot(&n));
+                momentum += c * edge.length * w * across;
+                if let Some(Slopes { q, v, .. }) = &mut by {
+                    let pair = (t * (w * across) - n * (u * across + w * along)) * (c * factor);
+                    add(q, k, -pair);
+                    add(q, k + 1, pair);
+                    add(v, k + i, n * (c * edge.length * across * factor));
+                }
+            }
+        }
+        momentum
     }
 
     fn parameters(&self) -> &[Key] {

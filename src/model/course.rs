@@ -50,6 +50,11 @@ impl Course {
         self.rates.iter().filter_map(|rates| rates.head.as_ref()).any(moves)
     }
 
+    /// True where it has the flow.
+    pub fn takes_flow(&self) -> bool {
+        self.rates.iter().any(|rates| rates.flow_taken)
+    }
+
     /// Sets `inputs` to what they are at time `t` (s); the motion of a head is left alone.
     pub fn at(&mut self, t: f64, inputs: &mut Inputs) {
         let tau = t - self.since;
@@ -61,6 +66,7 @@ impl Course {
         taylor(std::iter::once(&*values).chain(&*rates), tau, inputs);
         taylor(rates.iter(), tau, rate);
         inputs.phase_origin = [t, phase];
+        inputs.fluid.acceleration = rate.fluid.flow;
         inputs.drive.frequency = inputs.drive.frequency.max(0.0);
         inputs.fluid.viscosity = inputs.fluid.viscosity.max(0.0);
         inputs.fluid.density = inputs.fluid.density.max(0.0);
@@ -126,7 +132,7 @@ impl Inputs {
     pub(crate) fn clear(&mut self, model: &Model) {
         self.drive = Drive { amplitude: 0.0, frequency: 0.0 };
         (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
-        self.fluid = Fluid::NONE;
+        (self.fluid, self.flow_taken) = (Fluid::NONE, false);
         self.head = model.head.as_ref().map(|_| HostHead::taking_over(&Default::default(), 0.0));
         [&mut self.natural, &mut self.force].into_iter().flatten().for_each(|values| values.fill(0.0));
     }

@@ -169,6 +169,8 @@ struct Walk {
     chain: Chain,
     state: State,
     times: Times,
+    /// Mass of the fluid that goes with the rod across itself, kg.
+    added: f64,
     acceleration: Vec<f64>,
     moment: Vec<f64>,
     applied: Vec<f64>,
@@ -234,11 +236,13 @@ impl Walk {
             chain: Chain::new(&model.rod),
             state: State::zeros(2 * nodes),
             times: Times { periods: [f64::INFINITY; 2], stops: [f64::INFINITY; 2] },
+            added: 0.0,
             acceleration: zeros(),
             moment: zeros(),
             applied: vec![0.0; 2 * nodes],
             curvature: [zeros(), zeros(), zeros()],
         };
+        walk.added = walk.chain.added_mass(&walk.dynamics);
         walk.times = Times { periods: walk.periods(), stops: walk.stops() };
         walk
     }
@@ -269,7 +273,8 @@ impl Walk {
         let a = vec![0.0; 2 * rod.nodes];
         let mut forces = |v: Vector2<f64>| {
             let v: Vec<f64> = (0..2 * rod.nodes).map(|i| (fluid.flow + v)[i % 2]).collect();
-            dynamics.write_applied(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid }, applied);
+            let moving = Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid };
+            dynamics.write_applied_without_inertia(&moving, applied);
             applied.clone()
         };
         let still = forces(Vector2::zeros());
@@ -318,6 +323,9 @@ impl Walk {
         let model = &self.dynamics.model;
         if model.start != Start::Shaped && (strained || moving) {
             return unknown("the rod is released into its motion at once, and rings");
+        }
+        if model.flow.is_some() {
+            return unknown("the flow changes in time");
         }
         if !self.times.periods[0].is_finite() {
             return unknown("nothing drives the rod, so no period says how long to look");
@@ -405,7 +413,8 @@ impl Walk {
         let rod = &self.dynamics.model.rod;
         let stop = self.times.stops[1];
         let weakest = rod.joints().map(|k| rod.joint[k]).fold(f64::INFINITY, f64::min) * rod.spacing;
-        let frequency = 3.516 * (weakest / (rod.total_mass() * rod.length.powi(3))).sqrt();
+        let mass = rod.total_mass() + self.added;
+        let frequency = 3.516 * (weakest / (mass * rod.length.powi(3))).sqrt();
         let decay = if 2.0 * stop * frequency > 1.0 { 0.5 / stop } else { frequency * frequency * stop };
         if decay > 0.0 { (0.5 / (decay * time)).sqrt().min(1.0) } else { 1.0 }
     }
@@ -433,6 +442,9 @@ impl Walk {
 
     fn overdamped(&mut self) -> Result<Differences, Unknown> {
         self.admitted()?;
+        if self.dynamics.model.forces.are_inertial() {
+            return unknown("it leaves out the inertia of the water, and with it the reactive force");
+        }
         let inertia = self.inertia();
         if inertia > CREEPING {
             return unknown(format!("inertia is {inertia:.1e} of the drag"));
@@ -468,7 +480,7 @@ impl Walk {
     fn follow(&mut self, inertia: bool, until: f64, steps: usize) -> Result<Track, Unknown> {
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
-        let mut rigid = self.chain.fit(&self.dynamics.model.rod, natural, &first);
+        let mut rigid = self.chain.fit(&self.dynamics, natural, &first);
         let mut rates = self.rates(inertia, 0.0, &rigid);
         let course = Course::of(&self.dynamics.model);
         let mut track = Track { course, values: Vec::new(), deviation: 0.0, force: 0.0 };
@@ -536,7 +548,7 @@ impl Walk {
         let rod = &dynamics.model.rod;
         match &dynamics.held {
             Some(pose) => self.chain.hang(rod, natural, pose),
-            None => self.chain.place(rod, natural, rigid, rates),
+            None => self.chain.place(dynamics, natural, rigid, rates),
         }
         self.state.t = t;
         self.state.q.copy_from_slice(&self.chain.x);
@@ -593,7 +605,7 @@ impl Walk {
         let grows = Start::Ramp { duration: self.times.periods[0] / STEPS };
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
-        let mut rigid = self.chain.fit(&self.dynamics.model.rod, natural, &first);
+        let mut rigid = self.chain.fit(&self.dynamics, natural, &first);
         let held = self.dynamics.model.head.is_some();
         let mut rates = self.bent_rates(plain, &grows, 0.0, &rigid);
         let times = plain.course.points.iter().map(|point| point.time);
@@ -642,7 +654,7 @@ impl Walk {
         let mut course = drift.course.emptied();
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
-        let mut rigid = self.chain.fit(&self.dynamics.model.rod, natural, &first);
+        let mut rigid = self.chain.fit(&self.dynamics, natural, &first);
         let start = rigid;
         let own = self.dynamics.inputs.force.take();
         let mut rates = self.loaded_rates(drift, own.as_deref(), 0.0, &rigid);

@@ -2,11 +2,17 @@
 //!
 //! Unknown are the centre of mass X, its velocity V, the direction φ of the first edge, and the angular momentum Λ about X:
 //! X' = V, M V' = F, Λ' = N, with force F and moment N of drag and loads, and φ' = (Λ − Λ_s)/I where Λ_s is what the change of
-//! shape carries at φ' = 0 and I the moment of inertia. Without inertia X' and φ' are those at which F = 0 and N = 0.
+//! shape carries at φ' = 0 and I the moment of inertia.
+//!
+//! Where the rod accelerates the fluid, V and Λ stand for the momenta of both, P/M and Λ about X. Both are linear in the rigid
+//! motion, with the energy's slopes by the velocities as momenta of the nodes, so X' and φ' follow from three equations. The
+//! energy is the same wherever the rod lies and however it is turned, so P' = F and Λ' = N − (X' − u) × P_f, with the forces
+//! that are not inertial alone, u the flow and P_f the momentum of the fluid: the last is Munk's moment. Without inertia X' and φ' are those at which F = 0 and N = 0.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::fluid::Kinematics;
+use crate::fluid::force::Slopes;
+use crate::fluid::{Fluid, Kinematics};
 use crate::head::Pose;
 use crate::model::Dynamics;
 use crate::rod::{Edge, Rod, bend, node};
@@ -40,6 +46,9 @@ pub struct Chain {
     force: Vec<f64>,
     /// No accelerations.
     still: Vec<f64>,
+    /// Room for the momenta of the fluid at the nodes, and for what is not asked for.
+    momentum: Vec<f64>,
+    unused: [Vec<f64>; 2],
 }
 
 impl Chain {
@@ -56,7 +65,34 @@ impl Chain {
             moving: zeros(),
             force: zeros(),
             still: zeros(),
+            momentum: zeros(),
+            unused: [zeros(), zeros()],
         }
+    }
+
+    /// Momentum (N s) of the fluid, and its moment about the origin, where the centred chain moves with `own` of its own
+    /// motion and on top of it with velocity x, y and spin.
+    fn of_fluid(&mut self, dynamics: &Dynamics, own: f64, motion: [f64; 3], flow: Vector2<f64>) -> Vector3<f64> {
+        self.move_by(own, motion);
+        let (edges, q, v, a) = (&self.edges[..], &self.x[..], &self.moving[..], &self.still[..]);
+        let rod = Kinematics { t: 0.0, edges, q, v, a, fluid: Fluid { flow, ..dynamics.inputs.fluid } };
+        momenta(dynamics, &rod, &mut self.momentum, &mut self.unused)
+    }
+
+    /// How momenta depend on velocity x, y and spin: mass and moment of inertia of rod and fluid together.
+    fn inertias(&mut self, dynamics: &Dynamics) -> Matrix3<f64> {
+        let units = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let columns = units.map(|unit| self.of_fluid(dynamics, 0.0, unit, Vector2::zeros()));
+        Matrix3::from_diagonal(&Vector3::new(self.mass, self.mass, self.inertia)) + Matrix3::from_columns(&columns)
+    }
+
+    /// Mass (kg) of the fluid that goes with the rod across itself.
+    pub fn added_mass(&mut self, dynamics: &Dynamics) -> f64 {
+        if !dynamics.model.forces.are_inertial() {
+            return 0.0;
+        }
+        let inertias = self.inertias(dynamics);
+        inertias[(0, 0)] + inertias[(1, 1)] - 2.0 * self.mass
     }
 
     /// Lays the chain of curvatures κ, their rates and, if asked for, second rates, from node 0 at rest at the origin;
@@ -125,6 +161,17 @@ impl Chain {
         let rod = &dynamics.model.rod;
         let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(angle), 0.0, 0.0));
         let of_shape = self.centre(rod, means);
+        if dynamics.model.forces.are_inertial() {
+            let flow = dynamics.inputs.fluid.flow;
+            let of_fluid = self.of_fluid(dynamics, 1.0, [0.0; 3], flow);
+            let inertias = self.inertias(dynamics);
+            let left = Vector3::new(self.mass * vx, self.mass * vy, momentum - of_shape) - of_fluid;
+            let Some(motion) = inertias.lu().solve(&left) else { return [f64::NAN; RIGID] };
+            let [fx, fy, moment] = self.applied(dynamics, motion.into());
+            let velocity = motion.xy();
+            let munk = (velocity - flow).perp(&(Vector2::new(vx, vy) * self.mass - velocity * self.mass));
+            return [motion.x, motion.y, motion.z, fx / self.mass, fy / self.mass, moment - munk];
+        }
         let spin = (momentum - of_shape) / self.inertia;
         let [fx, fy, moment] = self.applied(dynamics, [vx, vy, spin]);
         [vx, vy, spin, fx / self.mass, fy / self.mass, moment]
@@ -160,20 +207,26 @@ impl Chain {
         [motion.x, motion.y, motion.z, 0.0, 0.0, 0.0]
     }
 
+    /// Writes the velocities of the centred chain that moves with `own` of its own motion and on top of it with velocity x, y
+    /// and spin.
+    fn move_by(&mut self, own: f64, [vx, vy, spin]: [f64; 3]) {
+        let rows = self.moving.as_chunks_mut::<2>().0.iter_mut().zip(self.x.as_chunks::<2>().0);
+        for ((moving, x), v) in rows.zip(self.v.as_chunks::<2>().0) {
+            *moving = [own * v[0] + vx - spin * x[1], own * v[1] + vy + spin * x[0]];
+        }
+    }
+
     /// Force (N) and moment about the centre of mass (N m) of drag and loads on the centred chain that moves on top of its
     /// own motion with velocity x, y and spin.
-    fn applied(&mut self, dynamics: &Dynamics, [vx, vy, spin]: [f64; 3]) -> [f64; 3] {
+    fn applied(&mut self, dynamics: &Dynamics, motion: [f64; 3]) -> [f64; 3] {
         if dynamics.model.forces.is_empty() && !dynamics.is_loaded() {
             return [0.0; 3];
         }
-        let rows = self.moving.as_chunks_mut::<2>().0.iter_mut().zip(self.x.as_chunks::<2>().0);
-        for ((moving, x), v) in rows.zip(self.v.as_chunks::<2>().0) {
-            *moving = [v[0] + vx - spin * x[1], v[1] + vy + spin * x[0]];
-        }
-        // The forces that a reduced model holds depend neither on the place nor on accelerations.
+        self.move_by(1.0, motion);
+        // The forces that a reduced model holds do not depend on the place; those by accelerations are in the momenta.
         let (edges, q, v, a) = (&self.edges[..], &self.x[..], &self.moving[..], &self.still[..]);
         let rod = Kinematics { t: 0.0, edges, q, v, a, fluid: dynamics.inputs.fluid };
-        dynamics.write_applied(&rod, &mut self.force);
+        dynamics.write_applied_without_inertia(&rod, &mut self.force);
         let (mut force, mut moment) = (Vector2::zeros(), 0.0);
         for (f, x) in self.force.as_chunks::<2>().0.iter().zip(self.x.as_chunks::<2>().0) {
             let f = Vector2::from(*f);
@@ -184,9 +237,10 @@ impl Chain {
     }
 
     /// Writes the motion of the chain of curvatures κ, their rates and second rates, that moves by `rigid` at `rates`.
-    pub fn place(&mut self, rod: &Rod, natural: [&[f64]; 3], rigid: &Rigid, rates: &Rigid) {
-        let &[x, y, angle, vx, vy, _] = rigid;
-        let &[.., spin, ax, ay, moment] = rates;
+    pub fn place(&mut self, dynamics: &Dynamics, natural: [&[f64]; 3], rigid: &Rigid, rates: &Rigid) {
+        let rod = &dynamics.model.rod;
+        let &[x, y, angle, ..] = rigid;
+        let &[vx, vy, spin, mut ax, mut ay, moment] = rates;
         let means = self.lay::<true>(rod, natural, (direction(angle), spin, 0.0));
         self.centre(rod, means);
         let [_, _, mean] = means;
@@ -196,7 +250,22 @@ impl Chain {
             put(&mut self.a, k, a);
             change += m * node(&self.x, k).perp(&a);
         }
-        let twist = (moment - change) / self.inertia;
+        let mut twist = (moment - change) / self.inertia;
+        if dynamics.model.forces.are_inertial() {
+            // M a + F(a) = 0 in all, linear in the rigid part of a with the same inertias.
+            self.move_by(1.0, [vx, vy, 0.0]);
+            let fluid = dynamics.inputs.fluid;
+            let moving = Kinematics { t: 0.0, edges: &self.edges, q: &self.x, v: &self.moving, a: &self.a, fluid };
+            dynamics.write_applied(&moving, &mut self.force);
+            let mut left = Vector3::new(0.0, 0.0, change);
+            for k in 0..rod.nodes {
+                let force = node(&self.force, k);
+                left += Vector3::new(force.x, force.y, node(&self.x, k).perp(&force));
+            }
+            let inertias = self.inertias(dynamics);
+            let rigid = inertias.lu().solve(&-left).unwrap_or(Vector3::repeat(f64::NAN));
+            (ax, ay, twist) = (rigid.x, rigid.y, rigid.z);
+        }
         for k in 0..rod.nodes {
             let r = node(&self.x, k);
             let a = node(&self.a, k) + Vector2::new(ax, ay) + perpendicular(r) * twist;
@@ -223,7 +292,8 @@ impl Chain {
     }
 
     /// The rigid motion that fits the chain of curvatures κ to `state` best, with the centre of mass and the momenta of it.
-    pub fn fit(&mut self, rod: &Rod, [kappa, rate]: [&[f64]; 2], state: &State) -> Rigid {
+    pub fn fit(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], state: &State) -> Rigid {
+        let rod = &dynamics.model.rod;
         let means = self.lay::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
         self.centre(rod, means);
         let (x, v) = (rod.mean(&state.q), rod.mean(&state.v));
@@ -234,8 +304,32 @@ impl Chain {
             dot += m * p.dot(&r);
             momentum += m * r.perp(&w);
         }
-        [x.x, x.y, cross.atan2(dot), v.x, v.y, momentum]
+        let mut given = v;
+        if dynamics.model.forces.are_inertial() {
+            let edges: Vec<Edge> =
+                (0..rod.nodes - 1).map(|k| Edge::new(node(&state.q, k + 1) - node(&state.q, k))).collect();
+            let State { t, q, v, .. } = state;
+            let moving = Kinematics { t: *t, edges: &edges, q, v, a: &self.still, fluid: dynamics.inputs.fluid };
+            let of_fluid = momenta(dynamics, &moving, &mut self.momentum, &mut self.unused);
+            given += of_fluid.xy() / self.mass;
+            momentum += of_fluid.z - x.perp(&of_fluid.xy());
+        }
+        [x.x, x.y, cross.atan2(dot), given.x, given.y, momentum]
     }
+}
+
+/// Momentum (N s) of the fluid that `rod` accelerates, and its moment about the origin.
+fn momenta(dynamics: &Dynamics, rod: &Kinematics<'_>, v: &mut [f64], [q, a]: &mut [Vec<f64>; 2]) -> Vector3<f64> {
+    v.fill(0.0);
+    for force in dynamics.model.forces.iter().filter(|force| force.is_inertial()) {
+        force.energy(rod, 1.0, Some(Slopes { q, v, a }));
+    }
+    let mut sum = Vector3::zeros();
+    for k in 0..rod.edges.len() + 1 {
+        let own = node(v, k);
+        sum += Vector3::new(own.x, own.y, node(rod.q, k).perp(&own));
+    }
+    sum
 }
 
 fn direction(angle: f64) -> Vector2<f64> {

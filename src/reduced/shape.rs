@@ -1,6 +1,6 @@
 //! Shape: an inextensible chain that takes its natural curvature, 2 tan(θ_k/2) = κ̄_k(t); only its rigid motion is unknown.
 //!
-//! Unknown is the rigid motion of [`rigid`](super::rigid). Nothing is stiff, so the method is explicit. With a held head
+//! The momenta are those of rod and fluid together. Unknown is the rigid motion of [`rigid`](super::rigid). Nothing is stiff, so the method is explicit. With a held head
 //! nothing is unknown: the chain hangs on it.
 //!
 //! Where inputs change at once the shape does too: the centre of mass, its velocity and Λ stay, and the new shape is
@@ -20,7 +20,7 @@ use crate::system::State;
 /// What is known of it.
 pub static RUNG: Rung = Rung {
     name: "shape",
-    meaning: "the rigid motion of the prescribed shape: inertia and drag, without elasticity",
+    meaning: "the rigid motion of the prescribed shape: inertia of rod and fluid, and drag, without elasticity",
     method: Some("Dormand-Prince 5(4)"),
     needs_drag: false,
     estimate: Some(|estimates| &estimates.shape),
@@ -57,14 +57,15 @@ pub fn longest_step(dynamics: &Dynamics) -> f64 {
         Start::Ramp { duration } if dynamics.model.actuation.is_some() => duration,
         _ => f64::INFINITY,
     };
-    let head = dynamics.model.head.iter().flatten().map(|signal| match signal {
+    let moving = dynamics.model.head.iter().flatten().chain(dynamics.model.flow.iter().flatten());
+    let moving = moving.map(|signal| match signal {
         Signal::Sinusoid { frequency, .. } => 1.0 / frequency,
         Signal::Table(rows) if rows.len() > 1 => {
             STEPS_A_PERIOD * (rows[rows.len() - 1].time - rows[0].time) / (rows.len() - 1) as f64
         }
         _ => f64::INFINITY,
     });
-    head.fold(ramp.min(1.0 / dynamics.inputs.drive.frequency), f64::min) / STEPS_A_PERIOD
+    moving.fold(ramp.min(1.0 / dynamics.inputs.drive.frequency), f64::min) / STEPS_A_PERIOD
 }
 
 /// The rates of the rigid motion of the prescribed shape at time `t` (s).
@@ -80,10 +81,9 @@ impl Shape {
         dynamics.natural_acceleration(t, &mut self.acceleration);
         state.t = t;
         let (chain, natural) = (&mut self.chain, [&dynamics.natural[..], &dynamics.natural_rate, &self.acceleration]);
-        let rod = &dynamics.model.rod;
         match motion {
-            Some([rigid, rates]) => chain.place(rod, natural, rigid, rates),
-            None => chain.hang(rod, natural, &dynamics.held.unwrap_or_default()),
+            Some([rigid, rates]) => chain.place(dynamics, natural, rigid, rates),
+            None => chain.hang(&dynamics.model.rod, natural, &dynamics.held.unwrap_or_default()),
         }
         state.q.copy_from_slice(&chain.x);
         state.v.copy_from_slice(&chain.v);
@@ -120,7 +120,7 @@ impl Mover for Shape {
             return Ok(());
         }
         dynamics.look_at(state.t);
-        let rigid = self.chain.fit(&dynamics.model.rod, [&dynamics.natural, &dynamics.natural_rate], state);
+        let rigid = self.chain.fit(dynamics, [&dynamics.natural, &dynamics.natural_rate], state);
         let rates = rates_at(&mut self.chain, dynamics, state.t, &rigid);
         state.memory.clear();
         state.memory.extend(rigid.iter().chain(&rates));

@@ -7,7 +7,7 @@ use super::record::{Frame, Record};
 const GHOSTS: usize = 8;
 
 /// Names of all figures that a run may have.
-pub const FILES: [&str; 10] = [
+pub const FILES: [&str; 12] = [
     "shape.svg",
     "com_path.svg",
     "com_x.svg",
@@ -17,6 +17,8 @@ pub const FILES: [&str; 10] = [
     "mid_x.svg",
     "head_force.svg",
     "head_moment.svg",
+    "fluid_force.svg",
+    "momentum.svg",
     "energy.svg",
 ];
 
@@ -31,7 +33,9 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
         let moves = |series: &Series| series.points.windows(2).any(|pair| pair[0].1 != pair[1].1);
         let caption = format!("The {title} over time.");
         let svg = || chart(title, "time (s)", y, Scale::Linear, series.clone()).svg();
-        series.iter().any(moves).then(|| Figure::new(file, caption, svg()))
+        // Of several quantities that not every scene has, all or none.
+        let whole = series.iter().all(|series| !series.points.is_empty());
+        (whole && series.iter().any(moves)).then(|| Figure::new(file, caption, svg()))
     };
     let energies = [
         ("bending energy", "bending_energy_j"),
@@ -85,6 +89,23 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
             "moment on the held head",
             "moment (N m)",
             &[("moment", "head_moment_n_m")],
+        ),
+        in_time(
+            "fluid_force.svg",
+            "force of the fluid on the tail along x, by what makes it",
+            "force along x (N)",
+            &[("drag", "drag_force_x_n"), ("water it accelerates", "reactive_force_x_n"), ("wake", "wake_force_x_n")],
+        ),
+        in_time(
+            "momentum.svg",
+            "momentum of tail and water",
+            "momentum (N s)",
+            &[
+                ("tail, x", "rod_momentum_x_n_s"),
+                ("tail, y", "rod_momentum_y_n_s"),
+                ("water, x", "fluid_momentum_x_n_s"),
+                ("water, y", "fluid_momentum_y_n_s"),
+            ],
         ),
         Some(Figure::new(
             "energy.svg",

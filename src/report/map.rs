@@ -56,7 +56,8 @@ impl Map {
         let mut svg = Svg::new(width_all, top + rows * PANEL.1 + LEGEND, &self.title);
         svg.text((width_all / 2.0, 24.0), &cut(&self.title, 17.0, width_all - 20.0), 17.0, Anchor::Middle, Colour::INK);
         for (i, panel) in self.panels.iter().enumerate() {
-            let at = ((i % 2) as f64 * PANEL.0, top + (i / 2) as f64 * PANEL.1);
+            let alone = if self.panels.len() == 1 { 0.5 } else { 0.0 };
+            let at = (((i % 2) as f64 + alone) * PANEL.0, top + (i / 2) as f64 * PANEL.1);
             self.panel(&mut svg, panel, at);
         }
         self.legend(&mut svg, top + rows * PANEL.1 + 8.0, width_all);

@@ -52,10 +52,7 @@ impl HeadTable {
     pub(super) fn formulas(&self) -> impl Iterator<Item = &Signal> {
         let position = self.position_m.iter().flat_map(|VectorSignal(signals)| signals);
         let angle = self.angle_rad.iter().map(|ScalarSignal(signal)| signal);
-        position.chain(angle).filter_map(|wanted| match wanted {
-            Wanted::Formula(signal) => Some(signal),
-            Wanted::Table(_) => None,
-        })
+        position.chain(angle).filter_map(Wanted::formula)
     }
 }
 
@@ -66,22 +63,23 @@ impl Scene {
             HeadKind::Free => Ok(None),
             HeadKind::Clamped => Ok(Some([still.clone(), still.clone(), still])),
             HeadKind::Driven => {
-                let signal = |wanted: &Wanted, column, columns| self.signal(wanted, column, columns);
-                let (x, y) = match &self.head.position_m {
-                    Some(VectorSignal([x, y])) => {
-                        let columns =
-                            if matches!((x, y), (Wanted::Table(a), Wanted::Table(b)) if a == b) { 2 } else { 1 };
-                        (signal(x, 0, columns)?, signal(y, columns - 1, columns)?)
-                    }
-                    None => (still.clone(), still.clone()),
+                let [x, y] = match &self.head.position_m {
+                    Some(position) => self.vector_signal(position)?,
+                    None => [still.clone(), still.clone()],
                 };
                 let angle = match &self.head.angle_rad {
-                    Some(ScalarSignal(angle)) => signal(angle, 0, 1)?,
+                    Some(ScalarSignal(angle)) => self.signal(angle, 0, 1)?,
                     None => still,
                 };
                 Ok(Some([x, y, angle]))
             }
         }
+    }
+
+    /// The signals x and y; from one table that is named for both it takes both.
+    pub(super) fn vector_signal(&self, VectorSignal([x, y]): &VectorSignal) -> Result<[Signal; 2]> {
+        let columns = if matches!((x, y), (Wanted::Table(a), Wanted::Table(b)) if a == b) { 2 } else { 1 };
+        Ok([self.signal(x, 0, columns)?, self.signal(y, columns - 1, columns)?])
     }
 
     /// A signal; from a table it takes value `column` of `columns`.
@@ -96,8 +94,9 @@ impl Scene {
     pub fn tables(&self) -> Vec<&str> {
         let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
         let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
+        let flow = self.medium.iter().flat_map(|medium| &medium.flow_m_s.0);
         let mut tables: Vec<&str> = Vec::new();
-        for wanted in position.chain(angle) {
+        for wanted in position.chain(angle).chain(flow) {
             if let Wanted::Table(file) = wanted
                 && !tables.contains(&file.as_str())
             {

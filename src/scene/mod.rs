@@ -35,7 +35,6 @@ pub use start::{StartKind, StartTable};
 use value::Finite;
 
 use crate::error::{Error, Result};
-use crate::fluid::Fluid;
 use crate::model::Model;
 
 /// Fewest and most nodes a scene may have.
@@ -139,15 +138,17 @@ impl Scene {
     /// The model it describes.
     ///
     /// # Errors
-    /// [`Error::Read`] or [`Error::Scene`] for the table of a driven head.
+    /// [`Error::Read`] or [`Error::Scene`] for the table of a driven head or of a flow.
     pub fn model(&self) -> Result<Model> {
         let rod = self.rod_on(self.rod.nodes.get());
         let loads = self.loads.as_ref();
+        let (fluid, flow) = self.fluid()?;
         Ok(Model {
             actuation: self.drive(&rod),
             start: self.start.build(),
             forces: self.forces(&rod).map_err(|Fault { key, problem }| self.error(&key, problem))?,
-            fluid: self.medium.as_ref().map_or(Fluid::NONE, MediumTable::fluid),
+            fluid,
+            flow,
             load: loads.and_then(|loads| loads.build(&rod)),
             buoyancy: loads.and_then(|loads| loads.buoyancy(&rod)),
             head: self.head_motion()?,

@@ -122,7 +122,9 @@ impl Scene {
             list.add("medium.viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", medium.viscosity_pa_s);
             list.add("medium.density_kg_m3", "kg/m^3", "density of the medium", medium.density_kg_m3);
             let descriptions = ["background velocity of the medium, x", "background velocity of the medium, y"];
-            list.pair("medium.flow_m_s", "m/s", descriptions, medium.flow_m_s);
+            if let Some(flow) = medium.steady_flow() {
+                list.pair("medium.flow_m_s", "m/s", descriptions, flow.map(Finite::constant));
+            }
         }
         if let Some(drag) = &self.drag {
             let numbers = [
@@ -160,7 +162,7 @@ impl Scene {
                 list.add("drag.head_length_m", "m", "arc length up to which that weight holds", length);
             }
         }
-        if let Some(reactive) = &self.reactive {
+        if let Some(reactive) = self.reactive.as_ref().filter(|reactive| !reactive.auto) {
             list.add("reactive.shedding", "1", "share of the theory's wake that leaves the tail", reactive.shedding);
         }
         self.body_parameters(&mut list);

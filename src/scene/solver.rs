@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::document::{self, Fault};
 use super::value::{self, Positive, Tolerance};
-use super::{HeadKind, Scene, StartKind};
+use super::{HeadKind, NODES, Scene, StartKind};
 use crate::error::{Result, nearest};
 use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear;
@@ -152,9 +152,13 @@ impl Scene {
             );
             return fault("drag.head_weight", problem);
         }
-        if let (Some(rung), Some(_)) = (rung.filter(|rung| rung.method.is_some()), &self.reactive) {
-            let problem =
-                format!("found {:?} with [reactive], which only the whole model holds; remove one", rung.name);
+        if let (Some(rung), Some(_)) =
+            (rung.filter(|rung| rung.needs_drag), self.reactive_on(&self.rod_on(NODES[0] as usize)))
+        {
+            let problem = format!(
+                "found {:?} with [reactive]: without inertia there is none of the water either, and the reactive force is nothing else; remove one, or take another model",
+                rung.name
+            );
             return fault("solver.model", problem);
         }
         let held = self.head.kind != HeadKind::Free;
@@ -231,9 +235,6 @@ impl Scene {
     /// # Errors
     /// Those of [`model`](Self::model) and [`integrator`](Self::integrator).
     pub fn estimates(&self) -> Result<Estimates> {
-        if self.reactive.is_some() {
-            return Ok(Estimates::none("it cannot hold the reactive force"));
-        }
         let nodes = (self.rod.nodes.get() as u64).min(ESTIMATES_UP_TO);
         let step = self.typical_step();
         let (method, _) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;

@@ -180,6 +180,16 @@ pub enum Wanted {
     Table(String),
 }
 
+impl Wanted {
+    /// The signal, where it is a formula.
+    pub fn formula(&self) -> Option<&Signal> {
+        match self {
+            Self::Formula(signal) => Some(signal),
+            Self::Table(_) => None,
+        }
+    }
+}
+
 /// The keys of a function of time with values of type T and phases of type P.
 #[derive(serde::Deserialize)]
 #[serde(
@@ -310,6 +320,16 @@ pub struct Along<T> {
     points: Vec<[f64; 2]>,
     /// The number where it is the same everywhere.
     number: Option<T>,
+}
+
+impl Along<Positive> {
+    /// The same times a positive `factor`.
+    pub(super) fn times(&self, factor: f64) -> Self {
+        Self {
+            points: self.points.iter().map(|[xi, value]| [*xi, value * factor]).collect(),
+            number: self.number.map(|number| Positive::constant(number.get() * factor)),
+        }
+    }
 }
 
 impl<T: Copy> Along<T> {

@@ -49,6 +49,12 @@ pub enum Quantity {
     HeadForce(usize),
     /// Moment of the tail on a held head about node 0, N m.
     HeadMoment,
+    /// What the forces with that sink, those that store what they take without, push the rod with along an axis, N.
+    Push(Option<Sink>, usize),
+    /// Momentum of the rod along an axis, N s.
+    RodMomentum(usize),
+    /// Momentum of the fluid along an axis, N s.
+    FluidMomentum(usize),
 }
 
 /// Work that is summed over the steps as the run's meter sums it, J.
@@ -92,7 +98,7 @@ impl From<Work> for Output {
 }
 
 /// The outputs by the names of the table of variables.
-const NAMES: [&str; 36] = [
+const NAMES: [&str; 46] = [
     "x_com_m",
     "y_com_m",
     "stretching_energy_j",
@@ -120,6 +126,16 @@ const NAMES: [&str; 36] = [
     "head_force_x_n",
     "head_force_y_n",
     "head_moment_n_m",
+    "drag_force_x_n",
+    "drag_force_y_n",
+    "reactive_force_x_n",
+    "reactive_force_y_n",
+    "wake_force_x_n",
+    "wake_force_y_n",
+    "rod_momentum_x_n_s",
+    "rod_momentum_y_n_s",
+    "fluid_momentum_x_n_s",
+    "fluid_momentum_y_n_s",
     "net_displacement_m",
     "actuation_work_j",
     "viscous_work_j",
@@ -175,6 +191,16 @@ impl Output {
             "head_force_x_n" if model.head.is_some() => Q::HeadForce(0).into(),
             "head_force_y_n" if model.head.is_some() => Q::HeadForce(1).into(),
             "head_moment_n_m" if model.head.is_some() => Q::HeadMoment.into(),
+            "drag_force_x_n" => Q::Push(Some(Sink::Drag), 0).into(),
+            "drag_force_y_n" => Q::Push(Some(Sink::Drag), 1).into(),
+            "reactive_force_x_n" => Q::Push(None, 0).into(),
+            "reactive_force_y_n" => Q::Push(None, 1).into(),
+            "wake_force_x_n" => Q::Push(Some(Sink::Wake), 0).into(),
+            "wake_force_y_n" => Q::Push(Some(Sink::Wake), 1).into(),
+            "rod_momentum_x_n_s" => Q::RodMomentum(0).into(),
+            "rod_momentum_y_n_s" => Q::RodMomentum(1).into(),
+            "fluid_momentum_x_n_s" => Q::FluidMomentum(0).into(),
+            "fluid_momentum_y_n_s" => Q::FluidMomentum(1).into(),
             "net_displacement_m" => Self::from(Q::CentreOfMass(0)).since_start(),
             "actuation_work_j" => Work::Actuation.into(),
             "viscous_work_j" => Work::Viscous.into(),
@@ -548,7 +574,7 @@ impl Quantity {
             Self::FlowPower => {
                 let flow = dynamics.inputs.fluid.flow;
                 let of_fluid = |force: &dyn Force| force.is_of_fluid();
-                at.power_along(of_fluid, |_| -flow, factor, g)
+                at.power_along(of_fluid, |_| -flow, factor, g) - at.power_to(Sink::Flow, -factor, g)
             }
             Self::Fluid => at.stored(0, factor, g),
             Self::LoadPower => at.along_loads(&state.v, factor, g, |g| &mut g.v),
@@ -564,6 +590,33 @@ impl Quantity {
                 g.stiffness[0] += factor * s * moment[1];
                 g.natural[0] -= factor * s * rod.joint[0];
                 joint.couple
+            }
+            Self::Push(sink, i) => {
+                let chosen = |force: &dyn Force| force.sink() == sink;
+                -at.power_along(chosen, |_| axis(i), -factor, g)
+            }
+            Self::RodMomentum(i) => {
+                let mut momentum = 0.0;
+                for (k, m) in rod.mass.iter().enumerate() {
+                    g.v[2 * k + i] += factor * m;
+                    momentum += m * state.v[2 * k + i];
+                }
+                momentum
+            }
+            Self::FluidMomentum(i) => {
+                let moving = at.bent.kinematics();
+                let mut momentum = 0.0;
+                for force in dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
+                    let own = force.momentum(&moving, axis(i), factor, Some(g.slopes()));
+                    momentum += own;
+                    for (key, by) in &mut g.keys {
+                        // Linear in the density, and in nothing else.
+                        if *key == DENSITY && force.parameters().contains(&DENSITY) {
+                            *by += factor * own / moving.fluid.density;
+                        }
+                    }
+                }
+                momentum
             }
             Self::HeadPower => {
                 let Some([x, y, angle]) = dynamics.held else { return 0.0 };

@@ -12,7 +12,7 @@ use super::Stepper;
 use crate::error::Result;
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{DENSITY, Fluid, Sink, VISCOSITY};
-use crate::metrics::{Energy, Meter, Power, Reading, Totals};
+use crate::metrics::{Energy, Meter, Momentum, Power, Push, Reading, Totals};
 use crate::model::{Bent, Dynamics, Inputs, Model};
 use crate::newton::Work;
 use crate::rod::bend;
@@ -50,6 +50,7 @@ impl Tangent {
                 now: Reading::new(nodes),
                 totals: Totals::default(),
                 first_energy: 0.0,
+                first_momentum: Vector2::zeros(),
                 first: (0.0, Vector2::zeros()),
                 first_positions: zeros(),
             },
@@ -98,6 +99,9 @@ impl Tangent {
         let Self { state: d, meter, natural, natural_rate, force, fluid, opposing, angle, .. } = self;
         let now = &mut meter.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
+        (now.push, now.momentum) = (Push::default(), Momentum::default());
+        now.momentum.rod = (0..rod.nodes).map(|k| node(&d.v, k) * rod.mass[k]).sum();
+        now.push.load = (0..rod.nodes).map(|k| node(force, k)).sum();
         let (energy, power) = (&mut now.energy, &mut now.power);
         now.com = rod.mean(&d.q);
         // Changes of an edge's length and direction.
@@ -153,9 +157,11 @@ impl Tangent {
                 power.flow -= change.dot(&flow);
             }
             on_head[1] += node(opposing, 0);
+            *now.push.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
             match own.sink() {
                 Some(Sink::Drag) => power.viscous += taken,
                 Some(Sink::Wake) => power.wake += taken,
+                Some(Sink::Flow) => power.flow -= taken,
                 Some(Sink::Other) => power.other -= taken,
                 None => {
                     // The energy depends on velocities against the flow.
@@ -165,6 +171,15 @@ impl Tangent {
                     let along = |by: &[f64], d: &[f64]| by.iter().zip(d).map(|(x, y)| x * y).sum::<f64>();
                     energy.fluid += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored[0];
                     energy.fluid -= (0..rod.nodes).map(|k| node(v, k).dot(&drift)).sum::<f64>();
+                    for (axis, change) in [Vector2::x(), Vector2::y()].into_iter().zip(now.momentum.fluid.iter_mut()) {
+                        let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
+                        let [q, v, a] = &mut by;
+                        let momentum = own.momentum(&moving, axis, 1.0, Some(Slopes { q, v, a }));
+                        *change += along(q, &d.q) + along(v, &d.v);
+                        *change -= (0..rod.nodes).map(|k| node(v, k).dot(&drift)).sum::<f64>();
+                        // Linear in the density.
+                        *change += momentum * fluid.density / moving.fluid.density.max(f64::MIN_POSITIVE);
+                    }
                     if by_time {
                         energy.fluid += own.energy_by_time(&moving, 0.0, None);
                     }
@@ -177,6 +192,7 @@ impl Tangent {
         }
         // Buoyancy follows the density.
         if let Some(buoyancy) = &dynamics.model.buoyancy {
+            now.push.load += (0..rod.nodes).map(|k| node(buoyancy, k)).sum::<Vector2<f64>>() * fluid.density;
             power.load +=
                 (0..rod.nodes).map(|k| node(buoyancy, k).dot(&node(&state.v, k))).sum::<f64>() * fluid.density;
             on_head[1] -= node(buoyancy, 0) * fluid.density;
@@ -201,6 +217,7 @@ impl Tangent {
             let s = bend::curvature_per_turning(kappa[0]);
             let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]);
             now.head_force = -held_change;
+            now.push.head = held_change;
             now.head_moment = now.moment[0] * s + moment * 0.5 * kappa[0] * now.kappa[0];
             power.head = held_change.dot(&Vector2::new(x.rate, y.rate)) + held.dot(&node(&d.v, 0))
                 - now.head_moment * pitch.rate
@@ -262,9 +279,11 @@ impl Stepper {
             }
             tangent.fluid = rate.fluid;
         }
+        tangent.fluid.flow = self.dynamics.inputs.fluid.acceleration;
         tangent.read(&self.dynamics.shape(&self.state)?, true);
         let now = &self.meter.now;
         tangent.meter.totals.work = now.power;
+        tangent.meter.totals.impulse = now.push;
         let aside = now.com.y * tangent.meter.now.com.y;
         let at_most = now.com.y.abs() >= self.meter.totals.max_lateral;
         tangent.meter.totals.max_lateral = if at_most && aside > 0.0 { tangent.meter.now.com.y.abs() } else { 0.0 };
@@ -283,6 +302,8 @@ impl Stepper {
         tangent.follow_inputs(&bent);
         tangent.meter.totals.max_lateral = 0.0;
         tangent.read(&bent, false);
+        tangent.meter.totals.work.flow = tangent.meter.now.energy.fluid;
+        tangent.meter.totals.impulse = Push { flow: tangent.meter.now.momentum.fluid, ..Push::default() };
         Ok(self.put_tangent(tangent))
     }
 

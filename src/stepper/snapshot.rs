@@ -25,6 +25,7 @@ pub struct Snapshot {
     time_step: f64,
     state: State,
     kicked: bool,
+    gust: [f64; 2],
     inputs: Inputs,
     course: Option<Box<Course>>,
     meter: Meter,
@@ -76,6 +77,7 @@ impl Stepper {
             time_step: self.time_step,
             state: self.state.clone(),
             kicked: self.kick.due,
+            gust: self.kick.gust.into(),
             inputs: self.dynamics.inputs.clone(),
             course: self.dynamics.course.clone(),
             meter: self.meter.clone(),
@@ -100,7 +102,7 @@ impl Stepper {
         self.clock = snapshot.clock;
         self.time_step = snapshot.time_step;
         self.state.copy_from(&snapshot.state);
-        self.kick.due = snapshot.kicked;
+        (self.kick.due, self.kick.gust) = (snapshot.kicked, snapshot.gust.into());
         self.before = None;
         self.steered = true;
         self.dynamics.restore(&snapshot.inputs);

@@ -4,6 +4,8 @@
 //! until all are there, so that a study goes on where it was interrupted.
 
 mod accuracy;
+mod beam;
+mod flutter;
 mod modes;
 mod scaling;
 mod stability;
@@ -89,7 +91,13 @@ impl Study {
             Self::Stability(asked) => outside("points", &[asked.points as u64], [2, 200])
                 .or_else(|| not_positive("accurate", &[asked.accurate]))
                 .or_else(|| not_rising("range", asked.range))
-                .or_else(|| not_rising("steps", asked.steps)),
+                .or_else(|| not_rising("steps", asked.steps))
+                .or_else(|| {
+                    let flows = asked.vary == Vary::Flow && asked.steps.is_some();
+                    flows.then(|| {
+                        "steps: found with vary = flow; allowed: only with others, as no run is made".to_string()
+                    })
+                }),
         }
     }
 }

@@ -7,6 +7,7 @@ use serde_json::json;
 
 use crate::error::Result;
 use crate::integrator::Pace;
+use crate::linear_stability::{SteadyState, Unsteady};
 use crate::modes::{Axis, Matrices, Mode, Modes, lowest};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
@@ -17,6 +18,10 @@ use crate::scene::Scene;
 const ALL_UP_TO: usize = 1001;
 /// Up to this many nodes the matrices are written: some 0.3 kB of text a node.
 const MATRICES_UP_TO: usize = 100_001;
+/// Up to this many nodes motions with damping are computed: their cost grows as N³, twice as many unknowns as nodes twice.
+const DAMPED_UP_TO: usize = 129;
+/// Growth of this part of an eigenvalue is rounding.
+const GROWS: f64 = 1e-9;
 /// Shapes in the figure.
 const DRAWN: usize = 5;
 /// Up to this many points of a shape are tabled and drawn.
@@ -129,10 +134,92 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     findings.figures.push(Figure::new("shapes.svg", caption, shapes.svg()));
     let caption = "The natural frequencies, beside that of the drive and what the time step resolves.";
     findings.figures.push(Figure::new("frequencies.svg", caption, frequencies.svg()));
+    about_rest(scene, count, &mut findings)?;
     if rod.nodes <= MATRICES_UP_TO {
         findings.files.extend(matrices.matrix_market().into_iter().map(|(file, text)| (file.to_string(), text)));
     }
     Ok(findings)
+}
+
+/// Adds the motions about the rest of the rod in its fluid and under its loads: frequencies with damping, and what grows.
+fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()> {
+    let model = scene.model()?;
+    if model.forces.is_empty() && model.load.is_none() {
+        return Ok(()); // they are the natural modes
+    }
+    if model.rod.nodes > DAMPED_UP_TO {
+        findings.answers.push(format!("Motions with damping and in flow are computed up to {DAMPED_UP_TO} nodes."));
+        return Ok(());
+    }
+    let flow = model.fluid.flow.norm();
+    let free = model.head.is_none();
+    let mut steady = match SteadyState::of(model) {
+        Ok(steady) => steady,
+        Err(Unsteady { key, problem }) => {
+            findings.answers.push(format!("Motions with damping and in flow are left out: {key}: {problem}."));
+            return Ok(());
+        }
+    };
+    let bend = steady.bend();
+    let modes = steady.eigenmodes()?;
+    let Some(leading) = modes.iter().max_by(|a, b| a.growth.total_cmp(&b.growth)) else { return Ok(()) };
+    let place = match (free, flow > 0.0) {
+        (true, _) => "In the fluid, with which a free rod goes,".to_string(),
+        (false, true) => format!("In the flow of {flow:.4} m/s, at rest {bend:.2e} m from straight,"),
+        (false, false) => format!("In the fluid, at rest {bend:.2e} m from straight,"),
+    };
+    let grows = leading.growth > GROWS * leading.growth.hypot(leading.frequency);
+    findings.answers.push(if grows {
+        let how = if leading.frequency > 0.0 {
+            format!("flutters: a motion of {:.4} Hz", leading.frequency / TAU)
+        } else {
+            "diverges: a motion that does not swing".to_string()
+        };
+        format!("{place} the rod {how} grows by {:.4e} 1/s.", leading.growth)
+    } else {
+        match modes.iter().find(|mode| mode.frequency > 0.0) {
+            Some(slowest) => format!(
+                "{place} the slowest motion that swings has {:.6} Hz and damping ratio {:.4}; nothing grows.",
+                slowest.frequency / TAU,
+                slowest.damping_ratio()
+            ),
+            None => format!("{place} nothing swings and nothing grows."),
+        }
+    });
+    findings.numbers.insert("largest_growth_rate_1_s".into(), json!(leading.growth));
+    findings.numbers.insert("its_frequency_hz".into(), json!(leading.frequency / TAU));
+    let slowest = &modes[..count.min(modes.len())];
+    let rows = slowest.iter().enumerate().map(|(i, mode)| {
+        let kind = if mode.bends() { Axis::Bending } else { Axis::Stretching };
+        vec![
+            json!(i + 1),
+            json!(kind.name()),
+            json!(mode.frequency / TAU),
+            json!(mode.growth),
+            json!(mode.damping_ratio()),
+        ]
+    });
+    findings.tables.push(Table {
+        file: "damped.csv",
+        title: "Motions in the fluid, with damping",
+        columns: ["motion", "kind", "frequency_hz", "growth_rate_1_s", "damping_ratio"].map(str::to_string).to_vec(),
+        rows: rows.collect(),
+    });
+    let dots = |axis: Axis| {
+        let own = slowest.iter().filter(|mode| mode.bends() == (axis == Axis::Bending));
+        Series::new(axis.name(), own.map(|mode| (mode.growth, mode.frequency / TAU)).collect(), Mark::Dots)
+    };
+    let series = [dots(Axis::Bending), dots(Axis::Stretching)].into_iter().filter(|series| !series.points.is_empty());
+    let chart = Chart {
+        title: format!("{}: motions in the fluid, with damping", scene.name),
+        x: "growth rate (1/s)".into(),
+        y: "frequency (Hz)".into(),
+        scale: Scale::Linear,
+        series: series.collect(),
+    };
+    let caption = "The slowest motions about the rest: those right of zero grow.";
+    findings.figures.push(Figure::new("damped.svg", caption, chart.svg()));
+    Ok(())
 }
 
 /// `step` (s) is none where steps are adaptive: no ωΔt then.

@@ -1,4 +1,5 @@
-//! `caudal study stability`: for every method a map of what its steps do, over the step and a parameter of the scene.
+//! `caudal study stability`: for every method a map of what its steps do, over the step and a parameter of the scene; over the
+//! speed of a flow, of what the rod does in it ([`flutter`](super::flutter)).
 
 use std::collections::BTreeMap;
 
@@ -39,12 +40,19 @@ pub enum Vary {
     Nodes,
     /// The spin of a free rod at the start.
     Spin,
+    /// The speed of the flow, and the mass of the rod beside the water's: what the rod does in it, whatever the method.
+    Flow,
 }
 
 impl Vary {
     /// All of them, with their names.
-    pub const ALL: [(&str, Self); 4] =
-        [("modulus", Self::Modulus), ("amplitude", Self::Amplitude), ("nodes", Self::Nodes), ("spin", Self::Spin)];
+    pub const ALL: [(&str, Self); 5] = [
+        ("modulus", Self::Modulus),
+        ("amplitude", Self::Amplitude),
+        ("nodes", Self::Nodes),
+        ("spin", Self::Spin),
+        ("flow", Self::Flow),
+    ];
 
     fn label(self) -> &'static str {
         match self {
@@ -52,6 +60,7 @@ impl Vary {
             Self::Amplitude => "amplitude kappa_amp",
             Self::Nodes => "number of nodes",
             Self::Spin => "spin at the start (rad/s)",
+            Self::Flow => "flow speed (m/s)",
         }
     }
 
@@ -66,7 +75,7 @@ impl Vary {
                 [0.25 * amplitude, 4.0 * amplitude]
             }
             Self::Nodes => [nodes, 8.0 * (nodes - 1.0) + 1.0],
-            Self::Spin => [1.0, 100.0],
+            Self::Spin | Self::Flow => [1.0, 100.0],
         }
     }
 
@@ -91,6 +100,7 @@ impl Vary {
             }
             Self::Nodes => scene.with_nodes(value as u64),
             Self::Spin => scene.with_spin(value),
+            Self::Flow => scene.with_flow([value, 0.0]),
         }
     }
 }
@@ -189,7 +199,7 @@ struct Case {
 }
 
 /// `count` values from `low` to `high` at equal ratios.
-fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+pub(super) fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
     let last = count.max(2) - 1;
     (0..=last).map(|i| low * (high / low).powf(i as f64 / last as f64)).collect()
 }
@@ -200,6 +210,9 @@ fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
 /// [`Error::Scene`] where the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
 /// [`Error::Journal`].
 pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
+    if asked.vary == Vary::Flow {
+        return super::flutter::flutter(scene, asked, desk);
+    }
     if let Some((key, problem)) = asked.vary.refused(scene) {
         return Err(Error::Scene { place: scene.name.clone(), key: key.into(), problem: problem.into() });
     }

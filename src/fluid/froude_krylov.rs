@@ -1,0 +1,79 @@
+//! What the pressure of a flow that accelerates does to the rod in it.
+//!
+//! A flow of uniform velocity u(t) has the pressure gradient −ρu̇, and so pushes a body of volume V as it would the fluid in its
+//! place: by ρVu̇ (Froude–Krylov). Every half of an edge loads its own node. To an observer who moves with the flow it is the
+//! buoyancy in a field of gravity −u̇. Source: J. N. Newman, Marine Hydrodynamics (1977), section 4.17.
+
+use std::ops::Range;
+
+use nalgebra::Vector2;
+
+use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
+use super::medium::{DENSITY, Key};
+use crate::linear::Block;
+use crate::rod::{Alike, Rod, add};
+use crate::system::Direction;
+
+/// The pressure of the flow around the rod.
+#[derive(Debug)]
+pub struct FroudeKrylov {
+    /// Volume of both halves of every edge, m³.
+    halves: Alike<[f64; 2]>,
+}
+
+impl FroudeKrylov {
+    /// On the volume of `rod`, and on a `body` (m³) whose centre is node 0.
+    pub fn new(rod: &Rod, body: f64) -> Self {
+        let volume = |half: &crate::rod::Half| half.displaced * half.length;
+        let mut halves: Vec<_> = rod.halves().map(|halves| halves.map(|h| volume(&h))).collect();
+        if let Some([centre, _]) = halves.first_mut() {
+            *centre += body;
+        }
+        Self { halves: halves.into() }
+    }
+}
+
+impl Force for FroudeKrylov {
+    fn name(&self) -> &'static str {
+        "froude-krylov"
+    }
+
+    fn validity(&self) -> Validity {
+        Validity {
+            range: "flows that are the same all around the rod",
+            source: "J. N. Newman, Marine Hydrodynamics (1977), section 4.17",
+        }
+    }
+
+    fn evaluate(&self, rod: &Kinematics<'_>, _: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+        if rod.fluid.acceleration == Vector2::zeros() {
+            return;
+        }
+        let opposing = rod.fluid.acceleration * -rod.fluid.density;
+        let halves = edges.map(|e| self.halves[e]);
+        sums.each(halves, |volumes| OnEdge::new(volumes.map(|v| opposing * v), [Block::ZERO; 2], [Block::ZERO; 2]));
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    fn sink(&self) -> Option<Sink> {
+        Some(Sink::Flow)
+    }
+
+    fn parameters(&self) -> &[Key] {
+        &[DENSITY]
+    }
+
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
+        if key == DENSITY {
+            for e in 0..rod.edges.len() {
+                for (i, volume) in self.halves[e].iter().enumerate() {
+                    add(out, e + i, rod.fluid.acceleration * -volume);
+                }
+            }
+        }
+        [0.0; 2]
+    }
+}

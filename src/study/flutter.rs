@@ -1,0 +1,451 @@
+//! `caudal study stability --vary flow`: where a tail that is held in a flow stays straight, flutters or diverges, over the speed
+//! of the flow and the mass of the tail, from the eigenvalues of small motions about its rest, beside theory's line.
+
+use std::f64::consts::TAU;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
+
+use super::beam::Beam;
+use super::stability::{Stability, spread};
+use super::{Desk, Studied};
+use crate::error::{Error, Result};
+use crate::jobs;
+use crate::linear_stability::{SteadyState, Unsteady};
+use crate::report::chart::{Chart, Mark, Scale, Series};
+use crate::report::map::{Category, Map, Panel};
+use crate::report::{Figure, Findings, Table};
+use crate::scene::{HeadKind, Scene};
+
+/// Most nodes that eigenvalues are computed for: their cost grows as N³, and the error at so many is 0.1 %.
+const NODES: usize = 65;
+
+/// Smallest and largest share of the water in the inertia, β.
+const SHARES: [f64; 2] = [0.05, 0.95];
+
+/// Smallest and largest speed where none are asked for, in units of √(EI/m_a)/L.
+const SPEEDS: [f64; 2] = [1.0, 20.0];
+
+/// Growth below this part of the lowest frequency of the rod in still water is rounding, and none.
+const GROWS: f64 = 1e-6;
+
+/// Part of the length up to which a rest is straight, of EI/L² up to which loads along it are none, and up to which stretched
+/// edges are alike.
+const STRAIGHT: f64 = 1e-2;
+
+/// Motions whose growth and frequency are followed over the speed.
+const FOLLOWED: usize = 5;
+
+/// Speeds at which they are, for every one of the map.
+const FINER: usize = 4;
+
+/// Intervals in which a first speed is looked for, and halvings of the one where it is.
+const LOOKS: usize = 60;
+const HALVINGS: usize = 30;
+
+/// The first x between `low` and `high` from which `holds` is true.
+pub(super) fn first(low: f64, high: f64, mut holds: impl FnMut(f64) -> bool) -> Option<f64> {
+    let at = |i: usize| low + (high - low) * i as f64 / LOOKS as f64;
+    let i = (1..=LOOKS).find(|i| holds(at(*i)))?;
+    let (mut below, mut above) = (at(i - 1), at(i));
+    for _ in 0..HALVINGS {
+        let middle = 0.5 * (below + above);
+        if holds(middle) { above = middle } else { below = middle }
+    }
+    Some(0.5 * (below + above))
+}
+
+/// What becomes of the rest.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+enum Outcome {
+    Stable,
+    Flutter,
+    Divergence,
+    NoRest,
+}
+
+impl Outcome {
+    const ALL: [Self; 4] = [Self::Stable, Self::Flutter, Self::Divergence, Self::NoRest];
+
+    fn category(self) -> Category {
+        let (label, colour) = match self {
+            Self::Stable => ("stays at rest", [0, 158, 115]),
+            Self::Flutter => ("flutter", [213, 94, 0]),
+            Self::Divergence => ("divergence", [204, 121, 167]),
+            Self::NoRest => ("no rest found", [200, 200, 200]),
+        };
+        Category { label, colour }
+    }
+}
+
+/// One mass of the rod, over speeds of the flow.
+#[derive(Debug)]
+struct Case {
+    share: f64,
+    speeds: Vec<f64>,
+    /// Also where it first leaves its rest.
+    critical: bool,
+}
+
+/// What is found at a speed.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Point {
+    outcome: Outcome,
+    /// σ (1/s) and ω (rad/s) of the motion that grows fastest.
+    leading: [f64; 2],
+    /// Those of the slowest motions.
+    slowest: Vec<[f64; 2]>,
+}
+
+/// What is found of a mass.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct Column {
+    points: Vec<Point>,
+    /// The first speed (m/s) at which the rest is left, how, and ω (rad/s) there.
+    critical: Option<(f64, Outcome, f64)>,
+}
+
+/// What the tail is like, and what theory measures it by.
+struct Tail {
+    /// Direction of the flow.
+    direction: [f64; 2],
+    /// Mass of the rod and of the water that goes with it across, kg.
+    masses: [f64; 2],
+    /// √(EI/m_a)/L, m/s.
+    unit: f64,
+    /// Growth that counts, 1/s.
+    grows: f64,
+    /// Share χ of the wake, where theory has this rod; else why it has not.
+    theory: std::result::Result<f64, &'static str>,
+}
+
+impl Tail {
+    fn share(&self) -> f64 {
+        self.masses[1] / (self.masses[0] + self.masses[1])
+    }
+
+    /// The factor on the rod's density that gives the water the share β.
+    fn factor(&self, share: f64) -> f64 {
+        self.masses[1] * (1.0 - share) / (share * self.masses[0])
+    }
+}
+
+/// What the tail of `scene` is like, by its rest.
+fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Unsteady> {
+    let refuse = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
+    let Some(reactive) = scene.reactive_on(&steady.model().rod).cloned() else {
+        return Err(refuse("reactive", "missing; without the water's inertia no flow makes a tail flutter or diverge"));
+    };
+    let added = steady.added_mass().map_err(|error| refuse("reactive", &error.to_string()))?;
+    let bend = steady.bend();
+    let model = steady.model();
+    let rod = &model.rod;
+    let pitch = model.head.as_ref().map_or(0.0, |head| head[2].at(0.0).value);
+    let along = [pitch.cos(), pitch.sin()];
+    let speed = model.fluid.flow.norm();
+    let direction = if speed > 0.0 { (model.fluid.flow / speed).into() } else { along };
+    let masses = [rod.total_mass(), added.iter().sum()];
+    let unit = (rod.ei / (masses[1] / rod.length)).sqrt() / rod.length;
+    let lowest = 3.516 * (rod.ei / ((masses[0] + masses[1]) * rod.length.powi(3))).sqrt();
+    let alike = |values: &[f64]| values.iter().all(|value| (value / values[0] - 1.0).abs() < STRAIGHT);
+    let inner = 1..rod.nodes - 1;
+    let uniform = alike(&rod.joint[inner.clone()]) && alike(&rod.mass[inner.clone()]) && alike(&added[inner]);
+    let aligned = (direction[0] - along[0]).hypot(direction[1] - along[1]) < 1e-9;
+    let load: f64 = (0..rod.nodes).map(|k| steady.load(k).dot(&nalgebra::Vector2::from(along)).abs()).sum();
+    let tensioned = load * rod.length * rod.length > STRAIGHT * rod.ei || bend > STRAIGHT * rod.length;
+    let theory = match (uniform, aligned, tensioned) {
+        (false, ..) => Err("it is for a rod that is the same all along"),
+        (_, false, _) => Err("it is for a flow along the rod, from its head"),
+        (.., true) => Err("it is for a straight rod without loads along it"),
+        _ => Ok(reactive.shedding.get()),
+    };
+    Ok(Tail { direction, masses, unit, grows: GROWS * lowest, theory })
+}
+
+/// The tail in a flow of that speed (m/s), with that factor on its density.
+fn point(scene: &Scene, tail: &Tail, factor: f64, speed: f64) -> Point {
+    let none = Point { outcome: Outcome::NoRest, leading: [0.0; 2], slowest: Vec::new() };
+    let scene = scene.with_rod_density(factor).with_flow(tail.direction.map(|x| x * speed));
+    let Ok(Ok(mut steady)) = scene.model().map(SteadyState::of) else { return none };
+    let Ok(mut values) = steady.eigenvalues() else { return none };
+    let Some(leading) = values.iter().copied().max_by(|a, b| a.re.total_cmp(&b.re)) else { return none };
+    values.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
+    let outcome = match (leading.re > tail.grows, leading.im > tail.grows) {
+        (false, _) => Outcome::Stable,
+        (true, true) => Outcome::Flutter,
+        (true, false) => Outcome::Divergence,
+    };
+    let slowest = values.iter().take(FOLLOWED).map(|value| [value.re, value.im]).collect();
+    Point { outcome, leading: [leading.re, leading.im], slowest }
+}
+
+/// Maps flutter and divergence of the tail of `scene`.
+pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
+    let refused =
+        |Unsteady { key, problem }: Unsteady| Error::Scene { place: scene.name.clone(), key: key.to_string(), problem };
+    if scene.head.kind == HeadKind::Free {
+        let problem = "the head is free, and the rod goes with the flow; allowed: a held head".to_string();
+        return Err(refused(Unsteady { key: "head.kind", problem }));
+    }
+    let nodes = scene.rod.nodes.get();
+    let coarse = if nodes > NODES { scene.with_nodes(NODES as u64) } else { scene.clone() };
+    let model = coarse.model()?;
+    let own_speed = model.fluid.flow.norm();
+    let mut steady = SteadyState::of(model).map_err(refused)?;
+    let tail = tail(&coarse, &mut steady).map_err(refused)?;
+    let range = asked.range.unwrap_or(SPEEDS.map(|speed| speed * tail.unit));
+    let speeds = spread(range, asked.points);
+    let even = |[low, high]: [f64; 2], count: usize| {
+        let last = count.max(2) - 1;
+        (0..=last).map(move |i| low + (high - low) * i as f64 / last as f64)
+    };
+    let finer = even(range, FINER * asked.points).collect();
+    let shares: Vec<f64> = even(SHARES, asked.points).collect();
+    let mut cases = vec![Case { share: tail.share(), speeds: finer, critical: true }];
+    cases.extend(shares.iter().map(|share| Case { share: *share, speeds: speeds.clone(), critical: true }));
+    let run = |case: &Case| {
+        let factor = tail.factor(case.share);
+        let at = |speed: f64| point(&coarse, &tail, factor, speed);
+        let points: Vec<Point> = case.speeds.iter().map(|speed| at(*speed)).collect();
+        let left = points.iter().position(|point| point.outcome != Outcome::Stable);
+        let critical = left.filter(|_| case.critical).map(|i| {
+            let mut below = if i == 0 { 0.0 } else { case.speeds[i - 1] };
+            let (mut above, mut then) = (case.speeds[i], points[i].clone());
+            while above - below > 1e-5 * above {
+                let middle = at(0.5 * (below + above));
+                if middle.outcome == Outcome::Stable {
+                    below = 0.5 * (below + above);
+                } else {
+                    above = 0.5 * (below + above);
+                    then = middle;
+                }
+            }
+            (0.5 * (below + above), then.outcome, then.leading[1])
+        });
+        Some(Column { points, critical })
+    };
+    let columns = match desk.work("flutter", scene, &cases, jobs::cores(), run)? {
+        Ok(columns) => columns,
+        Err(interrupted) => return Ok(interrupted),
+    };
+    let report = Report { scene, asked, tail: &tail, own_speed, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
+    Ok(Studied::Complete(report.findings()))
+}
+
+struct Report<'a> {
+    scene: &'a Scene,
+    asked: &'a Stability,
+    tail: &'a Tail,
+    own_speed: f64,
+    nodes: usize,
+    cases: &'a [Case],
+    columns: Vec<Column>,
+}
+
+impl Report<'_> {
+    fn findings(&self) -> Findings {
+        let mut findings = Findings { subject: "stability in flow", ..Findings::default() };
+        let Self { scene, tail, cases, columns, .. } = self;
+        let [(own, own_column), map @ ..] = &*cases.iter().zip(columns).collect::<Vec<_>>() else { return findings };
+        let beam = tail.theory.ok().map(|shedding| (Beam::new(), shedding));
+        let highest = own.speeds.last().copied().unwrap_or(0.0);
+        let theory = |share: f64| {
+            let (beam, shedding) = beam.as_ref()?;
+            Some(beam.critical(share, *shedding, highest / tail.unit)? * tail.unit)
+        };
+        let own_theory = theory(own.share);
+        findings.answers.push(match own_column.critical {
+            Some((speed, outcome, frequency)) => {
+                let how = match outcome {
+                    Outcome::Divergence => "it diverges".to_string(),
+                    Outcome::NoRest => "no rest is found".to_string(),
+                    _ => format!("it flutters, at {:.4} Hz", frequency / TAU),
+                };
+                format!(
+                    "With the water's share {:.4} in the inertia the tail stays at rest in flows of up to {speed:.4} m/s (u = {:.4}); beyond {how}.",
+                    own.share,
+                    speed / tail.unit
+                )
+            }
+            None => format!(
+                "With the water's share {:.4} in the inertia the tail stays at rest in flows of up to {highest:.4} m/s.",
+                own.share
+            ),
+        });
+        findings.answers.push(match (&tail.theory, own_theory) {
+            (Ok(_), Some(speed)) => {
+                format!("Theory of a beam without drag says {speed:.4} m/s (u = {:.4}).", speed / tail.unit)
+            }
+            (Ok(_), None) => {
+                format!("Theory of a beam without drag says that it stays at rest up to {highest:.4} m/s.")
+            }
+            (Err(why), _) => format!("Theory's line is left out: {why}."),
+        });
+        if self.own_speed > 0.0 {
+            let flow = self.own_speed;
+            let says = match own_column.critical {
+                Some((speed, ..)) if flow >= speed => "above that: the run will not come to rest",
+                _ => "below that: the run will come to rest",
+            };
+            findings.answers.push(format!("The scene's flow of {flow:.4} m/s is {says}."));
+        }
+        if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
+            findings
+                .answers
+                .push("Actuation and motion of the head are left out: the head is held where it starts.".into());
+        }
+        if self.nodes < scene.rod.nodes.get() {
+            findings.answers.push(format!(
+                "Computed on {} nodes instead of {}: the cost grows as the cube of their number.",
+                self.nodes,
+                scene.rod.nodes.get()
+            ));
+        }
+        findings.numbers.insert("mass_ratio".into(), json!(own.share));
+        findings.numbers.insert("unit_speed_m_s".into(), json!(tail.unit));
+        let critical = own_column.critical;
+        findings.numbers.insert("critical_speed_m_s".into(), json!(critical.map(|(speed, ..)| speed)));
+        findings.numbers.insert("critical_frequency_hz".into(), json!(critical.map(|(.., omega)| omega / TAU)));
+        findings.numbers.insert("critical_speed_by_theory_m_s".into(), json!(own_theory));
+        let lines: Vec<(f64, Option<f64>)> = map.iter().map(|(case, _)| (case.share, theory(case.share))).collect();
+        let boundary: Vec<(f64, f64)> = lines.iter().filter_map(|(share, speed)| Some((*share, (*speed)?))).collect();
+
+        let index = |point: &Point| Outcome::ALL.iter().position(|other| *other == point.outcome).unwrap_or(0);
+        let cells = map.iter().map(|(_, column)| column.points.iter().map(index).collect()).collect();
+        let figure = Map {
+            title: format!("{}: what the flow does to the tail", scene.name),
+            x: ("mass ratio m_a/(m + m_a)".into(), map.iter().map(|(case, _)| case.share).collect()),
+            linear: true,
+            y: ("flow speed (m/s)".into(), map.first().map(|(case, _)| case.speeds.clone()).unwrap_or_default()),
+            boundary: "theory, without drag".into(),
+            categories: Outcome::ALL.map(Outcome::category).to_vec(),
+            panels: vec![Panel { title: "small motions about the rest".into(), cells, boundary: boundary.clone() }],
+        };
+        let caption = "Where the tail stays at rest, flutters and diverges.";
+        findings.figures.push(Figure::new("stability.svg", caption, figure.svg()));
+        let speeds_of = |of: &dyn Fn(Outcome) -> bool| {
+            let critical =
+                map.iter().filter_map(|(case, column)| column.critical.map(|(speed, how, _)| (case.share, speed, how)));
+            critical.filter(|(.., how)| of(*how)).map(|(share, speed, _)| (share, speed)).collect::<Vec<_>>()
+        };
+        let chart = Chart {
+            title: format!("{}: critical speed of the flow", scene.name),
+            x: "mass ratio m_a/(m + m_a)".into(),
+            y: "flow speed (m/s)".into(),
+            scale: Scale::Linear,
+            series: [
+                Series::new("flutter", speeds_of(&|how| how == Outcome::Flutter), Mark::Dotted),
+                Series::new("divergence", speeds_of(&|how| how == Outcome::Divergence), Mark::Dotted),
+                Series::new("theory, without drag", boundary, Mark::Line),
+                Series::new(
+                    "this scene",
+                    critical.map(|(speed, ..)| (own.share, speed)).into_iter().collect(),
+                    Mark::Dots,
+                ),
+            ]
+            .into_iter()
+            .filter(|series| !series.points.is_empty())
+            .collect(),
+        };
+        let caption = "The speed from which the tail leaves its rest, by the share of the water in the inertia.";
+        findings.figures.push(Figure::new("critical.svg", caption, chart.svg()));
+        for (file, title, y, part, caption) in [
+            (
+                "growth.svg",
+                "growth rates",
+                "growth rate (1/s)",
+                0,
+                "How the slowest motions grow (above zero) or decay over the speed.",
+            ),
+            ("frequency.svg", "frequencies", "frequency (Hz)", 1, "How fast the slowest motions swing over the speed."),
+        ] {
+            let value = move |value: &[f64; 2]| if part == 0 { value[0] } else { value[1] / TAU };
+            let points = own.speeds.iter().zip(&own_column.points);
+            let dots = points.flat_map(|(speed, point)| point.slowest.iter().map(move |one| (*speed, value(one))));
+            let mut series = vec![Series::new("slowest motions", dots.collect(), Mark::Dots)];
+            if part == 0 {
+                let fastest =
+                    own.speeds.iter().zip(&own_column.points).map(|(speed, point)| (*speed, point.leading[0]));
+                series.push(Series::new("fastest growing", fastest.collect(), Mark::Line));
+            }
+            let title = format!("{}: {title} of small motions", scene.name);
+            let chart = Chart { title, x: "flow speed (m/s)".into(), y: y.into(), scale: Scale::Linear, series };
+            findings.figures.push(Figure::new(file, caption, chart.svg()));
+        }
+        findings.tables.push(self.map_table(map));
+        findings.tables.push(critical_table(tail, &lines, map));
+        findings.tables.push(motions_table(own, own_column));
+        findings
+    }
+
+    fn map_table(&self, map: &[(&Case, &Column)]) -> Table {
+        let rows = map.iter().flat_map(|(case, column)| {
+            case.speeds.iter().zip(&column.points).map(|(speed, point)| {
+                vec![
+                    json!(case.share),
+                    json!(speed),
+                    json!(speed / self.tail.unit),
+                    json!(point.outcome.category().label),
+                    json!(point.leading[0]),
+                    json!(point.leading[1] / TAU),
+                ]
+            })
+        });
+        let _ = self.asked;
+        Table {
+            file: "stability.csv",
+            title: "Map",
+            columns: ["mass_ratio", "flow_m_s", "reduced_speed", "outcome", "growth_rate_1_s", "frequency_hz"]
+                .map(str::to_string)
+                .to_vec(),
+            rows: rows.collect(),
+        }
+    }
+}
+
+fn critical_table(tail: &Tail, lines: &[(f64, Option<f64>)], map: &[(&Case, &Column)]) -> Table {
+    let rows = map.iter().zip(lines).map(|((case, column), (_, theory))| {
+        let (speed, how, omega) = column.critical.map_or((None, None, None), |(a, b, c)| (Some(a), Some(b), Some(c)));
+        vec![
+            json!(case.share),
+            json!(tail.factor(case.share)),
+            json!(speed),
+            json!(speed.map(|speed| speed / tail.unit)),
+            how.map_or(Value::Null, |how| json!(how.category().label)),
+            json!(omega.map(|omega| omega / TAU)),
+            json!(theory),
+        ]
+    });
+    Table {
+        file: "critical.csv",
+        title: "Critical speeds",
+        columns: [
+            "mass_ratio",
+            "density_factor",
+            "critical_flow_m_s",
+            "reduced_speed",
+            "outcome",
+            "frequency_hz",
+            "theory_flow_m_s",
+        ]
+        .map(str::to_string)
+        .to_vec(),
+        rows: rows.collect(),
+    }
+}
+
+fn motions_table(own: &Case, column: &Column) -> Table {
+    let rows = own.speeds.iter().zip(&column.points).flat_map(|(speed, point)| {
+        (1..).zip(&point.slowest).map(move |(i, [growth, omega])| {
+            vec![json!(speed), json!(i), json!(growth), json!(omega / TAU), json!(-growth / growth.hypot(*omega))]
+        })
+    });
+    Table {
+        file: "motions.csv",
+        title: "The slowest motions of the scene's tail",
+        columns: ["flow_m_s", "motion", "growth_rate_1_s", "frequency_hz", "damping_ratio"]
+            .map(str::to_string)
+            .to_vec(),
+        rows: rows.collect(),
+    }
+}
