@@ -265,8 +265,7 @@ impl Reading {
             };
             energy.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
-        (energy.fluid, momentum.fluid) =
-            power.add_forces(&dynamics.model.forces, &bent.kinematics(), &mut push);
+        (energy.fluid, momentum.fluid) = power.add_forces(&dynamics.model.forces, &bent.kinematics(), &mut push);
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
             let held = holding.unwrap_or_else(|| bent.reaction());

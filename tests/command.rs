@@ -119,13 +119,14 @@ fn every_scene_of_models_runs_and_is_checked() {
         };
         let mut expected: Vec<_> = FILES.into_iter().filter(|name| nodes <= 200 || *name != "nodes.csv").collect();
         expected.retain(|name| moves || *name != "head_x.svg"); // it would be flat
+        expected.extend(scene.reactive.is_some().then_some(["fluid_force.svg", "momentum.svg"]).into_iter().flatten());
         expected.extend(held.then_some(["head_force.svg", "head_moment.svg"]).into_iter().flatten());
         expected.sort_unstable();
         assert_eq!(files(folder.path()), expected, "{}", path.display());
         for figure in expected.iter().filter(|name| name.ends_with(".svg")) {
             let svg = std::fs::read_to_string(folder.path().join(figure)).unwrap();
             assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{figure}");
-            assert!(["m)", "J)", "N)"].iter().any(|unit| svg.contains(unit)), "{figure} has units");
+            assert!(["m)", "J)", "N)", "N s)"].iter().any(|unit| svg.contains(unit)), "{figure} has units");
         }
         let check = caudal(&["check", path.to_str().unwrap()]);
         assert_eq!(check.status.code(), Some(0));

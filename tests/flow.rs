@@ -79,8 +79,7 @@ fn a_flow_that_accelerates_is_a_frame_in_a_field_of_gravity_with_buoyancy() {
                 let shape = |q: &[f64]| (0..9).map(|k| node(q, k) - node(q, 8)).collect::<Vec<_>>();
                 let q = largest(shape(&a.q).iter().zip(shape(&b.q)).map(|(a, b)| (a - b).norm()));
                 let size = largest(a.v.iter().copied());
-                // Measured: at most MEASUREDV of it, MEASUREDQ m.
-                println!("{} {form:?} {head}: {:e} {q:e}", kind.name, v / size);
+                // Measured: at most 2.3e-13 of it, 3.3e-15 m.
                 assert!(v < 1e-9 * size && q < 1e-11, "{} {form:?} {head}: {v:e} of {size}, {q:e}", kind.name);
                 let force = (flowing.meter().now.head_force - falling.meter().now.head_force).norm();
                 let carried = rate.norm() * flowing.model().rod.mass[0];
@@ -202,7 +201,7 @@ fn a_gust_is_the_limit_of_a_flow_that_rises_quickly() {
             ramp.do_step(0.02 - rise).unwrap();
             common::distance(&ramp.state().q, &gust.state().q)
         });
-        println!("{head}: {off:?}");
+        // Measured: 3.2e-3 and 1.6e-3 m, 2.9e-3 and 1.4e-3: in proportion to the duration.
         assert!(off[1] < 0.6 * off[0], "{head}: {off:?}");
     }
 }
