@@ -22,12 +22,12 @@ pub struct FroudeKrylov {
 }
 
 impl FroudeKrylov {
-    /// On the volume of `rod`, and on a `body` (m³) whose centre is node 0.
-    pub fn new(rod: &Rod, body: f64) -> Self {
+    /// On the volume of `rod`, and of the body whose centre is node 0.
+    pub fn new(rod: &Rod) -> Self {
         let volume = |half: &crate::rod::Half| half.displaced * half.length;
         let mut halves: Vec<_> = rod.halves().map(|halves| halves.map(|h| volume(&h))).collect();
-        if let Some([centre, _]) = halves.first_mut() {
-            *centre += body;
+        if let (Some([centre, _]), Some(body)) = (halves.first_mut(), rod.body) {
+            *centre += body.volume();
         }
         Self { halves: halves.into() }
     }

@@ -379,8 +379,7 @@ impl Scene {
             forces.push(Box::new(Reactive::new(rod)));
             forces.push(Box::new(Wake::new(rod, reactive.shedding.get())));
             forces.extend(self.body_inertia());
-            let body = self.head_body.as_ref().map_or(0.0, |body| body.spheroid().volume());
-            forces.push(Box::new(FroudeKrylov::new(rod, body)));
+            forces.push(Box::new(FroudeKrylov::new(rod)));
         }
         Ok(Forces(forces))
     }

@@ -436,13 +436,7 @@ impl At<'_> {
 
     /// Σ W·x over the nodes, W the loads; adds `factor` times its derivatives by x to that part of `g`, and by the density, which
     /// buoyancy follows.
-    fn along_loads(
-        &self,
-        x: &[f64],
-        factor: f64,
-        g: &mut Gradient,
-        by: impl Fn(&mut Gradient) -> &mut [f64],
-    ) -> f64 {
+    fn along_loads(&self, x: &[f64], factor: f64, g: &mut Gradient, by: impl Fn(&mut Gradient) -> &mut [f64]) -> f64 {
         let dynamics = self.bent.dynamics;
         let mut sum = 0.0;
         for k in (0..dynamics.model.rod.nodes).filter(|_| dynamics.is_loaded()) {
