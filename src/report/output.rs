@@ -207,7 +207,7 @@ struct Nodes {
 enum Form {
     Csv(Box<Csv>),
     #[cfg(feature = "parquet")]
-    Parquet(Parquet),
+    Parquet(Box<Parquet>),
     None,
 }
 
@@ -221,7 +221,7 @@ impl Nodes {
                 Form::Csv(Box::new(Csv::create(folder.join(NODES_FILES[0]), header)?))
             }
             #[cfg(feature = "parquet")]
-            NodesTable::Parquet => Form::Parquet(Parquet::create(folder.join(NODES_FILES[1]))?),
+            NodesTable::Parquet => Form::Parquet(Box::new(Parquet::create(folder.join(NODES_FILES[1]))?)),
             _ => Form::None,
         };
         Ok(Self { table, chosen, from })
