@@ -99,7 +99,7 @@ fn drag_coefficient(law: &DragLaw, reynolds: f64, slenderness: f64) -> f64 {
     let length = format!("rod.length_m={:e}", a * slenderness);
     let rod = rod(&scene(&[&length, "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.0"]));
     let forces = Forces(vec![(law.build)(&Recipe::plain(&rod))]);
-    let fluid = Fluid { density, viscosity: density * speed * 2.0 * a / reynolds, flow: Default::default() };
+    let fluid = Fluid { density, viscosity: density * speed * 2.0 * a / reynolds, ..Fluid::NONE };
     let [_, across] = forces.coefficients(&rod, fluid, speed).unwrap();
     across * speed / (0.5 * density * speed * speed * 2.0 * a)
 }
