@@ -109,7 +109,7 @@ fn the_sphere_s_series_goes_on_where_closed_forms_end() {
 fn what_the_body_s_inertia_takes_is_the_momentum_of_the_fluid() {
     let body = sphere(0.3, 0.1);
     let force = BodyInertia { added: body.added(), own: 0.7 };
-    let fluid = Fluid { viscosity: 1.0, density: 900.0, flow: Vector2::zeros() };
+    let fluid = Fluid { viscosity: 1.0, density: 900.0, ..Fluid::NONE };
     for seed in 0..20 {
         let mut dice = Dice(seed);
         let (q, v, a) = (dice.chain(3, 0.3), dice.many(6, -1.0, 1.0), dice.many(6, -3.0, 3.0));
