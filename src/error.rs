@@ -70,6 +70,12 @@ pub enum Error {
         /// What is wrong with it and what to do.
         problem: String,
     },
+    /// A sweep that was sent from elsewhere cannot be run.
+    #[error("the sweep that was sent cannot be run: {problem}")]
+    Parcel {
+        /// What is wrong with it.
+        problem: String,
+    },
     /// The system gives fewer threads than were asked for.
     #[error("{started} of {wanted} threads could be started: {reason}; take fewer, with --jobs {}", (*started / 2).max(1))]
     Threads {

@@ -247,14 +247,32 @@ impl Journal {
         Ok(())
     }
 
+    /// Adds the result in a `line` that another program made by [`line`]; returns its index, and false where the result of
+    /// that index is there already, which stays.
+    ///
+    /// # Errors
+    /// [`Error::Journal`] where the line is damaged or of no result of this job; [`Error::Write`].
+    pub fn add_line(&mut self, line: &[u8]) -> Result<(usize, bool)> {
+        let entry = content(line).and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok());
+        let index = entry.map(|entry| entry.index).filter(|index| *index < self.job.size);
+        let index = index.ok_or_else(|| refused(&self.path, "a line that was sent to it is damaged".to_string()))?;
+        if self.has(index) {
+            return Ok((index, false));
+        }
+        let at = self.end;
+        self.write(line)?;
+        self.lines.insert(index, at);
+        Ok((index, true))
+    }
+
     fn line(&mut self, content: &impl Serialize) -> Result<()> {
+        let line = line_of(content).map_err(|reason| Error::Write { path: self.path.clone(), reason })?;
+        self.write(&line)
+    }
+
+    fn write(&mut self, line: &[u8]) -> Result<()> {
         let failed = |e: &std::io::Error| write_error(&self.path, e);
-        let json =
-            serde_json::to_vec(content).map_err(|e| Error::Write { path: self.path.clone(), reason: e.to_string() })?;
-        let mut line = format!("{:016x} ", XxHash3_64::oneshot(&json)).into_bytes();
-        line.extend(json);
-        line.push(b'\n');
-        if let Err(error) = self.file.write_all(&line) {
+        if let Err(error) = self.file.write_all(line) {
             let _ = self.file.set_len(self.end); // half a line is of no use
             return Err(failed(&error));
         }
@@ -274,6 +292,20 @@ impl Journal {
         self.synced = Instant::now();
         Ok(())
     }
+}
+
+/// The line of a result in a journal, for [`Journal::add_line`] of another program; `None` where it cannot be told as JSON.
+pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
+    line_of(&Entry { index, result }).ok()
+}
+
+/// A line with its checksum and end.
+fn line_of(content: &impl Serialize) -> std::result::Result<Vec<u8>, String> {
+    let json = serde_json::to_vec(content).map_err(|e| e.to_string())?;
+    let mut line = format!("{:016x} ", XxHash3_64::oneshot(&json)).into_bytes();
+    line.extend(json);
+    line.push(b'\n');
+    Ok(line)
 }
 
 /// The JSON of a line that was finished.

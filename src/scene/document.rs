@@ -9,6 +9,7 @@ use toml::de::{DeString, DeTable, DeValue};
 use twox_hash::XxHash3_128;
 
 use super::Scene;
+use super::files::{Contents, Files};
 use super::value::refused;
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::integrator::METHODS;
@@ -34,7 +35,8 @@ pub struct Document {
     path: PathBuf,
     text: String,
     overrides: Vec<String>,
-    packed: bool,
+    /// Where it, and the tables that it names, are read from.
+    files: Files,
     /// Who made each override, as errors name it.
     makers: Vec<String>,
 }
@@ -42,25 +44,43 @@ pub struct Document {
 /// The files of a packed scene.
 const PACKED: [&str; 2] = ["scene.toml", "overrides.txt"];
 
+/// The name of table `i` of a packed scene.
+fn packed_table(i: usize) -> String {
+    format!("table-{i}.csv")
+}
+
 impl Document {
     /// Reads a scene file.
     ///
     /// # Errors
     /// [`Error::Read`].
     pub fn read(path: &Path) -> Result<Self> {
-        let failed = |reason: String| Error::Read { path: path.to_path_buf(), reason };
-        let size = std::fs::metadata(path).map_err(|e| failed(e.to_string()))?.len();
+        Self::read_from(Files::default(), path)
+    }
+
+    /// Reads a scene file of `files`, where its tables are too.
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn read_from(files: Files, path: &Path) -> Result<Self> {
+        let size = files.size(path)?;
         if size > LARGEST {
-            return Err(failed(format!("it has {size} bytes, a scene has at most {LARGEST}")));
+            let reason = format!("it has {size} bytes, a scene has at most {LARGEST}");
+            return Err(Error::Read { path: path.to_path_buf(), reason });
         }
-        let bytes = std::fs::read(path).map_err(|e| failed(e.to_string()))?;
-        let text = String::from_utf8(bytes).map_err(|e| failed(format!("it is not UTF-8 text: {e}")))?;
-        Ok(Self::new(path, text))
+        let text = files.text(path)?;
+        Ok(Self { files, ..Self::new(path, text) })
     }
 
     /// A scene from text; `path` is shown in errors, and tables are looked for beside it.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
-        Self { path: path.into(), text: text.into(), overrides: Vec::new(), packed: false, makers: Vec::new() }
+        Self {
+            path: path.into(),
+            text: text.into(),
+            overrides: Vec::new(),
+            files: Files::default(),
+            makers: Vec::new(),
+        }
     }
 
     /// Reads a scene that was packed into a folder by [`packed`](Self::packed).
@@ -69,13 +89,17 @@ impl Document {
     /// [`Error::Read`].
     pub fn unpack(folder: &Path) -> Result<Self> {
         let mut document = Self::read(&folder.join(PACKED[0]))?;
-        document.packed = true;
         let overrides = folder.join(PACKED[1]);
         if overrides.exists() {
             for assignment in Self::read(&overrides)?.text.lines() {
                 document.set(assignment)?;
             }
         }
+        let mut tables = Contents::new();
+        for (i, path) in document.scene()?.files().into_iter().enumerate() {
+            tables.insert(path, document.files.read(&folder.join(packed_table(i)))?);
+        }
+        document.files = Files::of(tables);
         Ok(document)
     }
 
@@ -89,10 +113,8 @@ impl Document {
         if !self.overrides.is_empty() {
             files.push((PACKED[1].to_string(), self.overrides.join("\n").into_bytes()));
         }
-        for (i, table) in scene.tables().into_iter().enumerate() {
-            let path = scene.table_path(table);
-            let bytes = std::fs::read(&path).map_err(|e| Error::Read { path, reason: e.to_string() })?;
-            files.push((format!("table-{i}.csv"), bytes));
+        for (i, path) in scene.files().into_iter().enumerate() {
+            files.push((packed_table(i), self.files.read(&path)?));
         }
         Ok(files)
     }
@@ -205,7 +227,7 @@ impl Document {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
         scene.folder = self.path.parent().map(Path::to_path_buf).unwrap_or_default();
-        scene.packed = self.packed;
+        scene.read_from = self.files.clone();
         scene.file.clone_from(&self.path);
         scene.contents = contents(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
@@ -300,7 +322,7 @@ const ALTERNATIVES: [[&str; 2]; 3] =
 /// Names the contents of the tables of `scene`, as far as they can be read.
 fn contents(scene: &Scene) -> u128 {
     let mut hasher = XxHash3_128::new();
-    for table in scene.files().into_iter().map(|table| std::fs::read(table).unwrap_or_default()) {
+    for table in scene.files().into_iter().map(|table| scene.read_from.read(&table).unwrap_or_default()) {
         hasher.write(&(table.len() as u64).to_le_bytes());
         hasher.write(&table);
     }

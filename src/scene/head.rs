@@ -86,7 +86,9 @@ impl Scene {
     fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             Wanted::Formula(signal) => signal.clone(),
-            Wanted::Table(file) => table::read(&self.table_path(file), column, columns, self.solver.duration_s.get())?,
+            Wanted::Table(file) => {
+                table::read(&self.read_from, &self.table_path(file), column, columns, self.solver.duration_s.get())?
+            }
         })
     }
 
@@ -108,10 +110,7 @@ impl Scene {
 
     /// Where a table that it names is.
     pub fn table_path(&self, file: &str) -> PathBuf {
-        match self.tables().iter().position(|other| *other == file) {
-            Some(i) if self.packed => self.folder.join(format!("table-{i}.csv")),
-            _ => self.folder.join(file),
-        }
+        self.folder.join(file)
     }
 
     /// The files beside it that it reads.

@@ -4,6 +4,7 @@ mod actuation;
 mod body;
 mod document;
 mod failure;
+pub mod files;
 pub mod fluid;
 mod head;
 mod loads;
@@ -24,6 +25,7 @@ use twox_hash::XxHash3_128;
 pub use actuation::ActuationTable;
 pub use body::HeadBodyTable;
 pub use document::{Document, Fault};
+pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
 pub use loads::{LoadsTable, PointLoad};
@@ -77,9 +79,9 @@ pub struct Scene {
     /// Folder that tables are looked for in.
     #[serde(skip)]
     pub folder: PathBuf,
-    /// True where the tables in that folder have numbers as names, see [`Document::packed`].
+    /// Where these are read from.
     #[serde(skip)]
-    pub packed: bool,
+    pub(crate) read_from: Files,
     /// The file that says it, as errors name it.
     #[serde(skip)]
     file: PathBuf,
@@ -167,7 +169,7 @@ impl Scene {
     pub fn fingerprint(&self) -> u128 {
         let mut nowhere = self.clone();
         (nowhere.name, nowhere.folder, nowhere.file) = <_>::default();
-        nowhere.packed = false;
+        nowhere.read_from = Files::default();
         // The text of what is left has every part of the scene, and every number to the bit.
         XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }

@@ -2,22 +2,22 @@
 
 use std::path::Path;
 
+use super::files::Files;
 use crate::error::{Error, Result};
 use crate::head::{Row, Signal};
 
-/// Reads value `column` of `columns` from a file with the columns time, the values, and (all or none) their rates.
+/// Reads value `column` of `columns` from a file of `files` with the columns time, the values, and (all or none) their rates.
 ///
 /// # Errors
 /// [`Error::Read`]; [`Error::Scene`] with file and line where it is not such a table, or does not reach from 0 to
 /// `duration` (s).
-pub fn read(path: &Path, column: usize, columns: usize, duration: f64) -> Result<Signal> {
+pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration: f64) -> Result<Signal> {
     let refuse = |line: u64, problem: String| Error::Scene {
         place: format!("{}:{line}", path.display()),
         key: String::new(),
         problem,
     };
-    let text =
-        std::fs::read_to_string(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+    let text = files.text(path)?;
     // Where a record is said to start there may be comments and empty lines before it.
     let line_of = |start: Option<&csv::Position>| {
         let (byte, line) = start.map_or((0, 1), |start| (start.byte() as usize, start.line()));

@@ -70,7 +70,7 @@ pub fn run(
 }
 
 /// The row of a case; none where it was interrupted.
-fn row(sweep: &Sweep, index: usize, interrupted: &AtomicBool) -> Option<Row> {
+pub fn row(sweep: &Sweep, index: usize, interrupted: &AtomicBool) -> Option<Row> {
     let start = Instant::now();
     let mut row =
         Row { scene_hash: String::new(), quantities: Map::new(), frames: Vec::new(), trace: Vec::new(), wall_s: 0.0 };

@@ -5,6 +5,7 @@
 
 mod axis;
 mod case;
+mod parcel;
 mod results;
 
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -17,10 +18,11 @@ use toml::Value;
 use crate::error::{Error, Result, bytes, did_you_mean, nearest};
 use crate::jobs::{self, Job, Journal};
 use crate::report::{Frame, room};
-use crate::scene::{Document, Fault, Scene};
+use crate::scene::{Document, Fault, Files, Scene};
 
 pub use axis::{Axis, Kind, Samples};
-pub use case::{Row, run};
+pub use case::{Row, row, run};
+pub use parcel::{Parcel, Unpacked};
 pub use results::Results;
 
 /// Most cases of a sweep.
@@ -98,8 +100,23 @@ pub struct Sweep {
     /// Where each axis stands, as errors name it.
     places: Vec<String>,
     played: BTreeSet<usize>,
-    /// Of the scenes of all cases, once they were checked.
-    hashes: OnceLock<Vec<String>>,
+    /// What the check of all cases' scenes found.
+    checked: OnceLock<Checked>,
+    /// Its own file and that of its base scene.
+    own: [PathBuf; 2],
+    /// The overrides that it was read with.
+    set: Vec<String>,
+    /// Where all of it is read from.
+    files: Files,
+}
+
+/// What the check of the scenes of all cases found.
+#[derive(Debug, Default)]
+struct Checked {
+    /// Of each scene.
+    hashes: Vec<String>,
+    /// The tables that they read.
+    tables: BTreeSet<PathBuf>,
 }
 
 /// One case of a sweep.
@@ -119,7 +136,15 @@ impl Sweep {
     /// # Errors
     /// [`Error::Read`], [`Error::Scene`] with file, line and key.
     pub fn read(path: &Path, set: &[String]) -> Result<Self> {
-        let document = Document::read(path)?;
+        Self::read_from(&Files::default(), path, set)
+    }
+
+    /// Reads the sweep of a file of `files`, where its base scene and their tables are too.
+    ///
+    /// # Errors
+    /// Those of [`read`](Self::read).
+    pub fn read_from(files: &Files, path: &Path, set: &[String]) -> Result<Self> {
+        let document = Document::read_from(files.clone(), path)?;
         if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
         {
             let problem = "this is a scene, not a sweep; `caudal run` runs it".to_string();
@@ -135,7 +160,8 @@ impl Sweep {
         axis::sample(&mut axes, file.samples).map_err(refuse)?;
 
         let folder = path.parent().unwrap_or(Path::new(""));
-        let mut base = Document::read(&folder.join(&file.scene))?;
+        let scene = folder.join(&file.scene);
+        let mut base = Document::read_from(files.clone(), &scene)?;
         let mut own = Vec::new();
         axis::leaves(&file.set, "", &mut own);
         for (key, value) in own {
@@ -156,7 +182,10 @@ impl Sweep {
             record: file.record,
             tables: base.read_as()?,
             played: BTreeSet::new(),
-            hashes: OnceLock::new(),
+            checked: OnceLock::new(),
+            own: [path.to_path_buf(), scene],
+            set: set.to_vec(),
+            files: files.clone(),
             axes,
             base,
             document,
@@ -326,7 +355,7 @@ impl Sweep {
             scene.model()?; // reads and checks them
         }
         for path in files {
-            inputs.extend(std::fs::read(&path).map_err(|e| Error::Read { path, reason: e.to_string() })?);
+            inputs.extend(self.files.read(&path)?);
         }
         Ok((scene, jobs::hash(&inputs)))
     }
@@ -353,17 +382,22 @@ impl Sweep {
     /// # Errors
     /// Those of the first wrong case that is found.
     pub fn job(&self, threads: usize) -> Result<Job> {
-        let mut hashes = vec![String::new(); self.size()];
+        let mut checked = Checked { hashes: vec![String::new(); self.size()], tables: BTreeSet::new() };
         let todo: Vec<usize> = (0..self.size()).collect();
-        let hash = |index| self.case(index).and_then(|case| self.scene(&case)).map(|(_, hash)| hash);
-        jobs::run(&todo, threads, hash, |index, hash| {
-            hashes[index] = hash?;
+        let check = |index| {
+            let (scene, hash) = self.scene(&self.case(index)?)?;
+            Ok((hash, scene.files()))
+        };
+        jobs::run(&todo, threads, check, |index, found: Result<_>| {
+            let (hash, tables) = found?;
+            checked.hashes[index] = hash;
+            checked.tables.extend(tables);
             Ok(std::ops::ControlFlow::Continue(()))
         })?;
-        let inputs = format!("{:?} {:?} {}", self.record, self.columns(), hashes.concat());
+        let inputs = format!("{:?} {:?} {}", self.record, self.columns(), checked.hashes.concat());
         let RecordTable { frames, traces, .. } = self.record;
         let kept = format!("{frames} frames and {traces} traces");
-        self.hashes.get_or_init(|| hashes);
+        self.checked.get_or_init(|| checked);
         Ok(Job { kept, ..Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()) })
     }
 
@@ -384,7 +418,8 @@ impl Sweep {
     fn take_over(&self, path: &Path, job: &Job) -> Result<bool> {
         let old = Journal::read(path)?;
         let grown = Job { hash: job.hash.clone(), size: job.size, ..old.job().clone() };
-        let Some(hashes) = self.hashes.get().filter(|_| grown == *job && !old.is_held()) else { return Ok(false) };
+        let checked = self.checked.get().filter(|_| grown == *job && !old.is_held());
+        let Some(Checked { hashes, .. }) = checked else { return Ok(false) };
         let mut known: HashMap<String, usize> = HashMap::new();
         for index in old.indices() {
             known.extend(old.get::<Row>(index)?.map(|row| (row.scene_hash, index)));

@@ -25,7 +25,8 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::variable, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
-    module.add_function(wrap_pyfunction!(sweep::sweep, module)?)?;
+    module.add_class::<sweep::SweepAtWork>()?;
+    module.add_function(wrap_pyfunction!(sweep::cases, module)?)?;
     module.add_function(wrap_pyfunction!(study::study, module)?)?;
     module.add_function(wrap_pyfunction!(design::design, module)?)
 }

@@ -1,70 +1,181 @@
-//! Sweeps.
+//! Sweeps: on this machine's threads, or case by case wherever they are run.
 
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use caudal::Error;
-use caudal::jobs::{Journal, cores};
-use caudal::sweep::{Results, Sweep, run as run_cases};
+use caudal::jobs::{Job, Journal, cores};
+use caudal::sweep::{Parcel, Results, Sweep, Unpacked, run as run_cases};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyList};
+use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::attention::Progress;
 use crate::error::OrRaise;
 use crate::values::to_toml;
 
-/// Runs the cases of a sweep that its folder lacks; the rows of all as dictionaries.
+/// A sweep at work, with the journal in its folder.
+#[pyclass(module = "caudal._caudal", name = "_Sweep", frozen)]
+pub struct SweepAtWork {
+    sweep: Sweep,
+    job: Job,
+    folder: PathBuf,
+    threads: usize,
+    /// None once the results are made of it.
+    journal: Mutex<Option<Journal>>,
+}
+
+impl SweepAtWork {
+    fn with_journal<T>(&self, act: impl FnOnce(&mut Journal) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
+        let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
+        match journal.as_mut() {
+            Some(journal) => act(journal).or_raise(py),
+            None => Err(PyRuntimeError::new_err("the sweep is finished")),
+        }
+    }
+}
+
+#[pymethods]
+impl SweepAtWork {
+    /// Reads and checks a sweep and opens its journal.
+    #[new]
+    fn new(
+        py: Python<'_>,
+        path: PathBuf,
+        set: Option<&Bound<'_, PyDict>>,
+        out: Option<PathBuf>,
+        jobs: Option<usize>,
+        restart: bool,
+    ) -> PyResult<Self> {
+        let mut overrides = Vec::new();
+        for (key, value) in set.into_iter().flatten() {
+            overrides.push(format!("{key}={}", to_toml(&value)?));
+        }
+        let threads = jobs.unwrap_or_else(cores).max(1);
+        let prepared = py.detach(|| {
+            let sweep = Sweep::read(&path, &overrides)?;
+            let job = sweep.job(threads)?;
+            let folder = out.unwrap_or_else(|| sweep.folder());
+            std::fs::create_dir_all(&folder)
+                .map_err(|e| Error::Write { path: folder.clone(), reason: e.to_string() })?;
+            let journal = folder.join("cases.journal");
+            if restart && journal.exists() {
+                Journal::clear(&journal)?;
+            }
+            let journal = Mutex::new(Some(sweep.journal(&journal, &job)?));
+            Ok(Self { sweep, job, folder, threads, journal })
+        });
+        prepared.or_raise(py)
+    }
+
+    /// Number of its cases.
+    #[getter]
+    fn size(&self) -> usize {
+        self.sweep.size()
+    }
+
+    /// Where its results go.
+    #[getter]
+    fn folder(&self) -> &PathBuf {
+        &self.folder
+    }
+
+    /// The cases that the journal lacks.
+    fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
+        self.with_journal(|journal| Ok((0..self.sweep.size()).filter(|index| !journal.has(*index)).collect()), py)
+    }
+
+    /// A case in words.
+    fn describe(&self, py: Python<'_>, index: usize) -> PyResult<String> {
+        Ok(self.sweep.describe(&self.sweep.case(index).or_raise(py)?))
+    }
+
+    /// All that a worker elsewhere needs to run its cases.
+    fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        let bytes = self.sweep.parcel(&self.job).and_then(|parcel| parcel.bytes()).or_raise(py)?;
+        Ok(PyBytes::new(py, &bytes))
+    }
+
+    /// Keeps the lines of cases that were run elsewhere; those that are there already are left out. Their number.
+    fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
+        let add = |journal: &mut Journal| {
+            let mut new = 0;
+            for line in &lines {
+                new += usize::from(journal.add_line(line)?.1);
+            }
+            Ok(new)
+        };
+        self.with_journal(add, py)
+    }
+
+    /// Runs the cases that the journal lacks on this machine's threads.
+    fn run(&self, py: Python<'_>, progress: Option<Py<PyAny>>) -> PyResult<()> {
+        let todo = self.todo(py)?;
+        let told = Progress::default();
+        told.reach(self.sweep.size() - todo.len(), self.sweep.size());
+        let cases = || {
+            let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
+            journal.as_mut().map_or(Ok(()), |journal| {
+                run_cases(&self.sweep, journal, &todo, self.threads, &told.interrupted, |_| told.advance())
+            })
+        };
+        told.watch(py, progress.as_ref(), cases)?.or_raise(py)?;
+        told.tell(py, progress.as_ref())
+    }
+
+    /// Writes table, figures and report of the cases that are there, and closes the journal; the rows as dictionaries.
+    fn finish<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+        let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut journal = journal.take().ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
+        let results = py.detach(|| {
+            journal.sync()?;
+            let results = Results::new(&self.sweep, &self.job, vec![journal])?;
+            results.write(&self.folder)?.complete()?;
+            Ok(results)
+        });
+        let results = results.or_raise(py)?;
+        let rows = PyList::empty(py);
+        for row in results.rows() {
+            let (index, row) = row.or_raise(py)?;
+            let dictionary = PyDict::new(py);
+            dictionary.set_item("case", index)?;
+            let case = self.sweep.case(index).or_raise(py)?;
+            for (column, value) in self.sweep.columns().into_iter().zip(self.sweep.values(&case)) {
+                dictionary.set_item(column, pythonize::pythonize(py, &value)?)?;
+            }
+            for (name, value) in &row.quantities {
+                dictionary.set_item(name, pythonize::pythonize(py, value)?)?;
+            }
+            rows.append(dictionary)?;
+        }
+        Ok(rows)
+    }
+}
+
+/// The sweep that this process ran cases of last, by the parcel that it came in.
+static UNPACKED: Mutex<Option<(Vec<u8>, Arc<Unpacked>)>> = Mutex::new(None);
+
+/// Runs cases of a sweep that came in a parcel, one after the other; their lines, and the time that each took (s).
 #[pyfunction]
-#[pyo3(name = "_sweep")]
-pub fn sweep<'py>(
+#[pyo3(name = "_cases")]
+pub fn cases<'py>(
     py: Python<'py>,
-    path: PathBuf,
-    set: Option<&Bound<'py, PyDict>>,
-    out: Option<PathBuf>,
-    jobs: Option<usize>,
-    restart: bool,
-    progress: Option<Py<PyAny>>,
-) -> PyResult<Bound<'py, PyList>> {
-    let mut overrides = Vec::new();
-    for (key, value) in set.into_iter().flatten() {
-        overrides.push(format!("{key}={}", to_toml(&value)?));
-    }
-    let threads = jobs.unwrap_or_else(cores).max(1);
-    let prepared = py.detach(|| {
-        let sweep = Sweep::read(&path, &overrides)?;
-        let job = sweep.job(threads)?;
-        let folder = out.unwrap_or_else(|| sweep.folder());
-        std::fs::create_dir_all(&folder).map_err(|e| Error::Write { path: folder.clone(), reason: e.to_string() })?;
-        let journal = folder.join("cases.journal");
-        if restart && journal.exists() {
-            Journal::clear(&journal)?;
-        }
-        let journal = sweep.journal(&journal, &job)?;
-        Ok((sweep, job, folder, journal))
+    parcel: &[u8],
+    indices: Vec<usize>,
+) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
+    let lines: caudal::Result<Vec<_>> = py.detach(|| {
+        let known = UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let sweep = match known.filter(|(bytes, _)| bytes == parcel) {
+            Some((_, sweep)) => sweep,
+            None => {
+                let sweep = Arc::new(Parcel::read(parcel)?.unpack()?);
+                let known = Some((parcel.to_vec(), sweep.clone()));
+                *UNPACKED.lock().unwrap_or_else(PoisonError::into_inner) = known;
+                sweep
+            }
+        };
+        indices.into_iter().map(|index| sweep.line(index)).collect()
     });
-    let (sweep, job, folder, mut journal) = prepared.or_raise(py)?;
-    let todo: Vec<usize> = (0..sweep.size()).filter(|index| !journal.has(*index)).collect();
-    let told = Progress::default();
-    told.reach(sweep.size() - todo.len(), sweep.size());
-    let cases = || run_cases(&sweep, &mut journal, &todo, threads, &told.interrupted, |_| told.advance());
-    told.watch(py, progress.as_ref(), cases)?.or_raise(py)?;
-    let finished = py.detach(|| {
-        let results = Results::new(&sweep, &job, vec![journal])?;
-        results.write(&folder)?.complete()?;
-        results.rows().collect::<caudal::Result<Vec<_>>>()
-    });
-    let rows = PyList::empty(py);
-    for (index, row) in finished.or_raise(py)? {
-        let dictionary = PyDict::new(py);
-        dictionary.set_item("case", index)?;
-        let case = sweep.case(index).or_raise(py)?;
-        for (column, value) in sweep.columns().into_iter().zip(sweep.values(&case)) {
-            dictionary.set_item(column, pythonize::pythonize(py, &value)?)?;
-        }
-        for (name, value) in &row.quantities {
-            dictionary.set_item(name, pythonize::pythonize(py, value)?)?;
-        }
-        rows.append(dictionary)?;
-    }
-    told.tell(py, progress.as_ref())?;
-    Ok(rows)
+    let lines = lines.or_raise(py)?;
+    Ok(lines.into_iter().map(|(line, time)| (PyBytes::new(py, &line), time)).unzip())
 }

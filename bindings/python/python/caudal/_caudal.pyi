@@ -1,5 +1,6 @@
 import os
 from collections.abc import Mapping
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Callable, Literal, Optional, Union, final, overload
 
@@ -90,14 +91,28 @@ def _run(
     out: Optional[Union[str, os.PathLike[str]]],
     progress: Optional[Callable[[float, float], Optional[bool]]],
 ) -> tuple[dict[str, Any], Optional[BaseException]]: ...
-def _sweep(
-    path: Union[str, os.PathLike[str]],
-    set: Optional[dict[str, Any]],
-    out: Optional[Union[str, os.PathLike[str]]],
-    jobs: Optional[int],
-    restart: bool,
-    progress: Optional[Callable[[int, int], Any]],
-) -> list[dict[str, Any]]: ...
+@final
+class _Sweep:
+    def __new__(
+        cls,
+        path: Union[str, os.PathLike[str]],
+        set: Optional[dict[str, Any]],
+        out: Optional[Union[str, os.PathLike[str]]],
+        jobs: Optional[int],
+        restart: bool,
+    ) -> _Sweep: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def folder(self) -> Path: ...
+    def todo(self) -> list[int]: ...
+    def describe(self, index: int) -> str: ...
+    def parcel(self) -> bytes: ...
+    def keep(self, lines: list[bytes]) -> int: ...
+    def run(self, progress: Optional[Callable[[int, int], Any]]) -> None: ...
+    def finish(self) -> list[dict[str, Any]]: ...
+
+def _cases(parcel: bytes, indices: list[int]) -> tuple[list[bytes], list[float]]: ...
 def _study(
     scene: Scene,
     study: dict[str, dict[str, Any]],

@@ -152,6 +152,50 @@ class JournalError(Error):
     problem: str
 
 
+class ParcelError(Error):
+    """A sweep that was sent from elsewhere cannot be run.
+
+    Attributes
+    ----------
+    problem : str
+        What is wrong with it.
+    """
+
+    problem: str
+
+
+class EngineError(Error, RuntimeError):
+    """The engine that runs cases elsewhere cannot go on; the cases that are done are kept, and the same call, with this
+    engine, another one or none, goes on.
+
+    Attributes
+    ----------
+    worker : str
+        The worker that is to blame; empty where it is not a single one.
+    reason : str
+        What it said.
+    """
+
+    worker: str = ""
+    reason: str = ""
+
+
+class LostCasesError(Error, RuntimeError):
+    """Cases of a sweep ended the program that ran them, each of them a second time, alone. All other cases are kept, and table
+    and report are made of these.
+
+    Attributes
+    ----------
+    cases : list of int
+        Their numbers.
+    rows : list of dict
+        The rows of the others, as ``caudal.sweep`` returns them.
+    """
+
+    cases: list[int]
+    rows: list[dict[str, object]]
+
+
 class NotConvergedError(Error, ArithmeticError):
     """Newton's method did not converge, even after the step was halved.
 

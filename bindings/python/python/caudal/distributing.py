@@ -1,0 +1,209 @@
+"""Cases on an engine that has the workers: any executor of ``concurrent.futures``, such as that of a Dask client.
+
+The engine is handed batches of about a second: the sweep with its tables, and the numbers of some cases. What comes back are
+the lines of the sweep's journal, checksummed where they were made; only this program writes. Nothing is asked of the engine
+but ``submit`` and futures that are done, cancelled or failed.
+"""
+
+from __future__ import annotations
+
+import os
+import queue
+import socket
+import time
+import warnings
+from collections import deque
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
+from contextlib import suppress
+from typing import Any, Callable, Optional
+
+from ._caudal import __version__, _cases, _Sweep
+from .errors import EngineError, Error
+
+#: Time that a batch should take, s: a hundred times what an engine needs to pass it on.
+BATCH_S = 1.0
+
+#: Batches that wait for each worker, so that none is idle.
+WAITING = 2
+
+#: A batch has at most this many times the cases of the largest before it.
+GROWTH = 4
+
+#: Time between looks at how many workers there are, and at whether anything came back at all, s.
+LOOK_S = 2.0
+
+#: Ways to run a case, each tried where the one before ended its worker: with others, in a task of its own beside other
+#: tasks, and alone on the whole engine, where no neighbour can be to blame.
+IN_BATCH, BY_ITSELF, ALONE = range(3)
+
+Progress = Callable[[int, int], Any]
+
+
+def work(version: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
+    """Run cases of a sweep, on a worker; their lines and the time that each took, s."""
+    if version != __version__:
+        raise engine_error(whereabouts(), f"it has caudal {__version__}, and the sweep is one of caudal {version}")
+    try:
+        return _cases(parcel, indices)
+    except Error as error:
+        raise engine_error(whereabouts(), str(error)) from error
+
+
+def whereabouts() -> str:
+    """What this worker is called."""
+    with suppress(Exception):
+        from distributed import get_worker
+
+        return str(get_worker().address)
+    return f"{socket.gethostname()}, process {os.getpid()}"
+
+
+def engine_error(worker: str, reason: str) -> EngineError:
+    """The error of an engine, or of one of its workers."""
+    error = EngineError(f"worker {worker}: {reason}" if worker else reason)
+    error.worker, error.reason = worker, reason
+    return error
+
+
+class Engine:
+    """An executor, and how many workers it has."""
+
+    def __init__(self, client: Any, executor: Optional[Executor], workers: Optional[int]) -> None:
+        self.client = client
+        # Equal tasks are not the same task: one that is repeated shall run again.
+        self.executor: Executor = client.get_executor(pure=False) if client is not None else executor
+        if self.client is None:
+            self.client = getattr(executor, "_client", None)  # of client.get_executor()
+        self.given = workers
+        self.looked = -LOOK_S
+        self.known = 1
+
+    def workers(self) -> int:
+        """How many batches it runs at once; at least one."""
+        if self.given is not None:
+            return max(1, self.given)
+        if time.monotonic() - self.looked >= LOOK_S:
+            self.looked = time.monotonic()
+            if hasattr(self.client, "scheduler_info"):
+                known = self.client.scheduler_info(n_workers=-1).get("workers", {})
+                self.known = sum(worker["nthreads"] for worker in known.values())
+            else:
+                self.known = int(getattr(self.executor, "_max_workers", None) or os.cpu_count() or 1)
+        return max(1, self.known)
+
+    def state(self) -> str:
+        """What it says of itself, in words."""
+        if hasattr(self.client, "scheduler_info"):
+            return f"the client is {self.client.status}, the scheduler knows of {self.known} threads of workers"
+        return f"it is {self.executor!r}"
+
+
+class Distribution:
+    """The cases of a sweep on their way."""
+
+    def __init__(self, sweep: _Sweep, engine: Engine, patience_s: float, progress: Optional[Progress]) -> None:
+        self.sweep, self.engine, self.patience_s, self.progress = sweep, engine, patience_s, progress
+        self.parcel = sweep.parcel()
+        self.todo = deque(sweep.todo())
+        self.done = sweep.size - len(self.todo)
+        #: Cases whose worker was lost, by what is to be tried next.
+        self.again: dict[int, deque[int]] = {BY_ITSELF: deque(), ALONE: deque()}
+        #: Cases that ended their worker even alone.
+        self.lost: list[int] = []
+        self.flying: dict[Future[Any], tuple[list[int], int]] = {}
+        self.landed: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        self.largest = 1
+        self.times = (0, 0.0)
+
+    def run(self) -> list[int]:
+        """Run all cases; the numbers of those that cannot be, as they end their workers."""
+        last, patience = time.monotonic(), self.patience_s
+        self.tell()
+        try:
+            while self.send():
+                try:
+                    self.take(self.landed.get(timeout=LOOK_S))
+                    last, patience = time.monotonic(), max(self.patience_s, 10 * BATCH_S)
+                except queue.Empty:
+                    waited = time.monotonic() - last
+                    if waited > patience:
+                        cases = sum(len(indices) for indices, _ in self.flying.values())
+                        warnings.warn(
+                            f"nothing came back for {waited:.0f} s: {cases} cases are on their way; {self.engine.state()}",
+                            RuntimeWarning,
+                            stacklevel=4,
+                        )
+                        patience *= 2
+        finally:
+            for future in self.flying:
+                future.cancel()
+        return sorted(self.lost)
+
+    def tell(self) -> None:
+        """Say how far it is."""
+        if self.progress is not None:
+            self.progress(self.done, self.sweep.size)
+
+    def send(self) -> bool:
+        """Hand out as many batches as the engine has use for; false where none is on its way."""
+        workers = self.engine.workers()
+        while len(self.flying) < WAITING * workers and (batch := self.next_batch(workers)):
+            indices, attempt = batch
+            try:
+                future = self.engine.executor.submit(work, __version__, self.parcel, indices, attempt)
+            except (RuntimeError, OSError) as error:  # it was shut down, or is broken
+                raise self.stopped(f"the engine takes no more work: {error}") from error
+            self.flying[future] = batch
+            future.add_done_callback(self.landed.put)
+        return bool(self.flying)
+
+    def next_batch(self, workers: int) -> Optional[tuple[list[int], int]]:
+        """The cases to hand out next, and how."""
+        if self.todo:
+            cases, seconds = self.times
+            size = int(BATCH_S * cases / seconds) if seconds > 0 else 1
+            # Towards the end smaller ones, so that all workers end together.
+            size = max(1, min(size, GROWTH * self.largest, len(self.todo) // (WAITING * workers)))
+            self.largest = max(self.largest, size)
+            return [self.todo.popleft() for _ in range(size)], IN_BATCH
+        if self.again[BY_ITSELF]:
+            return [self.again[BY_ITSELF].popleft()], BY_ITSELF
+        if self.again[ALONE] and not self.flying:
+            return [self.again[ALONE].popleft()], ALONE
+        return None
+
+    def take(self, future: Future[Any]) -> None:
+        """Keep what came back, or see to what did not."""
+        indices, attempt = self.flying.pop(future)
+        try:
+            lines, times = future.result()
+        except CancelledError as error:
+            raise self.stopped(f"the engine dropped its work; {self.engine.state()}") from error
+        except BrokenExecutor as error:
+            batches = [indices, *(other for other, _ in self.flying.values())]
+            cases = ", ".join(str(case) for batch in batches for case in batch[:20])
+            raise self.stopped(f"the engine is broken: {error} (cases on their way: {cases})") from error
+        except EngineError as error:
+            raise self.stopped(error.reason, error.worker) from error
+        except Exception as error:
+            # Dask's word for a task whose workers died, each time that it was tried.
+            if type(error).__name__ != "KilledWorker":
+                reason = f"the workers cannot run cases, {type(error).__name__}: {error}; install caudal {__version__} there"
+                raise self.stopped(reason) from error
+            if attempt == ALONE:
+                self.lost.extend(indices)
+            else:
+                self.again[attempt + 1].extend(indices)
+            return
+        self.done += self.sweep.keep(lines)
+        cases, seconds = self.times
+        # The last ones count most: cases that are neighbours take like times.
+        self.times = (cases // 2 + len(times), seconds * (cases // 2) / max(cases, 1) + sum(times))
+        self.tell()
+
+    def stopped(self, reason: str, worker: str = "") -> EngineError:
+        """The error that ends it."""
+        kept = f"{self.done} of {self.sweep.size} cases are kept in {self.sweep.folder}; the same call goes on"
+        error = engine_error(worker, f"{reason}; {kept}")
+        error.reason = reason
+        return error
