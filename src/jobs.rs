@@ -294,6 +294,13 @@ impl Journal {
     }
 }
 
+impl Drop for Journal {
+    /// Lets others at it, though a process that was forked meanwhile may have it open still.
+    fn drop(&mut self) {
+        let _ = self.file.unlock();
+    }
+}
+
 /// The line of a result in a journal, for [`Journal::add_line`] of another program; `None` where it cannot be told as JSON.
 pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
     line_of(&Entry { index, result }).ok()

@@ -123,6 +123,11 @@ impl SweepAtWork {
         told.tell(py, progress.as_ref())
     }
 
+    /// Closes the journal, so that others may go on with it.
+    fn close(&self) {
+        drop(self.journal.lock().unwrap_or_else(PoisonError::into_inner).take());
+    }
+
     /// Writes table, figures and report of the cases that are there, and closes the journal; the rows as dictionaries.
     fn finish<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);

@@ -77,12 +77,15 @@ def sweep(
     engine = None if client is None and executor is None else Engine(client, executor, workers)
     at_work = _Sweep(path, None if set is None else dict(set), out, jobs, restart)
     lost: list[int] = []
-    with _told(progress) as told:
-        if engine is None:
-            at_work.run(told)
-        else:
-            lost = Distribution(at_work, engine, patience_s, told).run()
-    rows = at_work.finish()
+    try:
+        with _told(progress) as told:
+            if engine is None:
+                at_work.run(told)
+            else:
+                lost = Distribution(at_work, engine, patience_s, told).run()
+        rows = at_work.finish()
+    finally:
+        at_work.close()
     if lost:
         named = "; ".join(f"case {case}: {at_work.describe(case)}" for case in lost[:5])
         more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
