@@ -71,7 +71,7 @@ class Engine:
     def __init__(self, client: Any, executor: Optional[Executor], workers: Optional[int]) -> None:
         self.client = client
         # Equal tasks are not the same task: one that is repeated shall run again.
-        self.executor: Executor = client.get_executor(pure=False) if client is not None else executor
+        self.executor: Any = client.get_executor(pure=False) if client is not None else executor
         if self.client is None:
             self.client = getattr(executor, "_client", None)  # of client.get_executor()
         self.given = workers
@@ -196,9 +196,9 @@ class Distribution:
                 self.again[attempt + 1].extend(indices)
             return
         self.done += self.sweep.keep(lines)
-        cases, seconds = self.times
         # The last ones count most: cases that are neighbours take like times.
-        self.times = (cases // 2 + len(times), seconds * (cases // 2) / max(cases, 1) + sum(times))
+        before, seconds = self.times
+        self.times = (before // 2 + len(times), seconds * (before // 2) / max(before, 1) + sum(times))
         self.tell()
 
     def stopped(self, reason: str, worker: str = "") -> EngineError:
