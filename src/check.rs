@@ -15,7 +15,7 @@ use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
 use crate::reduced::{RUNGS, Rung};
-use crate::regime;
+use crate::regime::{self, Regime};
 use crate::rod::{Rod, bend};
 use crate::scene::{Document, Fault, NodesTable, Scene, StartKind};
 use crate::stepper::Stepper;
@@ -287,8 +287,9 @@ impl Assessment {
     /// The forces of the fluid, the flow around the rod, and what other laws would say.
     fn describe_fluid(&mut self, scene: &Scene, model: &Model) {
         let Model { rod, forces, fluid, .. } = model;
-        self.describe_body(model);
-        let Some(regime) = scene.regime(rod) else { return };
+        let regime = scene.regime(rod);
+        self.describe_body(model, regime.as_ref());
+        let Some(regime) = regime else { return };
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         for force in forces.iter() {
             let Validity { range, source } = force.validity();
@@ -340,7 +341,7 @@ impl Assessment {
     }
 
     /// The body before the rod, and its drag.
-    fn describe_body(&mut self, model: &Model) {
+    fn describe_body(&mut self, model: &Model, regime: Option<&Regime>) {
         let Model { rod, forces, fluid, .. } = model;
         let Some(body) = rod.body else { return };
         let mut fact = |text| self.facts.push(Fact { name: "head body", text });
@@ -355,11 +356,19 @@ impl Assessment {
             "{form} of semi-axes {:.4e} m along and {:.4e} m across, {:.4e} kg; its centre is node 0, the rod begins at node 1",
             body.along, body.across, rod.mass[0]
         ));
-        if forces.iter().any(|force| force.name() == body::DRAG) {
+        if let Some(drag) = forces.iter().find(|force| force.name() == body::DRAG) {
+            let reynolds = regime.map_or(0.0, |regime| {
+                fluid.density * regime.speed * 2.0 * body.along.max(body.across) / fluid.viscosity
+            });
             let [along, across, turning] = body.drag().map(|drag| drag * fluid.viscosity);
             fact(format!(
-                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin"
+                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin; Re = {reynolds:.3e} by its length and the speed across the rod"
             ));
+            if drag.is_linear() && reynolds > CREEPING {
+                self.warnings.push(format!(
+                    "the drag of the head body is Stokes's, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}; head_body.form_drag_along and form_drag_across add form drag"
+                ));
+            }
         }
         if forces.iter().any(|force| force.name() == body::INERTIA) {
             let [along, across, turning] = body.added().map(|added| added * fluid.density);

@@ -254,7 +254,7 @@ impl Force for BodyInertia {
 
     fn validity(&self) -> Validity {
         Validity {
-            range: "a spheroid that moves by no more than its size in a boundary layer's growth; no lift, no separation",
+            range: "a spheroid in potential flow, fD²/ν of at least 100; no lift, no separation",
             source: "H. Lamb, Hydrodynamics (1932), articles 114, 115, 121 and 124",
         }
     }
