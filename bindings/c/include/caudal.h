@@ -107,8 +107,10 @@ caudal_status caudal_rate(caudal_simulation *simulation, size_t index, double *o
 // Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.
 caudal_status caudal_save(caudal_simulation *simulation, caudal_state **state);
 
-// Goes back to a state; what follows is equal to the bit to what followed then.
-caudal_status caudal_restore(caudal_simulation *simulation, const caudal_state *state);
+// Goes back to a state of the same scene; what follows is equal to the bit to what followed then. A state of another scene is
+// refused.
+caudal_status caudal_restore(caudal_simulation *simulation,
+                             const caudal_state *state);
 
 // Writes a state as bytes to `bytes`, which has room for `*size`, and their number to `*size`. Without room (`bytes` null)
 // it writes the number only.
