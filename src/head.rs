@@ -1,7 +1,10 @@
 //! How a held head moves: position and angle as functions of time, from a scene or from a host.
 
+pub mod host;
+
 use std::f64::consts::TAU;
 
+pub use host::{HeadInput, HostHead};
 use serde::{Deserialize, Serialize};
 
 /// A value with its first and second rate.

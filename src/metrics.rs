@@ -206,6 +206,16 @@ impl Reading {
         Self { kappa: zeros(), moment: zeros(), natural: zeros(), tangent, ..Self::default() }
     }
 
+    /// Copies `other`, without allocating where there is room.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self { mut kappa, mut moment, mut natural, mut tangent, .. } = std::mem::take(self);
+        kappa.clone_from(&other.kappa);
+        moment.clone_from(&other.moment);
+        natural.clone_from(&other.natural);
+        tangent.clone_from(&other.tangent);
+        *self = Self { kappa, moment, natural, tangent, ..*other };
+    }
+
     /// The number of nodes it is for; zero where its arrays differ in length.
     pub(crate) fn nodes(&self) -> usize {
         let lengths = [self.kappa.len(), self.moment.len(), self.natural.len(), self.tangent.len() + 1];

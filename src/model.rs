@@ -19,7 +19,7 @@ use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::{Fluid, Forces, Kinematics};
-use crate::head::{Motion, Pose, Row, Sample, Signal, hermite, pose};
+use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
@@ -76,6 +76,8 @@ pub struct Model {
     pub buoyancy: Option<Vec<f64>>,
     /// Motion of a held head; `None` is a free head.
     pub head: Option<Motion>,
+    /// What a host's pose of that head is the pose of.
+    pub head_input: HeadInput,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
     pub spin: f64,
 }
@@ -97,57 +99,24 @@ pub struct Inputs {
     pub fluid: Fluid,
     /// True once a host has set the flow, which then no longer goes on as the scene says.
     pub flow_taken: bool,
-    /// A host's motion of the head.
-    pub head: Option<HostHead>,
-}
-
-/// A host's motion of a held head: x (m), y (m) and angle (rad) at the end of its next step.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct HostHead {
-    /// Values to reach.
-    pub target: [f64; 3],
-    /// Rates to reach (per s), where the host gives any; else the motion is linear.
-    pub rate: Option<[f64; 3]>,
-    /// The motion from the last target to this one.
-    rows: [[Row; 2]; 3],
-}
-
-impl HostHead {
-    /// Takes the head over as it moves by `pose` at time `t` (s); from the next step on it rests there unless aimed
-    /// elsewhere.
-    pub fn taking_over(pose: &Pose, t: f64) -> Self {
-        // The parabola through the pose, so that taking over changes nothing at this time.
-        let rows = pose.map(|Sample { value, rate, acceleration }| {
-            let end = Row { time: t + 1.0, value: value + rate + 0.5 * acceleration, rate: rate + acceleration };
-            [Row { time: t, value, rate }, end]
-        });
-        Self { target: pose.map(|s| s.value), rate: None, rows }
-    }
-
-    /// Sends the head from `pose` at time `t` to its target at `end` (s).
-    fn aim(&mut self, pose: &Pose, t: f64, end: f64) {
-        for (i, from) in pose.iter().enumerate() {
-            let mean = (self.target[i] - from.value) / (end - t);
-            let [first, last] = self.rate.map_or([mean, mean], |rate| [from.rate, rate[i]]);
-            self.rows[i] =
-                [Row { time: t, value: from.value, rate: first }, Row { time: end, value: self.target[i], rate: last }];
-        }
-    }
+    /// A host's motion of the head, of those coordinates that it moves.
+    pub head: Option<Box<HostHead>>,
 }
 
 impl Clone for Inputs {
     fn clone(&self) -> Self {
-        let (natural, force) = (self.natural.clone(), self.force.clone());
-        Self { natural, force, ..*self }
+        let (natural, force, head) = (self.natural.clone(), self.force.clone(), self.head.clone());
+        Self { natural, force, head, ..*self }
     }
 
     /// Allocates nothing where there is room.
     fn clone_from(&mut self, other: &Self) {
         let mut natural = self.natural.take();
-        let mut force = self.force.take();
+        let (mut force, mut head) = (self.force.take(), self.head.take());
         natural.clone_from(&other.natural);
         force.clone_from(&other.force);
-        *self = Self { natural, force, ..*other };
+        head.clone_from(&other.head);
+        *self = Self { natural, force, head, ..*other };
     }
 }
 
@@ -279,10 +248,17 @@ impl Dynamics {
         self.natural_rate.fill(0.0);
     }
 
-    /// The head as a host moves it from time `t` (s) on, taken over as it is where this is the host's first word.
-    pub fn take_over_head(&mut self, t: f64) -> &mut HostHead {
-        let pose = self.held.unwrap_or_default();
-        self.inputs.head.get_or_insert_with(|| HostHead::taking_over(&pose, t))
+    /// Takes over what a host says of coordinate `i` (x, y, angle) of a held head at time `t` (s): its derivative of `order`
+    /// 0 to 3, given as such, or as a `derivative` of another input. The first words that say what is so anyway change
+    /// nothing: start values leave the head to the scene.
+    pub fn say_head(&mut self, t: f64, i: usize, order: usize, value: f64, derivative: bool) {
+        let Some(pose) = &self.held else { return };
+        let now = pose[i];
+        let hosts = self.inputs.head.as_ref().is_some_and(|host| host.axes[i].is_some());
+        if !hosts && [now.value, now.rate, now.acceleration, 0.0].get(order) == Some(&value) {
+            return;
+        }
+        self.inputs.head.get_or_insert_default().say(t, i, now, order, value, derivative);
     }
 
     /// The flow as a host sets it from now on: it stays as it is until told otherwise.
@@ -325,13 +301,11 @@ impl Dynamics {
         rod.at_joints(rate);
     }
 
-    /// Tells a head that a host moves that the host's next step goes from `t` to `end` (s).
-    pub fn aim_head(&mut self, t: f64, end: f64) {
-        if let (Some(host), Some(pose)) = (&mut self.inputs.head, &self.held) {
-            if let Some(course) = &self.course {
-                course.aim(end, host);
-            }
-            host.aim(pose, t, end);
+    /// Finds how a head that a host moves goes on from time `t` to `end` (s), where a step of the host ends; it `begins` at
+    /// `t`, or the host has spoken in the middle of it.
+    pub fn aim_head(&mut self, t: f64, end: f64, begins: bool) {
+        if let (Some(host), Some(pose), Some(motion)) = (&mut self.inputs.head, &self.held, &self.model.head) {
+            host.aim([t, end], pose, self.model.head_input, motion, begins);
         }
     }
 
@@ -373,11 +347,12 @@ impl Dynamics {
         }
         rod.at_joints(&mut self.natural);
         rod.at_joints(&mut self.natural_rate);
-        self.held = match (&self.inputs.head, head) {
-            (Some(host), Some(_)) => Some(host.rows.map(|[from, to]| hermite(&from, &to, t))),
-            (None, Some(motion)) => Some(pose(motion, t)),
-            (_, None) => None,
-        };
+        self.held = head.as_ref().map(|motion| pose(motion, t));
+        if let (Some(pose), Some(host)) = (&mut self.held, &self.inputs.head) {
+            for (sample, axis) in pose.iter_mut().zip(&host.axes) {
+                *sample = axis.as_ref().and_then(|axis| axis.at(t)).unwrap_or(*sample);
+            }
+        }
     }
 
     /// The rod bent as `state` says, whose time this was last moved to: by its links where it has any, else by its positions.

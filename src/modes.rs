@@ -280,6 +280,7 @@ fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Dynamics {
         load: None,
         buoyancy: None,
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
+        head_input: Default::default(),
         spin: 0.0,
     }))
 }

@@ -66,7 +66,7 @@ pub fn run(
     let mut seen = Ok(ControlFlow::Continue(()));
     let mut ending = Ending::Complete;
     for span in scene.spans() {
-        let outcome = stepper.do_step_with(span, |stepper| {
+        let outcome = stepper.march(span, |stepper| {
             seen = observe(stepper);
             match seen {
                 Ok(flow) => flow,

@@ -4,6 +4,7 @@ mod between;
 mod dense;
 pub mod derivatives;
 pub mod snapshot;
+mod undo;
 
 use std::ops::ControlFlow;
 use std::sync::Arc;
@@ -39,6 +40,10 @@ const AT_REST: f64 = 1e-4;
 /// Velocities count as no smaller than this part of a length a step.
 const SLOW: f64 = 1e-3;
 
+/// A step shorter than this part of the internal one waits for the next: its motion would be rounding errors over a time that
+/// is too short for them.
+const UNRESOLVED: f64 = 1e-6;
+
 /// A step length within this of a multiple of Δt, relative, is that multiple.
 const STEP_ROUNDING: f64 = 1e-9;
 
@@ -60,6 +65,7 @@ pub struct Stepper {
     max_halvings: u32,
     state: State,
     kick: Kick,
+    undo: undo::Undo,
     meter: Meter,
     cycles: Cycles,
     variables: Vec<&'static Variable>,
@@ -73,6 +79,8 @@ pub struct Stepper {
     steered: bool,
     /// Where the step of several internal ones ends, s.
     goal: f64,
+    /// The host's time (s), where it is ahead of the state's by steps that wait.
+    ahead: Option<f64>,
     // Room to work in.
     inputs: (Inputs, Option<Box<Course>>),
     next: State,
@@ -136,12 +144,14 @@ impl Stepper {
             time_step,
             max_halvings: MAX_HALVINGS,
             kick: Kick { due: false, gust: Vector2::zeros(), before: State::default(), measured: None },
+            undo: undo::Undo::default(),
             before: None,
             dense,
             tangent: None,
             scene: 0,
             steered: false,
             goal: state.t,
+            ahead: None,
             inputs: (dynamics.inputs.clone(), None),
             next: state.clone(),
             reading: Reading::new(dynamics.nodes()),
@@ -177,7 +187,7 @@ impl Stepper {
 
     /// Time now, s.
     pub fn time(&self) -> f64 {
-        self.state.t
+        self.ahead.unwrap_or(self.state.t)
     }
 
     /// Positions, velocities and accelerations now.
@@ -243,11 +253,12 @@ impl Stepper {
         }
     }
 
-    /// Moves on by `h` (s) to exactly t + h: in ⌈h/Δt⌉ equal internal steps, or in steps that meet the tolerance.
+    /// Moves on by `h` (s) to exactly t + h: in ⌈h/Δt⌉ equal internal steps, or in steps that meet the tolerance. An h too
+    /// short for the motion to be more than rounding moves the time alone, and the motion waits for the next step.
     ///
     /// # Errors
-    /// [`Error::Step`] for an `h` that is not positive and finite or too small to move the time; else what went wrong
-    /// inside, after which the last good state is the one that [`time`](Self::time) and [`get`](Self::get) show.
+    /// [`Error::Step`] for an `h` that is not positive and finite; else what went wrong inside. Everything is then as it was
+    /// before the call.
     pub fn do_step(&mut self, h: f64) -> Result<()> {
         self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
     }
@@ -258,29 +269,48 @@ impl Stepper {
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
     pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
-        let start = self.state.t;
-        if !(h.is_finite() && start + h > start) {
-            return Err(Error::Step(h));
+        let ahead = self.ahead;
+        let outcome = self.go_on(h, look);
+        if outcome.is_err() {
+            self.take_back();
+            self.ahead = ahead;
         }
-        let (head, kicked) = (self.dynamics.inputs.head, self.kick.due);
-        let (totals, time_step) = (self.meter.totals, self.time_step);
-        let outcome = match self.pace {
-            Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
-            Pace::Adaptive(tolerance) => self.adaptive_steps(start + h, tolerance, look),
-        };
+        outcome
+    }
+
+    /// The same for a run that ends where a step fails.
+    ///
+    /// # Errors
+    /// Those of [`do_step`](Self::do_step), but the last good state stays.
+    pub fn march(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
+        let start = self.state.t;
+        let outcome = self.go_on(h, look);
         if outcome.is_err() {
             if self.state.t == start {
-                self.dynamics.inputs.head = head; // it has not set out
-                if kicked && !self.kick.due {
-                    self.unsettle();
-                }
-                (self.meter.totals, self.time_step) = (totals, time_step);
-            } else {
-                self.before = None;
+                self.take_back(); // it has not set out
             }
+            self.before = None;
             self.dynamics.move_to(self.state.t, &mut self.state);
         }
         outcome
+    }
+
+    fn go_on(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
+        self.undo.begin();
+        if !(h.is_finite() && h > 0.0) {
+            return Err(Error::Step(h));
+        }
+        let end = self.time() + h;
+        let h = if self.ahead.is_some() { end - self.state.t } else { h };
+        if h < UNRESOLVED * self.time_step || end <= self.state.t {
+            self.ahead = Some(end);
+            return Ok(true);
+        }
+        self.ahead = None;
+        match self.pace {
+            Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
+            Pace::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
+        }
     }
 
     fn equal_steps(
@@ -307,7 +337,10 @@ impl Stepper {
             }
         };
         let (clock, parts) = (self.clock, parts as u64);
-        self.set_out(end_of(clock, parts))?;
+        if parts > 1 {
+            self.keep();
+        }
+        self.set_out(end_of(clock, parts), true)?;
         for count in 1..=parts {
             let end = end_of(clock, count);
             let outcome = self.advance(end, part, 0, true, &mut look);
@@ -330,7 +363,8 @@ impl Stepper {
         tolerance: f64,
         mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<bool> {
-        self.set_out(end)?;
+        self.keep();
+        self.set_out(end, true)?;
         let exponent = -1.0 / f64::from(self.mover.order());
         let longest = self.mover.longest_step(&self.dynamics);
         let (mut grow, mut failures) = (FACTORS[1], 0);
@@ -384,11 +418,14 @@ impl Stepper {
         (error.position / length).max(error.velocity / speed)
     }
 
-    /// Before the first internal step of several to `end`: aims the head, and finds the accelerations that changed inputs
-    /// cause at once.
-    fn set_out(&mut self, end: f64) -> Result<()> {
+    /// Before the first internal step of several to `end`, where a step `begins` or inputs have changed in the middle of one:
+    /// aims the head, and finds the accelerations that changed inputs cause at once.
+    fn set_out(&mut self, end: f64, begins: bool) -> Result<()> {
+        if self.dynamics.inputs.head.is_some() || self.kick.due {
+            self.keep();
+        }
         (self.steered, self.goal) = (false, end);
-        self.dynamics.aim_head(self.state.t, end);
+        self.dynamics.aim_head(self.state.t, end, begins);
         if self.kick.due {
             self.dynamics.move_to(self.state.t, &mut self.state);
             self.kick.before.copy_from(&self.state);
@@ -459,6 +496,7 @@ impl Stepper {
         });
         match step {
             Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
+                self.keep();
                 self.meter.totals.halvings += 1;
                 if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
                     return Ok(ControlFlow::Break(()));
@@ -475,7 +513,7 @@ impl Stepper {
     /// Steps by `h` to time `end`, into `next`.
     fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
         if self.steered {
-            self.set_out(self.goal)?; // by a look at the step before
+            self.set_out(self.goal, false)?; // by a look at the step before
         }
         self.before = None;
         if let Some(dense) = &mut self.dense {
@@ -604,7 +642,7 @@ impl Change<'_> {
         if variable.causality != Causality::Input {
             return Err(Error::NotAnInput(variable.name));
         }
-        if order > HIGHEST_ORDER {
+        if order + variable.of_head().map_or(0, |[_, own]| own) > HIGHEST_ORDER {
             return Err(Error::Order { order, highest: HIGHEST_ORDER });
         }
         let expected = variable.len(model);
@@ -625,7 +663,9 @@ impl Change<'_> {
     /// Makes it at time `t` (s).
     fn make(&self, dynamics: &mut Dynamics, t: f64) {
         let Self { variable, order, values } = *self;
-        if order == 0 {
+        if let Some([i, own]) = variable.of_head() {
+            dynamics.say_head(t, i, own + order, values[0], order > 0);
+        } else if order == 0 {
             let Some(mut course) = dynamics.course.take() else { return variable.write(dynamics, t, values) };
             variable.write(dynamics, t, values);
             course.set_values(&dynamics.inputs);
@@ -641,10 +681,6 @@ impl Change<'_> {
             };
             course.change_rates(dynamics, order, |rates| variable.write(rates, t, values));
             dynamics.inputs.flow_taken |= course.takes_flow();
-            if course.moves_head() {
-                dynamics.take_over_head(t);
-                course.set_values(&dynamics.inputs);
-            }
             dynamics.course = Some(course);
         }
     }

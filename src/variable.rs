@@ -2,12 +2,14 @@
 //!
 //! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
 
+use nalgebra::Vector2;
+
 use crate::cycle::{self, Cycles, Measure};
 use crate::fluid::{DENSITY, Force};
 use crate::metrics::Meter;
 use crate::model::{Dynamics, Model};
 use crate::newton::Work;
-use crate::rod::bend;
+use crate::rod::{bend, node};
 use crate::system::{Form, State};
 
 /// Who decides a variable's value.
@@ -185,6 +187,8 @@ pub struct Variable {
     /// Where it is not linear in state and readings; else its change is what is read of theirs.
     tangent: Option<Tangent>,
     set: Option<Set>,
+    /// For an input of a held head: the coordinate (x, y, angle) and the order of its derivative by time.
+    head: Option<[usize; 2]>,
     /// Values that are allowed, beyond being finite.
     allowed: Option<Allowed>,
 }
@@ -210,6 +214,7 @@ impl Variable {
             get,
             tangent: None,
             set: None,
+            head: None,
             allowed: None,
         }
     }
@@ -312,8 +317,16 @@ impl Variable {
         (self.get)(view, self.entries(view.model()).start)
     }
 
+    /// The coordinate (x, y, angle) of a held head whose derivative by time it is, and the order of that.
+    pub fn of_head(&self) -> Option<[usize; 2]> {
+        self.head
+    }
+
     /// Sets it at time `t` (s); the caller has checked values and length.
     pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, values: &[f64]) {
+        if let Some([i, order]) = self.head {
+            dynamics.say_head(t, i, order, values[0], false);
+        }
         if let Some(set) = self.set {
             set(dynamics, t, values);
         }
@@ -334,6 +347,20 @@ const fn input(name: &'static str, unit: &'static str, description: &'static str
     let mut variable = Variable::new(Causality::Input, name, unit, description, get);
     variable.set = Some(set);
     variable
+}
+
+/// An input of a held head: the derivative of order `order` of its coordinate `i`.
+const fn head_input(
+    name: &'static str,
+    unit: &'static str,
+    description: &'static str,
+    get: Get,
+    i: usize,
+    order: usize,
+) -> Variable {
+    let mut variable = Variable::new(Causality::Input, name, unit, description, get);
+    variable.head = Some([i, order]);
+    variable.when(has_held_head)
 }
 
 const fn output(name: &'static str, unit: &'static str, description: &'static str, get: Get) -> Variable {
@@ -390,21 +417,49 @@ fn has_held_head(model: &Model) -> bool {
     model.head.is_some()
 }
 
-/// A host's value or rate `i` (x, y, angle) of the head, where it is now if the host has set none.
-fn head_target(view: &View<'_>, i: usize) -> f64 {
-    match (&view.dynamics.inputs.head, &view.dynamics.held) {
-        (Some(host), _) => host.target[i],
-        (None, Some(pose)) => pose[i].value,
-        (None, None) => 0.0,
+/// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: what the host gave last, else as it moves.
+fn head_said(view: &View<'_>, i: usize, order: usize) -> f64 {
+    let host = view.dynamics.inputs.head.as_ref().and_then(|host| host.axes[i].as_ref());
+    host.and_then(|axis| axis.said(order)).unwrap_or_else(|| head(view, i, order))
+}
+
+/// How the head moves.
+fn head(view: &View<'_>, i: usize, order: usize) -> f64 {
+    let Some(pose) = &view.dynamics.held else { return 0.0 };
+    let sample = &pose[i];
+    [sample.value, sample.rate, sample.acceleration][order]
+}
+
+/// Angle and spin at an end of the rod, node `k`: of a held head, else of the edge there.
+fn turn(view: &View<'_>, k: usize) -> [f64; 2] {
+    match &view.dynamics.held {
+        Some([_, _, angle]) if k == 0 => [angle.value, angle.rate],
+        _ => {
+            let [edge, velocity] = [&view.state.q, &view.state.v].map(|values| across(values, k));
+            [edge.y.atan2(edge.x), edge.perp(&velocity) / edge.norm_squared()]
+        }
     }
 }
 
-fn head_rate(view: &View<'_>, i: usize) -> f64 {
-    view.dynamics.inputs.head.as_ref().and_then(|host| host.rate).map_or(0.0, |rate| rate[i])
+/// The change of that.
+fn turn_change(now: &View<'_>, change: &View<'_>, k: usize) -> [f64; 2] {
+    match &now.dynamics.held {
+        Some([_, _, angle]) if k == 0 => [angle.rate, angle.acceleration].map(|rate| rate * change.state.t),
+        _ => {
+            let [edge, velocity] = [&now.state.q, &now.state.v].map(|values| across(values, k));
+            let [moved, faster] = [&change.state.q, &change.state.v].map(|values| across(values, k));
+            let square = edge.norm_squared();
+            let spin = edge.perp(&velocity) / square;
+            let turned = edge.perp(&moved) / square;
+            [turned, (moved.perp(&velocity) + edge.perp(&faster) - 2.0 * spin * edge.dot(&moved)) / square]
+        }
+    }
 }
 
-fn set_head_rate(dynamics: &mut Dynamics, t: f64, i: usize, value: f64) {
-    dynamics.take_over_head(t).rate.get_or_insert([0.0; 3])[i] = value;
+/// The difference over the edge at the end `k` of the rod.
+fn across(values: &[f64], k: usize) -> Vector2<f64> {
+    let first = k.saturating_sub(1);
+    node(values, first + 1) - node(values, first)
 }
 
 /// A host's forces along axis `i`.
@@ -458,6 +513,16 @@ pub static VARIABLES: &[Variable] = &[
     output("tip_dy_m", "m", "displacement of the tip node since the start, y", |v, _| v.displacement(v.tip(), 1)).recorded(),
     output("tip_x_m", "m", "tip node, x", |v, _| v.state.q[2 * v.tip()]),
     output("tip_y_m", "m", "tip node, y", |v, _| v.state.q[2 * v.tip() + 1]),
+    output("tip_angle_rad", "rad", "direction of the tip, from +x, within a half turn", |v, _| turn(v, v.tip())[0]).changing(|now, change, _| turn_change(now, change, now.tip())[0]),
+    output("tip_vx_m_s", "m/s", "velocity of the tip node, x", |v, _| v.state.v[2 * v.tip()]),
+    output("tip_vy_m_s", "m/s", "velocity of the tip node, y", |v, _| v.state.v[2 * v.tip() + 1]),
+    output("tip_spin_rad_s", "rad/s", "angular velocity of the tip", |v, _| turn(v, v.tip())[1]).changing(|now, change, _| turn_change(now, change, now.tip())[1]),
+    output("pose_x_m", "m", "position of the head as it moves, x", |v, _| v.state.q[0]),
+    output("pose_y_m", "m", "position of the head as it moves, y", |v, _| v.state.q[1]),
+    output("pose_angle_rad", "rad", "direction of the head as it moves, from +x; of a free one within a half turn", |v, _| turn(v, 0)[0]).changing(|now, change, _| turn_change(now, change, 0)[0]),
+    output("pose_vx_m_s", "m/s", "velocity of the head as it moves, x", |v, _| v.state.v[0]),
+    output("pose_vy_m_s", "m/s", "velocity of the head as it moves, y", |v, _| v.state.v[1]),
+    output("pose_spin_rad_s", "rad/s", "angular velocity of the head as it moves", |v, _| turn(v, 0)[1]).changing(|now, change, _| turn_change(now, change, 0)[1]),
     output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).fed(HEAD_X).recorded(),
     output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).fed(HEAD_Y).recorded(),
     output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(has_held_head).fed(HEAD_NATURAL).recorded(),
@@ -540,12 +605,15 @@ pub static VARIABLES: &[Variable] = &[
     input("density_kg_m3", "kg/m^3", "density of the medium", |v, _| v.dynamics.inputs.fluid.density, |d, _, x| d.inputs.fluid.density = x[0]).when(has_dense_fluid).at_least_zero(),
     input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.take_over_flow().x = x[0]).when(has_fluid),
     input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.take_over_flow().y = x[0]).when(has_fluid),
-    input("head_x_m", "m", "head position to reach at the end of the next step, x", |v, _| head_target(v, 0), |d, t, x| d.take_over_head(t).target[0] = x[0]).when(has_held_head),
-    input("head_y_m", "m", "head position to reach at the end of the next step, y", |v, _| head_target(v, 1), |d, t, x| d.take_over_head(t).target[1] = x[0]).when(has_held_head),
-    input("head_angle_rad", "rad", "head angle to reach at the end of the next step, from +x", |v, _| head_target(v, 2), |d, t, x| d.take_over_head(t).target[2] = x[0]).when(has_held_head),
-    input("head_vx_m_s", "m/s", "head velocity to reach with the position, x; the motion is cubic once a rate is set, linear before", |v, _| head_rate(v, 0), |d, t, x| set_head_rate(d, t, 0, x[0])).when(has_held_head),
-    input("head_vy_m_s", "m/s", "head velocity to reach with the position, y", |v, _| head_rate(v, 1), |d, t, x| set_head_rate(d, t, 1, x[0])).when(has_held_head),
-    input("head_spin_rad_s", "rad/s", "angular rate of the head to reach with the angle", |v, _| head_rate(v, 2), |d, t, x| set_head_rate(d, t, 2, x[0])).when(has_held_head),
+    head_input("head_x_m", "m", "head position, x, now or at the end of the next step as head.input says", |v, _| head_said(v, 0, 0), 0, 0),
+    head_input("head_y_m", "m", "head position, y", |v, _| head_said(v, 1, 0), 1, 0),
+    head_input("head_angle_rad", "rad", "head angle from +x", |v, _| head_said(v, 2, 0), 2, 0),
+    head_input("head_vx_m_s", "m/s", "head velocity, x, at the time of the position; where it is not set it follows from the positions", |v, _| head_said(v, 0, 1), 0, 1),
+    head_input("head_vy_m_s", "m/s", "head velocity, y", |v, _| head_said(v, 1, 1), 1, 1),
+    head_input("head_spin_rad_s", "rad/s", "angular velocity of the head", |v, _| head_said(v, 2, 1), 2, 1),
+    head_input("head_ax_m_s2", "m/s^2", "head acceleration, x, at the time of the position; where it is not set it follows from positions and velocities", |v, _| head_said(v, 0, 2), 0, 2),
+    head_input("head_ay_m_s2", "m/s^2", "head acceleration, y", |v, _| head_said(v, 1, 2), 1, 2),
+    head_input("head_spin_rate_rad_s2", "rad/s^2", "angular acceleration of the head", |v, _| head_said(v, 2, 2), 2, 2),
 
     parameter("nodes", "1", "number of nodes; node 0 is the centre of a head body", |v, _| v.model().rod.nodes as f64),
     parameter("length_m", "m", "length of the rod", |v, _| v.model().rod.length),

@@ -104,6 +104,9 @@ fn outputs_follow_at_once_just_the_inputs_that_the_table_says() {
             ("head_x_m", 0.01),
             ("head_y_m", 0.01),
             ("head_angle_rad", 0.02),
+            ("head_vx_m_s", 0.04),
+            ("head_vy_m_s", 0.05),
+            ("head_spin_rad_s", 0.3),
         ] {
             if stepper.get(name).is_ok() {
                 stepper.set(name, &[value]).unwrap();

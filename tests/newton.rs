@@ -224,11 +224,12 @@ fn a_step_that_cannot_be_made_is_halved_ten_times_and_refused_with_its_numbers_a
 
 #[test]
 fn a_failed_step_of_a_head_that_a_host_moves_leaves_the_head_where_it_was_and_as_fast() {
-    let mut stepper = stepper_of(STUDY, &["head.kind=driven"]);
+    let mut stepper = stepper_of(STUDY, &["head.kind=driven", "head.input=at-end"]);
     stepper.set("head_y_m", &[1e-4]).unwrap();
+    stepper.set("head_vy_m_s", &[0.02]).unwrap();
     stepper.do_step(5e-3).unwrap();
     let moving = stepper.state().clone();
-    assert!((moving.v[1] - 1e-4 / 5e-3).abs() < 1e-15);
+    assert!((moving.v[1] - 0.02).abs() < 1e-15);
     stepper.set("head_x_m", &[1e200]).unwrap();
     let values = readable(&stepper);
     assert!(stepper.do_step(5e-3).is_err());
@@ -272,7 +273,7 @@ fn a_fold_over_that_no_smaller_step_avoids_is_named_with_node_and_time() {
 
 #[test]
 fn a_head_that_is_torn_away_from_the_tail_is_refused_at_its_first_edge() {
-    let (error, time) = refusal(&["head.kind=driven"], &[("head_x_m", &[1e3])]);
+    let (error, time) = refusal(&["head.kind=driven"], &[("head_x_m", &[1e9])]);
     let (Error::FoldOver { time_s, node } | Error::EdgeCollapse { time_s, node, .. }) = error else {
         panic!("{error}")
     };

@@ -19,7 +19,7 @@ type Attributes = Vec<(&'static str, String)>;
 struct Unit(&'static str, &'static str, [i32; 4], Option<(&'static str, f64)>);
 
 /// The units of all variables and parameters.
-const UNITS: [Unit; 19] = [
+const UNITS: [Unit; 20] = [
     Unit("s", "Time", [0, 0, 1, 0], Some(("ms", 1e3))),
     Unit("m", "Length", [0, 1, 0, 0], Some(("mm", 1e3))),
     Unit("m/s", "Velocity", [0, 1, -1, 0], Some(("mm/s", 1e3))),
@@ -27,6 +27,7 @@ const UNITS: [Unit; 19] = [
     Unit("1/m", "Curvature", [0, -1, 0, 0], None),
     Unit("rad", "Angle", [0, 0, 0, 1], Some(("deg", 180.0 / std::f64::consts::PI))),
     Unit("rad/s", "AngularVelocity", [0, 0, -1, 1], Some(("deg/s", 180.0 / std::f64::consts::PI))),
+    Unit("rad/s^2", "AngularAcceleration", [0, 0, -2, 1], None),
     Unit("Hz", "Frequency", [0, 0, -1, 0], None),
     Unit("kg", "Mass", [1, 0, 0, 0], Some(("g", 1e3))),
     Unit("kg/m^3", "Density", [1, -3, 0, 0], Some(("g/cm^3", 1e-3))),

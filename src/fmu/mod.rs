@@ -30,7 +30,7 @@ pub enum Standard {
 /// The categories of log messages, with what they say.
 pub const LOG_CATEGORIES: [(&str, &str); 4] = [
     ("logStatusWarning", "what was done otherwise than asked for"),
-    ("logStatusDiscard", "a step that could not be made; the last good state is kept"),
+    ("logStatusDiscard", "a step that could not be made; everything is as it was before the call"),
     ("logStatusError", "a call that the standard or the model does not allow"),
     ("logSteps", "every communication step: its internal steps and iterations"),
 ];
@@ -62,8 +62,8 @@ pub enum Target {
 const NODE_BITS: u32 = 24;
 
 impl Catalogue {
-    /// Where the parameters begin; there are fewer variables than that.
-    pub const PARAMETERS: u32 = 100;
+    /// Where the parameters begin; there are fewer variables than that, and a place fits beside a node in 32 bits.
+    pub const PARAMETERS: u32 = 200;
 
     /// The catalogue of a scene and its stepper.
     pub fn of(scene: &Scene, stepper: &Stepper) -> Self {

@@ -4,14 +4,14 @@ use std::f64::consts::TAU;
 
 use serde::{Deserialize, Serialize};
 
-use super::{Drive, Dynamics, HostHead, Inputs, Model};
+use super::{Drive, Dynamics, Inputs, Model};
 use crate::fluid::Fluid;
 
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
 
 /// u(t) = Σ_k u_k (t − t₀)^k/k!, k ≤ [`HIGHEST_ORDER`], for every input u. The phase of the actuation follows the integral
-/// of its frequency; viscosity and frequency stop at zero. A head's target is where its polynomial ends with the step.
+/// of its frequency; viscosity and frequency stop at zero. A head goes its own way, see [`host`](crate::head::host).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Course {
     /// t₀, s.
@@ -44,18 +44,12 @@ impl Course {
         [&self.values, &self.rate].into_iter().chain(&self.rates)
     }
 
-    /// True where a head moves by itself.
-    pub fn moves_head(&self) -> bool {
-        let moves = |head: &HostHead| head.target != [0.0; 3] || head.rate.is_some_and(|rate| rate != [0.0; 3]);
-        self.rates.iter().filter_map(|rates| rates.head.as_ref()).any(moves)
-    }
-
     /// True where it has the flow.
     pub fn takes_flow(&self) -> bool {
         self.rates.iter().any(|rates| rates.flow_taken)
     }
 
-    /// Sets `inputs` to what they are at time `t` (s); the motion of a head is left alone.
+    /// Sets `inputs` to what they are at time `t` (s).
     pub fn at(&mut self, t: f64, inputs: &mut Inputs) {
         let tau = t - self.since;
         let mut phase = self.values.cycle(t);
@@ -77,20 +71,12 @@ impl Course {
         &self.rate
     }
 
-    /// Where the head is to be at time `t` (s), and how fast.
-    pub(super) fn aim(&self, t: f64, head: &mut HostHead) {
-        head.sum(std::iter::once(&self.values).chain(&self.rates), t - self.since);
-    }
-
     /// Counts from time `t` (s) on, where the inputs are `now`.
     pub fn rebase(&mut self, t: f64, now: &Inputs) {
         let tau = t - self.since;
         let mut moved = self.rates.clone();
         for (k, moved) in moved.iter_mut().enumerate() {
             taylor(self.rates[k..].iter(), tau, moved);
-            if let Some(head) = &mut moved.head {
-                head.sum(self.rates[k..].iter(), tau);
-            }
         }
         (self.since, self.rates) = (t, moved);
         self.values.clone_from(now);
@@ -124,16 +110,16 @@ impl Inputs {
     /// No input at all: the derivative of inputs that rest.
     pub(crate) fn none(model: &Model) -> Self {
         let mut none = Self::of(model);
-        none.clear(model);
+        none.clear();
         none
     }
 
     /// Makes every input zero, without allocating.
-    pub(crate) fn clear(&mut self, model: &Model) {
+    pub(crate) fn clear(&mut self) {
         self.drive = Drive { amplitude: 0.0, frequency: 0.0 };
         (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
         (self.fluid, self.flow_taken) = (Fluid::NONE, false);
-        self.head = model.head.as_ref().map(|_| HostHead::taking_over(&Default::default(), 0.0));
+        self.head = None;
         [&mut self.natural, &mut self.force].into_iter().flatten().for_each(|values| values.fill(0.0));
     }
 
@@ -158,22 +144,6 @@ impl Inputs {
             let Some(from) = from else { continue };
             let to = to.get_or_insert_with(|| vec![0.0; from.len()]);
             to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
-        }
-    }
-}
-
-impl HostHead {
-    /// Sets targets and rates to Σ_k terms_k τ^k/k!.
-    fn sum<'a>(&mut self, terms: impl Iterator<Item = &'a Inputs>, tau: f64) {
-        let factors = std::iter::once(1.0).chain(factors(tau));
-        (self.target, self.rate) = ([0.0; 3], None);
-        for (term, factor) in terms.filter_map(|inputs| inputs.head.as_ref()).zip(factors) {
-            let add =
-                |to: &mut [f64; 3], from: &[f64; 3]| to.iter_mut().zip(from).for_each(|(to, x)| *to += factor * x);
-            add(&mut self.target, &term.target);
-            if let Some(rate) = &term.rate {
-                add(self.rate.get_or_insert_default(), rate);
-            }
         }
     }
 }

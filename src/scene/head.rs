@@ -8,7 +8,7 @@ use super::document::Fault;
 use super::value::{ScalarSignal, VectorSignal, Wanted};
 use super::{Scene, table};
 use crate::error::Result;
-use crate::head::{Motion, Signal};
+use crate::head::{HeadInput, Motion, Signal};
 
 /// `[head]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
@@ -21,6 +21,8 @@ pub struct HeadTable {
     pub position_m: Option<VectorSignal>,
     /// Angle of a driven head from +x, rad.
     pub angle_rad: Option<ScalarSignal>,
+    /// What a host's pose of a held head is the pose of; absent: the time at which it is given.
+    pub input: Option<HeadInput>,
 }
 
 /// Kinds of head.
@@ -38,6 +40,10 @@ pub enum HeadKind {
 
 impl HeadTable {
     pub(super) fn check(&self) -> std::result::Result<(), Fault> {
+        if self.input.is_some() && self.kind == HeadKind::Free {
+            let problem = "found with a free head; allowed: only with a held one".into();
+            return Err(Fault { key: "head.input".into(), problem });
+        }
         let found = [("head.position_m", self.position_m.is_some()), ("head.angle_rad", self.angle_rad.is_some())];
         match found.into_iter().find(|(_, found)| *found && self.kind != HeadKind::Driven) {
             Some((key, _)) => {

@@ -154,6 +154,7 @@ impl Scene {
             load: loads.and_then(|loads| loads.build(&rod)),
             buoyancy: loads.and_then(|loads| loads.buoyancy(&rod)),
             head: self.head_motion()?,
+            head_input: self.head.input.unwrap_or_default(),
             spin: self.start.spin_rad_s.map_or(0.0, Finite::get),
             rod,
         })

@@ -18,7 +18,7 @@ pub struct Parameter {
     pub description: String,
     /// Its value in this scene.
     pub value: f64,
-    /// Smallest and largest value; a bound of zero may itself be excluded, the scene's reader decides.
+    /// Smallest and largest value.
     pub range: RangeInclusive<f64>,
 }
 
@@ -48,8 +48,9 @@ macro_rules! ranged {
     };
 }
 
-ranged!(Positive: 0.0..=f64::INFINITY, NotNegative: 0.0..=f64::INFINITY, Tolerance: 0.0..=1.0, Share: 0.0..=1.0,
-    Gradient: -1.0..=f64::INFINITY, Finite: f64::NEG_INFINITY..=f64::INFINITY);
+ranged!(Positive: f64::MIN_POSITIVE..=f64::INFINITY, NotNegative: 0.0..=f64::INFINITY,
+    Tolerance: f64::MIN_POSITIVE..=1.0_f64.next_down(), Share: 0.0..=1.0, Gradient: (-1.0_f64).next_up()..=f64::INFINITY,
+    Finite: f64::NEG_INFINITY..=f64::INFINITY);
 
 /// The parameters in the making.
 #[derive(Default)]

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{DENSITY, Fluid, Sink, VISCOSITY};
 use crate::metrics::{Energy, Meter, Momentum, Power, Push, Reading, Totals};
-use crate::model::{Bent, Dynamics, Inputs, Model};
+use crate::model::{Bent, Dynamics, Inputs};
 use crate::newton::Work;
 use crate::rod::bend;
 use crate::rod::node;
@@ -65,7 +65,7 @@ impl Tangent {
     }
 
     /// No change at all.
-    fn clear(&mut self, model: &Model) {
+    fn clear(&mut self) {
         self.state.t = 0.0;
         for values in [&mut self.state.q, &mut self.state.v, &mut self.state.a, &mut self.force] {
             values.fill(0.0);
@@ -73,7 +73,7 @@ impl Tangent {
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
         (self.fluid, self.angle) = (Fluid::NONE, [0.0; 2]);
-        self.inputs.clear(model);
+        self.inputs.clear();
     }
 
     /// The changes of natural curvature, forces and fluid that `self.inputs` cause in `dynamics` at time `t` (s).
@@ -309,7 +309,7 @@ impl Stepper {
 
     fn take_tangent(&mut self) -> Box<Tangent> {
         let mut tangent = self.tangent.take().unwrap_or_else(|| Box::new(Tangent::new(&self.dynamics)));
-        tangent.clear(&self.dynamics.model);
+        tangent.clear();
         tangent
     }
 
@@ -337,6 +337,9 @@ pub struct Seed<'a> {
 impl Seed<'_> {
     /// Sets the change of a whole input.
     pub fn set(&mut self, variable: &Variable, values: &[f64]) {
+        if variable.of_head().is_some() {
+            return; // the head goes on as it moves now
+        }
         std::mem::swap(&mut self.dynamics.inputs, self.change);
         variable.write(self.dynamics, 0.0, values);
         std::mem::swap(&mut self.dynamics.inputs, self.change);

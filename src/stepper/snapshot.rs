@@ -23,6 +23,7 @@ pub struct Snapshot {
     scene: u128,
     clock: Clock,
     time_step: f64,
+    ahead: Option<f64>,
     state: State,
     kicked: bool,
     gust: [f64; 2],
@@ -56,7 +57,7 @@ impl Label {
 impl Snapshot {
     /// Time, s.
     pub fn time(&self) -> f64 {
-        self.state.t
+        self.ahead.unwrap_or(self.state.t)
     }
 
     /// Its bytes, which a stepper of the same scene in any process of this version takes over.
@@ -75,6 +76,7 @@ impl Stepper {
             scene: self.scene,
             clock: self.clock,
             time_step: self.time_step,
+            ahead: self.ahead,
             state: self.state.clone(),
             kicked: self.kick.due,
             gust: self.kick.gust.into(),
@@ -100,7 +102,7 @@ impl Stepper {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
         self.clock = snapshot.clock;
-        self.time_step = snapshot.time_step;
+        (self.time_step, self.ahead) = (snapshot.time_step, snapshot.ahead);
         self.state.copy_from(&snapshot.state);
         (self.kick.due, self.kick.gust) = (snapshot.kicked, snapshot.gust.into());
         self.before = None;

@@ -274,7 +274,7 @@ impl Trial {
         let spans: Vec<f64> =
             if stepper.time() > 0.0 { vec![duration - stepper.time()] } else { scene.spans().collect() };
         for span in spans {
-            let outcome = stepper.do_step_with(span, |stepper| {
+            let outcome = stepper.march(span, |stepper| {
                 stopped = interrupted.load(Ordering::Relaxed);
                 let meter = stepper.meter();
                 let work = meter.totals.work;

@@ -22,7 +22,7 @@ use engine::variable::{Causality, Variable};
 pub enum caudal_status {
     /// All well.
     CAUDAL_OK = 0,
-    /// The step could not be made; the last good state is still there.
+    /// The step could not be made; everything is as it was before the call.
     CAUDAL_STEP_FAILED = 1,
     /// The call is wrong: a null pointer, an unknown name, a wrong length, a value that is not allowed.
     CAUDAL_WRONG_CALL = 2,

@@ -130,8 +130,8 @@ pub unsafe extern "C" fn fmi2FreeInstance(c: Component) {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi2SetupExperiment(
     c: Component,
-    _tolerance_defined: c_int,
-    _tolerance: f64,
+    tolerance_defined: c_int,
+    tolerance: f64,
     start_time: f64,
     stop_time_defined: c_int,
     stop_time: f64,
@@ -140,6 +140,7 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
     unsafe {
         call(c, |instance| {
             instance.only_in(&[Mode::Instantiated])?;
+            instance.set_tolerance((tolerance_defined != 0).then_some(tolerance))?;
             instance
                 .set_experiment(Experiment { start: start_time, stop: (stop_time_defined != 0).then_some(stop_time) })
         })
@@ -223,6 +224,10 @@ pub unsafe extern "C" fn fmi2SetReal(c: Component, vr: *const Reference, count: 
         call(c, |instance| {
             instance.only_in(&SETTABLE)?;
             let (references, values) = (values(vr, count)?, values(value, count)?);
+            // All or none.
+            for (reference, value) in references.iter().zip(values) {
+                instance.check(instance.real(*reference)?, std::slice::from_ref(value))?;
+            }
             for (reference, value) in references.iter().zip(values) {
                 instance.set(instance.real(*reference)?, std::slice::from_ref(value))?;
             }
@@ -327,7 +332,7 @@ pub unsafe extern "C" fn fmi2GetDirectionalDerivative(
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&[Mode::Initialization, Mode::Step])?;
+            instance.only_in(&READABLE)?;
             let unknowns = targets(instance, values(unknown_ref, unknown_count)?)?;
             let knowns = targets(instance, values(known_ref, known_count)?)?;
             let (seed, out) = (values(known, known_count)?, values_mut(unknown, unknown_count)?);
@@ -350,6 +355,9 @@ pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
             instance.only_in(&SETTABLE)?;
             let references = values(vr, count)?;
             let (orders, values) = (values(order, count)?, values(value, count)?);
+            for ((reference, order), value) in references.iter().zip(orders).zip(values) {
+                instance.check_derivative(instance.real(*reference)?, *order, *value)?;
+            }
             for ((reference, order), value) in references.iter().zip(orders).zip(values) {
                 instance.set_derivative(instance.real(*reference)?, *order, *value)?;
             }

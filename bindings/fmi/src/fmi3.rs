@@ -32,7 +32,7 @@ const READABLE: [Mode; 7] = [
 /// Modes in which values can be set.
 const SETTABLE: [Mode; 4] = [Mode::Instantiated, Mode::Initialization, Mode::Step, Mode::Intermediate];
 /// Modes in which derivatives are known.
-const MOVING: [Mode; 3] = [Mode::Initialization, Mode::Step, Mode::Intermediate];
+const MOVING: [Mode; 4] = [Mode::Initialization, Mode::Step, Mode::Intermediate, Mode::Terminated];
 
 type LoggerFunction = unsafe extern "C" fn(*mut c_void, Status, *const c_char, *const c_char);
 
@@ -161,8 +161,8 @@ pub unsafe extern "C" fn fmi3FreeInstance(instance: Handle) {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn fmi3EnterInitializationMode(
     instance: Handle,
-    _tolerance_defined: Boolean,
-    _tolerance: f64,
+    tolerance_defined: Boolean,
+    tolerance: f64,
     start_time: f64,
     stop_time_defined: Boolean,
     stop_time: f64,
@@ -173,6 +173,7 @@ pub unsafe extern "C" fn fmi3EnterInitializationMode(
             instance.only_in(&[Mode::Instantiated])?;
             let stop = (stop_time_defined != 0).then_some(stop_time);
             instance.set_experiment(Experiment { start: start_time, stop })?;
+            instance.set_tolerance((tolerance_defined != 0).then_some(tolerance))?;
             instance.enter_initialization()
         })
     }
@@ -269,13 +270,17 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     unsafe {
         call(instance, |instance| {
             instance.only_in(&SETTABLE)?;
-            let (references, mut given) = (values(references, count)?, values(given, given_count)?);
+            let (references, given) = (values(references, count)?, values(given, given_count)?);
             parts(instance, references, given.len())?;
-            for reference in references {
-                let target = instance.float(*reference)?;
-                let (these, rest) = given.split_at(instance.len3(*reference).unwrap_or(1));
-                instance.set(target, these)?;
-                given = rest;
+            // All or none.
+            for set in [Instance::check_mut, Instance::set] {
+                let mut given = given;
+                for reference in references {
+                    let target = instance.float(*reference)?;
+                    let (these, rest) = given.split_at(instance.len3(*reference).unwrap_or(1));
+                    set(instance, target, these)?;
+                    given = rest;
+                }
             }
             Ok(())
         })
@@ -320,8 +325,9 @@ pub unsafe extern "C" fn fmi3SetUInt64(
             parts(instance, references, given.len())?;
             for (reference, value) in references.iter().zip(given) {
                 instance.integer(instance.target(*reference)?)?;
-                instance.set_nodes(*value)?;
+                instance.check_nodes(*value)?;
             }
+            given.iter().for_each(|value| instance.set_nodes(*value));
             Ok(())
         })
     }

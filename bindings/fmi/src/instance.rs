@@ -12,6 +12,7 @@ use std::ptr::NonNull;
 
 use caudal::error::{Error, Result};
 use caudal::fmu::{Catalogue, LOG_CATEGORIES, token};
+use caudal::integrator::Pace;
 use caudal::scene::{Document, Scene, parameter};
 use caudal::stepper::Stepper;
 use caudal::variable::{Size, VARIABLES, Variable};
@@ -51,6 +52,8 @@ pub type Logger = Box<dyn Fn(Status, &str, &str)>;
 struct Settings {
     nodes: u64,
     parameters: Vec<f64>,
+    /// The host's relative tolerance, for scenes whose steps follow one.
+    tolerance: Option<f64>,
 }
 
 /// Begin and end of the experiment, s.
@@ -125,7 +128,7 @@ impl Instance {
         let stepper = Stepper::of(&scene)?;
         let catalogue = Catalogue::of(&scene, &stepper);
         let parameters = catalogue.parameters.iter().map(|parameter| parameter.value).collect();
-        let original = Settings { nodes: scene.nodes() as u64, parameters };
+        let original = Settings { nodes: scene.nodes() as u64, parameters, tolerance: None };
         let mut instance = Self {
             mode: Mode::Instantiated,
             experiment: Experiment { start: 0.0, stop: None },
@@ -218,6 +221,9 @@ impl Instance {
         if self.settings.nodes != self.original.nodes {
             document.set(&format!("rod.nodes={}", self.settings.nodes - self.scene.front() as u64))?;
         }
+        if let (Some(tolerance), Pace::Adaptive(_)) = (self.settings.tolerance, self.scene.pace()) {
+            document.set(&format!("solver.tolerance={tolerance:e}"))?;
+        }
         Stepper::of(&document.scene()?)
     }
 
@@ -243,6 +249,18 @@ impl Instance {
             return refuse(format!("start {start} s and stop {stop:?} s are no experiment"));
         }
         self.experiment = experiment;
+        Ok(())
+    }
+
+    /// Takes over the tolerance that the host wants: that of the internal steps where the scene has one.
+    pub fn set_tolerance(&mut self, tolerance: Option<f64>) -> Outcome {
+        if let Some(tolerance) = tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance < 1.0)) {
+            return refuse(format!("a relative tolerance of {tolerance}; allowed: between 0 and 1"));
+        }
+        if tolerance.is_some() && self.settings.tolerance != tolerance {
+            self.settings.tolerance = tolerance;
+            self.stale |= matches!(self.scene.pace(), Pace::Adaptive(_));
+        }
         Ok(())
     }
 

@@ -11,68 +11,7 @@ use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::variable::Variable;
-use common::{Dice, Fmi3, Instantiate2, MESSAGES, NO_CALLBACKS, Unpacked, document, reference, write};
-
-/// FMI 2.0 by its functions.
-struct Fmi2 {
-    instantiate: Instantiate2,
-    free: unsafe extern "C" fn(*mut c_void),
-    setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int,
-    enter: unsafe extern "C" fn(*mut c_void) -> c_int,
-    exit: unsafe extern "C" fn(*mut c_void) -> c_int,
-    get: unsafe extern "C" fn(*mut c_void, *const u32, usize, *mut f64) -> c_int,
-    set: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const f64) -> c_int,
-    rates: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *const f64) -> c_int,
-    slopes: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *mut f64) -> c_int,
-    step: unsafe extern "C" fn(*mut c_void, f64, f64, c_int) -> c_int,
-    real_status: unsafe extern "C" fn(*mut c_void, c_int, *mut f64) -> c_int,
-    terminate: unsafe extern "C" fn(*mut c_void) -> c_int,
-    reset: unsafe extern "C" fn(*mut c_void) -> c_int,
-}
-
-impl Fmi2 {
-    fn of(fmu: &Unpacked) -> Self {
-        Self {
-            instantiate: fmu.function("fmi2Instantiate"),
-            free: fmu.function("fmi2FreeInstance"),
-            setup: fmu.function("fmi2SetupExperiment"),
-            enter: fmu.function("fmi2EnterInitializationMode"),
-            exit: fmu.function("fmi2ExitInitializationMode"),
-            get: fmu.function("fmi2GetReal"),
-            set: fmu.function("fmi2SetReal"),
-            rates: fmu.function("fmi2SetRealInputDerivatives"),
-            slopes: fmu.function("fmi2GetRealOutputDerivatives"),
-            step: fmu.function("fmi2DoStep"),
-            real_status: fmu.function("fmi2GetRealStatus"),
-            terminate: fmu.function("fmi2Terminate"),
-            reset: fmu.function("fmi2Reset"),
-        }
-    }
-
-    fn instance(&self, fmu: &Unpacked) -> *mut c_void {
-        let location = std::ffi::CString::new(format!("file://{}", fmu.resources.display())).unwrap();
-        let instance = unsafe {
-            (self.instantiate)(c"two".as_ptr(), 1, fmu.token.as_ptr(), location.as_ptr(), &raw const NO_CALLBACKS, 0, 0)
-        };
-        assert!(!instance.is_null());
-        instance
-    }
-
-    fn start(&self, fmu: &Unpacked) -> *mut c_void {
-        let instance = self.instance(fmu);
-        unsafe {
-            assert_eq!((self.setup)(instance, 0, 0.0, 0.0, 0, 0.0), 0);
-            assert_eq!((self.enter)(instance), 0);
-            assert_eq!((self.exit)(instance), 0);
-        }
-        instance
-    }
-}
-
-fn references2(name: &str, nodes: std::ops::Range<usize>) -> Vec<u32> {
-    let place = reference(name) as usize;
-    nodes.map(|node| Catalogue::reference(Standard::Fmi2, Target::Variable(place, node))).collect()
-}
+use common::{Dice, Fmi2, Fmi3, MESSAGES, NO_CALLBACKS, Unpacked, document, reference, references2, write};
 
 /// All models, some with other methods.
 fn scenes() -> Vec<Document> {

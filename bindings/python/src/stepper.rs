@@ -223,7 +223,7 @@ impl Stepper {
     /// Raises
     /// ------
     /// caudal.Error
-    ///     What went wrong inside; the stepper then shows the last good state.
+    ///     What went wrong inside; everything is then as it was before the call.
     fn do_step(&self, py: Python<'_>, h: f64) -> PyResult<()> {
         let mut open = self.open()?;
         let stepper = open.stepper()?;

@@ -107,8 +107,8 @@ impl Instance {
         if whole || left <= 1e-9 * h {
             return Ok(whole);
         }
-        stepper.do_step(left).map_err(Refusal::discard)?;
-        Ok(stepper.time() >= goal)
+        // Where that fails, the step ends where it was.
+        Ok(stepper.do_step(left).is_ok() && stepper.time() >= goal)
     }
 
     /// Gives calls of the host in the middle of a step the stepper to work on; returns the start of the experiment, s.

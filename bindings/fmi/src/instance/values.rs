@@ -57,34 +57,41 @@ impl Instance {
         }
     }
 
-    /// Sets entries of a variable from `node` on, or a parameter.
+    /// Refuses what cannot be set: entries of a variable from its node on, or a parameter.
+    pub fn check(&self, target: Target, values: &[f64]) -> Outcome {
+        let Target::Parameter(place) = target else { return self.check_input(target, 0, values) };
+        let (parameter, value) = (&self.catalogue.parameters[place], values[0]);
+        if self.is_running() {
+            return refuse(format!("{} is fixed: it can be set until initialisation ends", parameter.name()));
+        }
+        if value.is_finite() && parameter.range.contains(&value) {
+            return Ok(());
+        }
+        refuse(format!("{}: found {value}; allowed: {:?}", parameter.name(), parameter.range))
+    }
+
+    /// The same, as a step of a set.
+    pub fn check_mut(&mut self, target: Target, values: &[f64]) -> Outcome {
+        self.check(target, values)
+    }
+
+    /// Sets what [`check`](Self::check) has let pass.
     pub fn set(&mut self, target: Target, values: &[f64]) -> Outcome {
         match target {
             Target::Parameter(place) => {
-                let parameter = &self.catalogue.parameters[place];
-                if self.is_running() {
-                    return refuse(format!("{} is fixed: it can be set until initialisation ends", parameter.name()));
-                }
-                let value = values[0];
-                if !value.is_finite() || !parameter.range.contains(&value) {
-                    return refuse(format!("{}: found {value}; allowed: {:?}", parameter.name(), parameter.range));
-                }
-                if self.settings.parameters[place] != value {
-                    self.settings.parameters[place] = value;
-                    self.stale = true;
-                }
+                let parameter = &mut self.settings.parameters[place];
+                self.stale |= *parameter != values[0];
+                *parameter = values[0];
                 Ok(())
             }
             Target::Variable(place, node) => self.set_input(place, node, 0, values),
         }
     }
 
-    /// Sets a derivative of an input.
-    pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> Outcome {
+    /// Refuses a derivative of an input that cannot be set.
+    pub fn check_derivative(&self, target: Target, order: i32, value: f64) -> Outcome {
         match (target, usize::try_from(order)) {
-            (Target::Variable(place, node), Ok(order @ 1..=HIGHEST_ORDER)) => {
-                self.set_input(place, node, order, &[value])
-            }
+            (Target::Variable(..), Ok(order @ 1..=HIGHEST_ORDER)) => self.check_input(target, order, &[value]),
             (Target::Variable(..), _) => {
                 refuse(format!("a derivative of order {order} cannot be set; allowed: 1 to {HIGHEST_ORDER}"))
             }
@@ -92,17 +99,34 @@ impl Instance {
         }
     }
 
-    fn set_input(&mut self, place: usize, node: usize, order: usize, values: &[f64]) -> Outcome {
+    /// Sets what [`check_derivative`](Self::check_derivative) has let pass.
+    pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> Outcome {
+        match target {
+            Target::Variable(place, node) => self.set_input(place, node, order as usize, &[value]),
+            Target::Parameter(_) => Ok(()),
+        }
+    }
+
+    fn check_input(&self, target: Target, order: usize, values: &[f64]) -> Outcome {
+        let Target::Variable(place, _) = target else { return Ok(()) };
         let variable = &VARIABLES[place];
         if !variable.is_input() {
             return refuse(format!("{} is not an input: it cannot be set", variable.name));
         }
-        let finite = values.iter().find(|value| !value.is_finite());
-        if let Some((value, allowed)) =
-            finite.map(|x| (*x, "a finite number")).or_else(|| if order == 0 { variable.refused(values) } else { None })
-        {
-            return refuse(format!("{}: found {value}; allowed: {allowed}", variable.name));
+        if order + variable.of_head().map_or(0, |[_, own]| own) > HIGHEST_ORDER {
+            return refuse(format!("{} has no derivative of order {order}", variable.name));
         }
+        let finite = values.iter().find(|value| !value.is_finite());
+        match finite
+            .map(|x| (*x, "a finite number"))
+            .or_else(|| if order == 0 { variable.refused(values) } else { None })
+        {
+            Some((value, allowed)) => refuse(format!("{}: found {value}; allowed: {allowed}", variable.name)),
+            None => Ok(()),
+        }
+    }
+
+    fn set_input(&mut self, place: usize, node: usize, order: usize, values: &[f64]) -> Outcome {
         if order == 0 && !self.inputs.waiting[place][0] {
             // Entries that are not set now stay as they are, and after a new value nothing goes on by itself.
             if self.stale || self.stepper.get().is_none() {

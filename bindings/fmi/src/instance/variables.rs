@@ -73,18 +73,22 @@ impl Instance {
         }
     }
 
-    /// Sets the structural parameter.
-    pub fn set_nodes(&mut self, nodes: u64) -> Outcome {
+    /// Refuses a number of nodes that cannot be.
+    pub fn check_nodes(&self, nodes: u64) -> Outcome {
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
-        if !(least..=most).contains(&nodes) {
-            return refuse(format!("nodes: found {nodes}; allowed: {least} to {most}"));
+        if (least..=most).contains(&nodes) {
+            return Ok(());
         }
+        refuse(format!("nodes: found {nodes}; allowed: {least} to {most}"))
+    }
+
+    /// Sets the structural parameter, which [`check_nodes`](Self::check_nodes) has let pass.
+    pub fn set_nodes(&mut self, nodes: u64) {
         if nodes != self.settings.nodes {
             self.settings.nodes = nodes;
             (self.stale, self.stepper.own) = (true, None);
             self.size();
         }
-        Ok(())
     }
 }
 

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::ptr::{null, null_mut};
 use std::sync::Mutex;
 
-use caudal::fmu::{Fmu, Standard};
+use caudal::fmu::{Catalogue, Fmu, Standard, Target};
 use caudal::scene::Document;
 use caudal::variable::VARIABLES;
 use libloading::Library;
@@ -271,4 +271,71 @@ impl Dice {
     pub fn between(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
+}
+
+/// FMI 2.0 by its functions.
+pub struct Fmi2 {
+    pub instantiate: Instantiate2,
+    pub free: unsafe extern "C" fn(*mut c_void),
+    pub setup: unsafe extern "C" fn(*mut c_void, c_int, f64, f64, c_int, f64) -> c_int,
+    pub enter: unsafe extern "C" fn(*mut c_void) -> c_int,
+    pub exit: unsafe extern "C" fn(*mut c_void) -> c_int,
+    pub get: unsafe extern "C" fn(*mut c_void, *const u32, usize, *mut f64) -> c_int,
+    pub set: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const f64) -> c_int,
+    pub rates: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *const f64) -> c_int,
+    pub slopes: unsafe extern "C" fn(*mut c_void, *const u32, usize, *const c_int, *mut f64) -> c_int,
+    pub step: unsafe extern "C" fn(*mut c_void, f64, f64, c_int) -> c_int,
+    pub real_status: unsafe extern "C" fn(*mut c_void, c_int, *mut f64) -> c_int,
+    pub terminate: unsafe extern "C" fn(*mut c_void) -> c_int,
+    pub reset: unsafe extern "C" fn(*mut c_void) -> c_int,
+    pub directional: Directional2,
+}
+
+/// `fmi2GetDirectionalDerivative`.
+pub type Directional2 =
+    unsafe extern "C" fn(*mut c_void, *const u32, usize, *const u32, usize, *const f64, *mut f64) -> c_int;
+
+impl Fmi2 {
+    pub fn of(fmu: &Unpacked) -> Self {
+        Self {
+            instantiate: fmu.function("fmi2Instantiate"),
+            free: fmu.function("fmi2FreeInstance"),
+            setup: fmu.function("fmi2SetupExperiment"),
+            enter: fmu.function("fmi2EnterInitializationMode"),
+            exit: fmu.function("fmi2ExitInitializationMode"),
+            get: fmu.function("fmi2GetReal"),
+            set: fmu.function("fmi2SetReal"),
+            rates: fmu.function("fmi2SetRealInputDerivatives"),
+            slopes: fmu.function("fmi2GetRealOutputDerivatives"),
+            step: fmu.function("fmi2DoStep"),
+            real_status: fmu.function("fmi2GetRealStatus"),
+            terminate: fmu.function("fmi2Terminate"),
+            reset: fmu.function("fmi2Reset"),
+            directional: fmu.function("fmi2GetDirectionalDerivative"),
+        }
+    }
+
+    pub fn instance(&self, fmu: &Unpacked) -> *mut c_void {
+        let location = CString::new(format!("file://{}", fmu.resources.display())).unwrap();
+        let instance = unsafe {
+            (self.instantiate)(c"two".as_ptr(), 1, fmu.token.as_ptr(), location.as_ptr(), &raw const NO_CALLBACKS, 0, 0)
+        };
+        assert!(!instance.is_null());
+        instance
+    }
+
+    pub fn start(&self, fmu: &Unpacked) -> *mut c_void {
+        let instance = self.instance(fmu);
+        unsafe {
+            assert_eq!((self.setup)(instance, 0, 0.0, 0.0, 0, 0.0), 0);
+            assert_eq!((self.enter)(instance), 0);
+            assert_eq!((self.exit)(instance), 0);
+        }
+        instance
+    }
+}
+
+pub fn references2(name: &str, nodes: std::ops::Range<usize>) -> Vec<u32> {
+    let place = reference(name) as usize;
+    nodes.map(|node| Catalogue::reference(Standard::Fmi2, Target::Variable(place, node))).collect()
 }

@@ -1,0 +1,340 @@
+//! A head that a host moves. The host says where the head is, and how it moves where it knows; from this and what it said
+//! before follows the motion over the step: the [`Course`](Axis) that the words foretell, and what is left of the last one.
+//!
+//! Every coordinate is on its own, and is the scene's until the host speaks of it. The foretold course is the polynomial
+//! through the last word, with the derivatives that it gave, and through those before it, up to degree 5; of these degrees it
+//! takes the one that would have foretold the last two words best, so a smooth motion is continued at a high order and one
+//! that jumps, or is known with noise, is not carried away. Where the new course does not start as the head moves now, the
+//! difference dies away in a quintic: value, rate and acceleration go on without a jump. It takes as long as the
+//! host's longest recent step, however short the present one is.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Sample, Signal};
+
+/// What the pose is that a host gives before a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HeadInput {
+    /// The pose at that time.
+    #[default]
+    Now,
+    /// The pose to reach at the end of the step.
+    AtEnd,
+}
+
+/// The highest derivative of a coordinate that a host gives.
+const HIGHEST: usize = 3;
+
+/// Coefficients of a polynomial of degree 5.
+const TERMS: usize = 6;
+
+/// As many words without derivatives as make that degree.
+const WORDS: usize = TERMS;
+
+/// A word takes the place of the last one unless that one is this part as far from the one before as that from its own: the
+/// distances of words shrink no faster, so that differences of those kept are not rounding errors.
+const NEAR: f64 = 0.25;
+
+/// A host that has said nothing for this many times as long as it was between its last two words leaves its input as it is.
+const SILENT: f64 = 1.5;
+
+/// What a host has said of a coordinate: value and derivatives at a time.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Word {
+    time: f64,
+    derivatives: [f64; HIGHEST + 1],
+    /// The highest derivative that it gave.
+    order: usize,
+}
+
+impl Word {
+    fn new(time: f64, value: f64) -> Self {
+        Self { time, derivatives: [value, 0.0, 0.0, 0.0], order: 0 }
+    }
+
+    /// What it says of time `t` (s) as a polynomial of the derivatives that it gave.
+    fn at(&self, t: f64) -> Self {
+        let tau = t - self.time;
+        let mut derivatives = [0.0; HIGHEST + 1];
+        for (k, derivative) in derivatives.iter_mut().enumerate().take(self.order + 1) {
+            let mut factor = 1.0;
+            for (j, given) in self.derivatives[k..=self.order].iter().enumerate() {
+                *derivative += given * factor;
+                factor *= tau / (j + 1) as f64;
+            }
+        }
+        Self { time: t, derivatives, order: self.order }
+    }
+}
+
+/// Σ c_k (t − t₀)^k.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+struct Polynomial {
+    since: f64,
+    terms: [f64; TERMS],
+}
+
+impl Polynomial {
+    fn at(&self, t: f64) -> Sample {
+        let tau = t - self.since;
+        let mut sample = Sample::default();
+        for term in self.terms.iter().rev() {
+            sample.acceleration = sample.acceleration * tau + 2.0 * sample.rate;
+            sample.rate = sample.rate * tau + sample.value;
+            sample.value = sample.value * tau + term;
+        }
+        sample
+    }
+
+    /// The quintic from `first` at time `t` to rest at zero after `span` (s).
+    fn dying(first: Sample, t: f64, span: f64) -> Self {
+        let (x, v, a) = (first.value, first.rate * span, first.acceleration * span * span);
+        let by_part =
+            [x, v, 0.5 * a, -10.0 * x - 6.0 * v - 1.5 * a, 15.0 * x + 8.0 * v + 1.5 * a, -6.0 * x - 3.0 * v - 0.5 * a];
+        let mut factor = 1.0;
+        let terms = by_part.map(|term| {
+            let term = term * factor;
+            factor /= span;
+            term
+        });
+        Self { since: t, terms }
+    }
+}
+
+/// Newton's form of the polynomials through words, the newest first: Σ_k d_k Π_{i<k} (t − t_i).
+#[derive(Debug, Clone, Copy)]
+struct Differences {
+    times: [f64; TERMS],
+    differences: [f64; TERMS],
+    len: usize,
+}
+
+impl Differences {
+    /// Divided differences, confluent where a word has derivatives.
+    fn of<'a>(words: impl Iterator<Item = &'a Word>) -> Self {
+        let mut all = Self { times: [0.0; TERMS], differences: [0.0; TERMS], len: 0 };
+        let mut given = [(0, Word::default()); TERMS];
+        for (place, word) in words.enumerate() {
+            for _ in 0..=word.order {
+                if all.len < TERMS {
+                    all.times[all.len] = word.time;
+                    all.differences[all.len] = word.derivatives[0];
+                    given[all.len] = (place, *word);
+                    all.len += 1;
+                }
+            }
+        }
+        let mut factorial = 1.0;
+        for k in 1..all.len {
+            factorial *= k as f64;
+            for i in (k..all.len).rev() {
+                all.differences[i] = if given[i].0 == given[i - k].0 {
+                    given[i].1.derivatives[k] / factorial
+                } else {
+                    (all.differences[i] - all.differences[i - 1]) / (all.times[i] - all.times[i - k])
+                };
+            }
+        }
+        all
+    }
+
+    /// By how much the polynomial of every degree misses `value` at time `t` (s); infinite where there are too few words.
+    fn misses(&self, t: f64, value: f64) -> [f64; TERMS] {
+        let (mut foretold, mut product) = (0.0, 1.0);
+        std::array::from_fn(|k| {
+            if k >= self.len {
+                return f64::INFINITY;
+            }
+            foretold += self.differences[k] * product;
+            product *= t - self.times[k];
+            (foretold - value).abs()
+        })
+    }
+
+    /// The polynomial of this `degree`.
+    fn polynomial(&self, degree: usize) -> Polynomial {
+        let since = self.times[0];
+        let mut terms = [0.0; TERMS];
+        for k in (0..=degree).rev() {
+            // p(s)·(s − s_k) + d_k
+            let root = self.times[k] - since;
+            for i in (0..TERMS).rev() {
+                terms[i] = if i == 0 { 0.0 } else { terms[i - 1] } - root * terms[i];
+            }
+            terms[0] += self.differences[k];
+        }
+        Polynomial { since, terms }
+    }
+}
+
+/// One coordinate of a head as a host moves it: x (m), y (m) or angle (rad).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Axis {
+    /// The host's last word, as it was given.
+    said: Word,
+    /// It was given since the last step set out.
+    fresh: bool,
+    /// It is of the time at which it was given, even where poses are those at the end of the step.
+    of_now: bool,
+    /// The last words, newest first.
+    words: [Word; WORDS],
+    len: usize,
+    /// By how much the polynomials of every degree missed the last word but one of these.
+    missed: [f64; TERMS],
+    /// The same for the last.
+    misses: [f64; TERMS],
+    /// What the words foretell.
+    course: Polynomial,
+    /// What is left of the motion before, until …
+    rest: Polynomial,
+    /// … this time, s.
+    until: f64,
+}
+
+impl Axis {
+    /// A coordinate of which the host has given the derivative of `order` at time `t` (s), where it moved by `now`.
+    fn new(t: f64, now: Sample) -> Self {
+        Self {
+            said: Word { time: t, derivatives: [now.value, now.rate, now.acceleration, 0.0], order: 0 },
+            fresh: false,
+            of_now: false,
+            words: [Word::default(); WORDS],
+            len: 0,
+            missed: [f64::INFINITY; TERMS],
+            misses: [f64::INFINITY; TERMS],
+            course: Polynomial::default(),
+            rest: Polynomial::default(),
+            until: t,
+        }
+    }
+
+    /// Takes over the derivative of `order` (its value is of order 0) that the host gives at time `t` (s), where it moves by
+    /// `now`; one that is given beside the value as a `derivative` of it is of this time, whatever poses are.
+    fn say(&mut self, t: f64, now: Sample, order: usize, value: f64, derivative: bool) {
+        if !self.fresh || self.said.time != t {
+            // What is not said goes on.
+            let before = self.said.at(t).derivatives[0];
+            self.said = Word { time: t, derivatives: [before, now.rate, now.acceleration, 0.0], order: 0 };
+            (self.fresh, self.of_now) = (true, false);
+        }
+        self.said.derivatives[order] = value;
+        self.said.order = self.said.order.max(order);
+        self.of_now |= derivative;
+    }
+
+    /// Keeps a word.
+    fn hear(&mut self, word: Word) {
+        let far = |a: &Word, b: &Word| a.time - b.time;
+        let misses = Differences::of(self.words[..self.len].iter()).misses(word.time, word.derivatives[0]);
+        let [last, before, third] = [0, 1, 2].map(|k| &self.words[k]);
+        let again = self.len > 0 && far(&word, last) <= 0.0;
+        if again || self.len > 2 && far(last, before) < NEAR * far(before, third) {
+            self.words[0] = word;
+        } else {
+            self.words.rotate_right(1);
+            self.words[0] = word;
+            self.len = (self.len + 1).min(WORDS);
+            self.missed = self.misses;
+        }
+        if !again {
+            self.misses = misses;
+        }
+    }
+
+    /// Finds the motion from time `t` (s), where it moves by `now`, to `end`, or goes on with the one it has; it was `before`
+    /// until the host spoke. A step `begins` at `t`, or goes on there.
+    fn aim(&mut self, [t, end]: [f64; 2], now: Sample, input: HeadInput, before: &Signal, begins: bool) {
+        let at_end = input == HeadInput::AtEnd && !self.of_now;
+        if self.len == 0 {
+            // Before the host's first word the head moved as the scene says, in steps like this one.
+            let back = if at_end { 0 } else { 1 };
+            for k in (back..back + WORDS + 2).rev() {
+                let time = t - k as f64 * (end - t);
+                self.hear(Word::new(time, before.at(time).value));
+            }
+        }
+        let silence = t - self.words[0].time;
+        let between = self.words[0].time - self.words[1].time;
+        if at_end && begins {
+            let held = Word { time: end, ..self.said };
+            self.hear(if self.fresh { held } else { Word { time: end, ..self.said.at(end) } });
+        } else if at_end && self.fresh {
+            self.hear(Word { time: end, ..self.said });
+        } else if self.fresh || begins && silence > SILENT * between {
+            self.hear(self.said.at(t));
+        } else {
+            return;
+        }
+        if at_end {
+            self.said.time = end;
+        }
+        self.fresh = false;
+        let found = Differences::of(self.words[..self.len].iter());
+        let mut degree = self.words[0].order;
+        // A polynomial doubles, for every degree, what its words are off by.
+        let miss = |k: usize| self.misses[k].max(self.missed[k]) * f64::from(1_u32 << k);
+        // A degree that is better by rounding errors alone is none the better.
+        let rounding = 4.0 * f64::EPSILON * self.words[0].derivatives[0].abs();
+        for k in degree + 1..found.len {
+            if miss(k) + rounding < miss(degree) {
+                degree = k;
+            }
+        }
+        self.course = found.polynomial(degree);
+        let start = self.course.at(t);
+        let apart = Sample {
+            value: now.value - start.value,
+            rate: now.rate - start.rate,
+            acceleration: now.acceleration - start.acceleration,
+        };
+        let span =
+            if at_end { end - t } else { (end - t).max(self.words[0].time - self.words[1].time).max(self.until - t) };
+        self.rest = Polynomial::dying(apart, t, span);
+        self.until = t + span;
+    }
+
+    /// How it moves at time `t` (s); `None` before the host's first step.
+    pub fn at(&self, t: f64) -> Option<Sample> {
+        (self.len > 0).then(|| {
+            let course = self.course.at(t);
+            if t >= self.until {
+                return course;
+            }
+            let rest = self.rest.at(t);
+            Sample {
+                value: course.value + rest.value,
+                rate: course.rate + rest.rate,
+                acceleration: course.acceleration + rest.acceleration,
+            }
+        })
+    }
+
+    /// The derivative of `order` as the host gave it last; `None` where it gave none of that order.
+    pub fn said(&self, order: usize) -> Option<f64> {
+        (order <= self.said.order).then(|| self.said.derivatives[order])
+    }
+}
+
+/// The motion of a head that a host moves: x, y and angle, each as soon as the host has spoken of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct HostHead {
+    /// The coordinates of which it has spoken.
+    pub axes: [Option<Axis>; 3],
+}
+
+impl HostHead {
+    /// Takes over the derivative of `order` of coordinate `i`; see [`Axis::say`].
+    pub fn say(&mut self, t: f64, i: usize, now: Sample, order: usize, value: f64, derivative: bool) {
+        self.axes[i].get_or_insert_with(|| Axis::new(t, now)).say(t, now, order.min(HIGHEST), value, derivative);
+    }
+
+    /// Finds the motion of every coordinate over a step; see [`Axis::aim`].
+    pub fn aim(&mut self, span: [f64; 2], now: &[Sample; 3], input: HeadInput, before: &[Signal; 3], begins: bool) {
+        for ((axis, now), before) in self.axes.iter_mut().zip(now).zip(before) {
+            if let Some(axis) = axis {
+                axis.aim(span, *now, input, before, begins);
+            }
+        }
+    }
+}
