@@ -3,6 +3,7 @@
 mod between;
 mod dense;
 pub mod derivatives;
+mod retune;
 pub mod snapshot;
 mod undo;
 

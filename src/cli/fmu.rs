@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use caudal::error::{Error, Result};
-use caudal::fmu::{self, Fmu, Standard};
+use caudal::fmu::{self, Choice, Fmu, Standard};
 use clap::ValueEnum;
 
 use super::{SceneArguments, say};
@@ -23,17 +23,15 @@ pub fn fmu(
     arguments: &SceneArguments,
     out: Option<PathBuf>,
     version: Version,
-    library: Option<PathBuf>,
+    mut libraries: Vec<PathBuf>,
+    choice: Choice,
 ) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
-    let fmu = Fmu::of(&document)?;
-    let library = match library {
-        Some(library) => library,
-        None => {
-            let executable = std::env::current_exe().map_err(|error| Error::Fmu(error.to_string()))?;
-            fmu::library(&executable)?
-        }
-    };
+    let fmu = Fmu::of(&document)?.showing(choice)?;
+    if libraries.is_empty() {
+        let executable = std::env::current_exe().map_err(|error| Error::Fmu(error.to_string()))?;
+        libraries.push(fmu::library(&executable)?);
+    }
     let out = out.unwrap_or_else(|| PathBuf::from(format!("{}.fmu", scene.name)));
     let targets = match version {
         Version::Fmi2 => vec![(Standard::Fmi2, out)],
@@ -43,7 +41,7 @@ pub fn fmu(
         }
     };
     for (standard, path) in targets {
-        fmu.write(standard, &library, &path)?;
+        fmu.write(standard, &libraries, &path)?;
         let version = if standard == Standard::Fmi2 { "2.0" } else { "3.0" };
         say(&format!("{}: FMI {version} for co-simulation", path.display()));
     }

@@ -15,6 +15,7 @@ use std::process::ExitCode;
 
 use caudal::check::Assessment;
 use caudal::error::{Error, Result};
+use caudal::fmu::Choice;
 use caudal::report::Kept;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
@@ -87,9 +88,18 @@ enum Command {
         /// Version of the standard; both makes FILE-fmi2.fmu and FILE-fmi3.fmu
         #[arg(long, value_enum, default_value = "3")]
         fmi: fmu::Version,
-        /// The shared library that goes into it [default: the one beside this program or in ../lib]
+        /// A shared library that goes into it, one for each platform [default: the one beside this program or in ../lib]
         #[arg(long, value_name = "FILE")]
-        library: Option<PathBuf>,
+        library: Vec<PathBuf>,
+        /// The variables and parameters that it shows [default: all]
+        #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+        variables: Option<Vec<String>>,
+        /// The nodes that it shows, where every entry of an array is a variable of its own [default: all]
+        #[arg(long, value_name = "NODES", value_delimiter = ',')]
+        nodes: Option<Vec<usize>>,
+        /// FMI 3.0 without arrays and structural parameters, for hosts that have none
+        #[arg(long)]
+        plain: bool,
     },
     /// List the variables a host can get and set: all, or those of a scene with their sizes
     Variables {
@@ -164,7 +174,9 @@ pub fn main() -> ExitCode {
         Command::Design { scene, out } => design::design(&scene, out),
         Command::Check { scene } => check::check(&scene),
         Command::Study(study) => study::study(&study),
-        Command::Fmu { scene, out, fmi, library } => fmu::fmu(&scene, out, fmi, library),
+        Command::Fmu { scene, out, fmi, library, variables, nodes, plain } => {
+            fmu::fmu(&scene, out, fmi, library, Choice { variables, nodes, plain })
+        }
         Command::Variables { scene } => variables::variables(scene.as_deref()),
     };
     outcome.unwrap_or_else(|error| {

@@ -1,5 +1,6 @@
 //! `modelDescription.xml`, from the table of variables.
 
+use std::collections::HashMap;
 use std::io::Result;
 
 use quick_xml::events::{BytesDecl, Event};
@@ -12,7 +13,7 @@ use crate::scene::parameter::Parameter;
 use crate::stepper::Stepper;
 use crate::variable::{Causality, Size, VARIABLES, Variable};
 
-type Xml = Writer<Vec<u8>>;
+pub(super) type Xml = Writer<Vec<u8>>;
 type Attributes = Vec<(&'static str, String)>;
 
 /// A unit: its name, what is measured in it, the exponents of kg, m, s and rad, and a unit to show it in with its factor.
@@ -103,7 +104,8 @@ struct Entry {
 impl Entry {
     fn variable(fmu: &Fmu<'_>, standard: Standard, place: usize, variable: &Variable, node: Option<usize>) -> Self {
         let (stepper, model) = (&fmu.stepper, fmu.stepper.model());
-        let structural = standard == Standard::Fmi3 && variable.name == NODES;
+        let arrays = fmu.has_arrays(standard);
+        let structural = arrays && variable.name == NODES;
         let counts = ["steps", "newton_iterations", "step_halvings", "step_rejections"].contains(&variable.name);
         let [causality, variability] = match variable.causality {
             Causality::Independent => ["independent", "continuous"],
@@ -126,7 +128,7 @@ impl Entry {
             _ => "Real",
         };
         let mut value = Vec::new();
-        let sized = standard == Standard::Fmi3 && variable.size != Size::Scalar;
+        let sized = arrays && variable.size != Size::Scalar;
         if structural {
             let [least, most] = scene::NODES.map(|nodes| (nodes + model.rod.front as u64).to_string());
             value.extend([("min", least), ("max", most)]);
@@ -149,7 +151,8 @@ impl Entry {
         let target = Target::Variable(place, node.unwrap_or(0));
         Self {
             name: node.map_or(variable.name.to_string(), |node| format!("{}[{node}]", variable.name)),
-            reference: Catalogue::reference(standard, target),
+            // An entry of its own has the reference of FMI 2.0, which no array has.
+            reference: Catalogue::reference(if node.is_some() { Standard::Fmi2 } else { standard }, target),
             description: match variable.size {
                 Size::Joints if sized => format!("{}; zero at nodes without a joint", variable.description),
                 _ => variable.description.to_string(),
@@ -163,7 +166,8 @@ impl Entry {
     }
 
     fn parameter(standard: Standard, place: usize, parameter: &Parameter) -> Self {
-        let role = ["parameter", "fixed", "exact"].map(str::to_string);
+        let variability = if parameter.is_tunable() { "tunable" } else { "fixed" };
+        let role = ["parameter", variability, "exact"].map(str::to_string);
         let mut value = Vec::new();
         let (least, most) = (*parameter.range.start(), *parameter.range.end());
         value.extend(least.is_finite().then(|| ("min", number(least))));
@@ -218,12 +222,12 @@ fn units(Unit(name, quantity, _, shown): &Unit) -> Attributes {
 }
 
 /// Writes an element without content.
-fn leaf(xml: &mut Xml, name: &str, attributes: Attributes) -> Result<()> {
+pub(super) fn leaf(xml: &mut Xml, name: &str, attributes: Attributes) -> Result<()> {
     with(xml, name, &attributes).write_empty().map(|_| ())
 }
 
 /// Writes an element with content.
-fn element(
+pub(super) fn element(
     xml: &mut Xml,
     name: &str,
     attributes: Attributes,
@@ -309,10 +313,12 @@ fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
                 yes("canSerializeFMUState"),
                 yes("providesDirectionalDerivatives"),
                 yes("providesAdjointDerivatives"),
-                yes("providesPerElementDependencies"),
                 yes("providesIntermediateUpdate"),
                 yes("canReturnEarlyAfterIntermediateUpdate"),
             ]);
+            if fmu.has_arrays(standard) {
+                attributes.push(yes("providesPerElementDependencies"));
+            }
             if let Pace::Fixed(step) = fmu.scene.pace() {
                 attributes.push(("fixedInternalStepSize", number(step)));
             }
@@ -344,26 +350,31 @@ fn experiment(fmu: &Fmu<'_>) -> Attributes {
 
 /// The variables of a description. FMI 2.0 does not need the time, and some of its hosts complain of it.
 fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
-    let shown = move |variable: &Variable| standard == Standard::Fmi3 || variable.causality != Causality::Independent;
-    fmu.catalogue.variables().filter(move |(_, variable)| shown(variable))
+    fmu.catalogue.variables().filter(move |(_, variable)| match variable.causality {
+        Causality::Independent => standard == Standard::Fmi3,
+        // Arrays have the number of nodes as their size; a host without arrays cannot change it.
+        _ if variable.name == NODES => fmu.has_arrays(standard) || standard == Standard::Fmi2 && fmu.shows(NODES),
+        _ => fmu.shows(variable.name),
+    })
 }
 
-/// The variables in their order, every entry of its own in FMI 2.0; then the parameters.
+/// The nodes of the entries of a variable that stand on their own.
+fn nodes<'a>(fmu: &'a Fmu<'_>, variable: &Variable) -> impl Iterator<Item = usize> + 'a {
+    variable.entries(fmu.stepper.model()).filter(|node| fmu.shows_node(*node))
+}
+
+/// The variables in their order, every entry of its own where there are no arrays; then the parameters.
 fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
-    let model = fmu.stepper.model();
     let mut entries = Vec::new();
     for (place, variable) in variables(fmu, standard) {
-        match (standard, variable.size) {
-            (Standard::Fmi3, _) | (_, Size::Scalar) => {
-                entries.push(Entry::variable(fmu, standard, place, variable, None));
-            }
-            (Standard::Fmi2, _) => {
-                let nodes = variable.entries(model);
-                entries.extend(nodes.map(|node| Entry::variable(fmu, standard, place, variable, Some(node))));
-            }
+        if fmu.has_arrays(standard) || variable.size == Size::Scalar {
+            entries.push(Entry::variable(fmu, standard, place, variable, None));
+        } else {
+            entries
+                .extend(nodes(fmu, variable).map(|node| Entry::variable(fmu, standard, place, variable, Some(node))));
         }
     }
-    let parameters = fmu.catalogue.parameters.iter().enumerate();
+    let parameters = fmu.catalogue.parameters.iter().enumerate().filter(|(_, parameter)| fmu.shows(&parameter.name()));
     entries.extend(parameters.map(|(place, parameter)| Entry::parameter(standard, place, parameter)));
     entries
 }
@@ -371,38 +382,41 @@ fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
 /// Outputs with the inputs that they follow at once, and what is unknown until initialisation.
 fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]) -> Result<()> {
     let (model, form) = (fmu.stepper.model(), fmu.stepper.form());
-    // Where each variable's first entry is in FMI 2.0, which counts from 1.
-    let mut first = vec![0; VARIABLES.len()];
-    let mut count = 1;
+    let arrays = fmu.has_arrays(standard);
+    let scalar = |variable: &Variable| variable.size == Size::Scalar;
+    // What names an entry: its index in FMI 2.0, which counts from 1, its reference in FMI 3.0.
+    let mut name = HashMap::new();
+    let mut count = 0;
     for (place, variable) in variables(fmu, standard) {
-        first[place] = count;
-        count += variable.len(model) as u32;
+        let own: Vec<usize> = if arrays { vec![0] } else { nodes_or_one(fmu, variable) };
+        for node in own {
+            count += 1;
+            let coded = if arrays || scalar(variable) { Standard::Fmi3 } else { Standard::Fmi2 };
+            let reference = Catalogue::reference(coded, Target::Variable(place, node));
+            name.insert((place, node), if standard == Standard::Fmi2 { count } else { reference });
+        }
     }
-    let inputs: Vec<_> = fmu.catalogue.variables().filter(|(_, variable)| variable.is_input()).collect();
-    // By index in FMI 2.0, by reference in FMI 3.0.
-    let dependencies = |variable: &Variable, node: usize| match standard {
-        Standard::Fmi2 => list(inputs.iter().flat_map(|(place, input)| {
-            let offset = i64::from(first[*place]) - input.entries(model).start as i64;
-            variable.follows(node, input, model, form).map(move |k| (k as i64 + offset) as u32)
-        })),
-        Standard::Fmi3 => {
+    let inputs: Vec<_> = variables(fmu, standard).filter(|(_, variable)| variable.is_input()).collect();
+    let dependencies = |variable: &Variable, node: usize| {
+        if arrays {
             let any =
                 |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
-            list(inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32))
+            return list(inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32));
         }
+        list(inputs.iter().flat_map(|(place, input)| {
+            variable.follows(node, input, model, form).filter_map(|k| name.get(&(*place, k)).copied())
+        }))
     };
+    let key = if standard == Standard::Fmi2 { "index" } else { "valueReference" };
+    let kind = if standard == Standard::Fmi2 { "Unknown" } else { "Output" };
     let outputs = |xml: &mut Xml| {
-        fmu.catalogue.variables().filter(|(_, variable)| variable.causality == Causality::Output).try_for_each(
-            |(place, variable)| match standard {
-                Standard::Fmi2 => variable.entries(model).enumerate().try_for_each(|(i, node)| {
-                    let index = (first[place] + i as u32).to_string();
-                    let attributes = vec![("index", index), ("dependencies", dependencies(variable, node))];
-                    leaf(xml, "Unknown", attributes)
-                }),
-                Standard::Fmi3 => {
-                    let reference = ("valueReference", place.to_string());
-                    leaf(xml, "Output", vec![reference, ("dependencies", dependencies(variable, 0))])
-                }
+        variables(fmu, standard).filter(|(_, variable)| variable.causality == Causality::Output).try_for_each(
+            |(place, variable)| {
+                let own: Vec<usize> = if arrays { vec![0] } else { nodes_or_one(fmu, variable) };
+                own.into_iter().try_for_each(|node| {
+                    let own = name.get(&(place, node)).copied().unwrap_or_default().to_string();
+                    leaf(xml, kind, vec![(key, own), ("dependencies", dependencies(variable, node))])
+                })
             },
         )
     };
@@ -426,4 +440,9 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
             unknowns.iter().try_for_each(|(_, r)| leaf(xml, "InitialUnknown", reference(*r)))
         }
     }
+}
+
+/// The same, or the one entry of a scalar.
+fn nodes_or_one(fmu: &Fmu<'_>, variable: &Variable) -> Vec<usize> {
+    if variable.size == Size::Scalar { vec![0] } else { nodes(fmu, variable).collect() }
 }

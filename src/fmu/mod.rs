@@ -10,13 +10,15 @@ mod description;
 mod document;
 #[cfg(feature = "fmu")]
 mod package;
+#[cfg(feature = "fmu")]
+mod terminals;
 
 use crate::scene::Scene;
 use crate::scene::parameter::Parameter;
 use crate::stepper::Stepper;
 use crate::variable::{VARIABLES, Variable};
 #[cfg(feature = "fmu")]
-pub use package::{Fmu, library, library_name};
+pub use package::{Choice, Fmu, library, library_name};
 
 /// A version of the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -6,28 +6,54 @@ use std::path::{Path, PathBuf};
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
-use super::{Catalogue, Standard, description, document, token};
-use crate::error::{Error, Result};
+use super::{Catalogue, Standard, description, document, terminals, token};
+use crate::error::{Error, Result, nearest};
 use crate::report::tables::{beside, put_in_place, write_error};
+use crate::scene::parameter::Parameter;
 use crate::scene::{Document, Scene};
 use crate::stepper::Stepper;
 
-/// The platform's folder of binaries in FMI 2.0 and 3.0, and the suffix of its shared libraries.
-const PLATFORM: Option<([&str; 2], &str)> = {
-    if cfg!(all(target_os = "linux", target_arch = "x86_64")) {
-        Some((["linux64", "x86_64-linux"], "so"))
-    } else if cfg!(all(target_os = "linux", target_arch = "aarch64")) {
-        Some((["aarch64-linux", "aarch64-linux"], "so"))
-    } else if cfg!(all(target_os = "macos", target_arch = "x86_64")) {
-        Some((["darwin64", "x86_64-darwin"], "dylib"))
-    } else if cfg!(all(target_os = "macos", target_arch = "aarch64")) {
-        Some((["aarch64-darwin", "aarch64-darwin"], "dylib"))
-    } else if cfg!(all(target_os = "windows", target_arch = "x86_64")) {
-        Some((["win64", "x86_64-windows"], "dll"))
-    } else {
-        None
+/// The folders of binaries in FMI 2.0 and 3.0 of the platform that a shared library is for, and its suffix.
+fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
+    let two = |place: usize| library.get(place..place + 2).map(|bytes| u16::from_le_bytes([bytes[0], bytes[1]]));
+    let four = |place: usize| {
+        library.get(place..place + 4).map(|bytes| u32::from_le_bytes([bytes[0], bytes[1], bytes[2], bytes[3]]))
+    };
+    if library.starts_with(b"\x7fELF") {
+        return match two(18)? {
+            0x3e => Some((["linux64", "x86_64-linux"], "so")),
+            0xb7 => Some((["aarch64-linux", "aarch64-linux"], "so")),
+            _ => None,
+        };
     }
-};
+    if four(0)? == 0xfeed_facf {
+        return match four(4)? {
+            0x0100_0007 => Some((["darwin64", "x86_64-darwin"], "dylib")),
+            0x0100_000c => Some((["aarch64-darwin", "aarch64-darwin"], "dylib")),
+            _ => None,
+        };
+    }
+    if library.starts_with(b"MZ") {
+        let header = four(0x3c)? as usize;
+        return match (library.get(header..header + 4)?, two(header + 4)?) {
+            (b"PE\0\0", 0x8664) => Some((["win64", "x86_64-windows"], "dll")),
+            (b"PE\0\0", 0xaa64) => Some((["aarch64-windows", "aarch64-windows"], "dll")),
+            _ => None,
+        };
+    }
+    None
+}
+
+/// What of a scene its FMU shows, and how.
+#[derive(Debug, Clone, Default)]
+pub struct Choice {
+    /// Names of variables and parameters; all where there are none.
+    pub variables: Option<Vec<String>>,
+    /// Nodes at which arrays have entries where every entry is a variable of its own; all where there are none.
+    pub nodes: Option<Vec<usize>>,
+    /// FMI 3.0 as hosts read it that know neither arrays nor structural parameters: every entry is a variable of its own.
+    pub plain: bool,
+}
 
 /// A scene ready to be written as an FMU.
 #[derive(Debug)]
@@ -36,6 +62,7 @@ pub struct Fmu<'a> {
     pub(super) scene: Scene,
     pub(super) stepper: Stepper,
     pub(super) catalogue: Catalogue,
+    choice: Choice,
 }
 
 impl<'a> Fmu<'a> {
@@ -47,7 +74,43 @@ impl<'a> Fmu<'a> {
         let scene = document.scene()?;
         let stepper = Stepper::of(&scene)?;
         let catalogue = Catalogue::of(&scene, &stepper);
-        Ok(Self { document, scene, stepper, catalogue })
+        Ok(Self { document, scene, stepper, catalogue, choice: Choice::default() })
+    }
+
+    /// The same with what `choice` takes.
+    ///
+    /// # Errors
+    /// [`Error::UnknownVariable`], and [`Error::Fmu`] for a node that the rod has not.
+    pub fn showing(self, choice: Choice) -> Result<Self> {
+        let parameters = self.catalogue.parameters.iter().map(Parameter::name);
+        let names: Vec<String> =
+            self.catalogue.variables().map(|(_, variable)| variable.name.to_string()).chain(parameters).collect();
+        for name in choice.variables.iter().flatten() {
+            if !names.contains(name) {
+                let nearest = nearest(name, self.catalogue.variables().map(|(_, variable)| variable.name));
+                return Err(Error::UnknownVariable { name: name.clone(), nearest });
+            }
+        }
+        let nodes = self.stepper.model().rod.nodes;
+        match choice.nodes.iter().flatten().find(|node| **node >= nodes) {
+            Some(node) => Err(Error::Fmu(format!("node {node}: the rod has the nodes 0 to {}", nodes - 1))),
+            None => Ok(Self { choice, ..self }),
+        }
+    }
+
+    /// True if the FMU of this standard has arrays, sized by the number of nodes.
+    pub(super) fn has_arrays(&self, standard: Standard) -> bool {
+        standard == Standard::Fmi3 && !self.choice.plain
+    }
+
+    /// True if it shows the variable or parameter of this name.
+    pub(super) fn shows(&self, name: &str) -> bool {
+        self.choice.variables.as_ref().is_none_or(|names| names.iter().any(|shown| shown == name))
+    }
+
+    /// True if it shows entries at this node.
+    pub(super) fn shows_node(&self, node: usize) -> bool {
+        self.choice.nodes.as_ref().is_none_or(|nodes| nodes.contains(&node))
     }
 
     /// The identifier in C that names the library: the scene's name with `_` for all that C does not allow.
@@ -73,19 +136,39 @@ impl<'a> Fmu<'a> {
         description::write(self, standard).map_err(|error| Error::Fmu(format!("its description: {error}")))
     }
 
-    /// Writes the FMU with the shared `library` to `path`: the same scene and library, the same bytes.
+    /// Writes the FMU with shared `libraries`, one for each platform, to `path`: the same scene and libraries, the same bytes.
     ///
     /// # Errors
     /// [`Error::Fmu`], [`Error::Read`], [`Error::Write`].
-    pub fn write(&self, standard: Standard, library: &Path, path: &Path) -> Result<()> {
-        let Some((folders, suffix)) = PLATFORM else {
-            return Err(Error::Fmu("this platform has no name in the FMI standard".to_string()));
-        };
-        let folder = folders[usize::from(standard == Standard::Fmi3)];
-        let binary =
-            std::fs::read(library).map_err(|e| Error::Read { path: library.to_path_buf(), reason: e.to_string() })?;
+    pub fn write(&self, standard: Standard, libraries: &[PathBuf], path: &Path) -> Result<()> {
+        let wrong = |error: std::io::Error| Error::Fmu(format!("its description: {error}"));
+        if self.choice.nodes.is_some() && self.has_arrays(standard) {
+            let problem = "arrays of FMI 3.0 have all nodes; allowed: a choice of nodes with FMI 2.0 or plain FMI 3.0";
+            return Err(Error::Fmu(problem.to_string()));
+        }
         let mut files = vec![("modelDescription.xml".to_string(), self.description(standard)?.into_bytes())];
-        files.push((format!("binaries/{folder}/{}.{suffix}", self.identifier()), binary));
+        for library in libraries {
+            let binary =
+                std::fs::read(library).map_err(|e| Error::Read { path: library.clone(), reason: e.to_string() })?;
+            let Some((folders, suffix)) = platform(&binary) else {
+                let problem = "no shared library of Linux, macOS or Windows for x86_64 or aarch64";
+                return Err(Error::Fmu(format!("{}: {problem}", library.display())));
+            };
+            let folder = folders[usize::from(standard == Standard::Fmi3)];
+            let name = format!("binaries/{folder}/{}.{suffix}", self.identifier());
+            if files.iter().any(|(other, _)| *other == name) {
+                return Err(Error::Fmu(format!("{}: a second library for {folder}", library.display())));
+            }
+            files.push((name, binary));
+        }
+        match standard {
+            Standard::Fmi2 => files.push(("model.png".to_string(), terminals::ICON.to_vec())),
+            Standard::Fmi3 => {
+                let list = terminals::write(self).map_err(wrong)?;
+                files.push(("terminalsAndIcons/terminalsAndIcons.xml".to_string(), list));
+                files.push(("terminalsAndIcons/icon.png".to_string(), terminals::ICON.to_vec()));
+            }
+        }
         files.extend(document::files(self).into_iter().map(|(name, text)| (name, text.into_bytes())));
         files.extend(self.document.packed()?.into_iter().map(|(name, bytes)| (format!("resources/{name}"), bytes)));
         let failed = |error: std::io::Error| write_error(path, &error);

@@ -27,6 +27,12 @@ impl Parameter {
     pub fn name(&self) -> String {
         self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
     }
+
+    /// True if it may change between steps while the state stays, see [`Stepper::retune`](crate::stepper::Stepper::retune).
+    /// Drive and medium do too, as inputs.
+    pub fn is_tunable(&self) -> bool {
+        self.key == "rod.youngs_modulus_pa" || self.key == "reactive.shedding" || self.key.starts_with("drag.")
+    }
 }
 
 /// A number that knows its range.

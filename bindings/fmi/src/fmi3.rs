@@ -443,7 +443,10 @@ fn targets(instance: &Instance, references: &[Reference]) -> Outcome<Vec<(Target
     let mut targets = Vec::new();
     for reference in references {
         let target = instance.float(*reference)?;
-        targets.extend((0..instance.len3(*reference).unwrap_or(1)).map(|k| (target, k)));
+        match (target, instance.len3(*reference)) {
+            (Target::Variable(_, node), Some(1)) => targets.push((target, node)),
+            (_, len) => targets.extend((0..len.unwrap_or(1)).map(|k| (target, k))),
+        }
     }
     Ok(targets)
 }

@@ -100,6 +100,8 @@ pub struct Instance {
     /// Built with these settings when first needed.
     stepper: Held,
     stale: bool,
+    /// The settings that it was built with, where parameters have changed between steps since.
+    untuned: Option<Settings>,
     inputs: Inputs,
     /// Values of each variable for one node each; of a scalar, one.
     lengths: Vec<usize>,
@@ -145,6 +147,7 @@ impl Instance {
                 .unwrap_or(usize::MAX),
             stepper: Held { own: Some(Box::new(stepper)), lent: None },
             stale: false,
+            untuned: None,
             log,
             logged: Vec::new(),
             seeds: Vec::new(),
@@ -212,8 +215,13 @@ impl Instance {
         matches!(self.mode, Mode::Step | Mode::Intermediate)
     }
 
-    /// The scene with the host's settings.
+    /// The start of the scene with the host's settings.
     fn build(&self) -> Result<Stepper> {
+        Stepper::of(&self.configured()?)
+    }
+
+    /// The scene with the host's settings.
+    fn configured(&self) -> Result<Scene> {
         let mut document = self.document.clone();
         for text in parameter::overrides(&self.catalogue.parameters, &self.settings.parameters) {
             document.set(&text)?;
@@ -224,7 +232,7 @@ impl Instance {
         if let (Some(tolerance), Pace::Adaptive(_)) = (self.settings.tolerance, self.scene.pace()) {
             document.set(&format!("solver.tolerance={tolerance:e}"))?;
         }
-        Stepper::of(&document.scene()?)
+        document.scene()
     }
 
     /// The stepper with everything that the host has set.
@@ -236,6 +244,18 @@ impl Instance {
             }
             self.inputs.any = self.inputs.waiting.iter().flatten().any(|waiting| *waiting);
             (self.stepper.own, self.stale) = (Some(Box::new(stepper)), false);
+        }
+        if let Some(before) = self.untuned.take() {
+            let scene = self.configured();
+            let tuned = match (scene, self.stepper.get_mut()) {
+                (Ok(scene), Some(stepper)) => stepper.retune(&scene),
+                (Err(error), _) => Err(error),
+                (_, None) => Ok(()),
+            };
+            if let Err(error) = tuned {
+                self.settings = before;
+                return Err(error.into());
+            }
         }
         if self.inputs.any {
             self.hand_over()?;
@@ -279,7 +299,7 @@ impl Instance {
     pub fn reset(&mut self) -> Outcome {
         self.settings = self.original.clone();
         self.experiment = Experiment { start: 0.0, stop: None };
-        (self.stepper.own, self.stale, self.mode) = (None, true, Mode::Instantiated);
+        (self.stepper.own, self.stale, self.untuned, self.mode) = (None, true, None, Mode::Instantiated);
         self.size();
         Ok(())
     }

@@ -6,7 +6,7 @@ mod common;
 use std::f64::consts::TAU;
 use std::ffi::{c_int, c_void};
 
-use caudal::fmu::Standard;
+use caudal::fmu::{Choice, Fmu, Standard};
 use caudal::stepper::Stepper;
 use common::{Fmi2, Fmi3, Unpacked, document, reference, references2};
 
@@ -17,7 +17,14 @@ const HEAD: [&str; 6] =
 fn pose(t: f64) -> [f64; 6] {
     let (sin, cos) = (TAU * 0.7 * t).sin_cos();
     let omega = TAU * 0.7;
-    [0.02 * sin, 0.3 * sin, 0.02 * omega * cos, 0.3 * omega * cos, -0.02 * omega * omega * sin, -0.3 * omega * omega * sin]
+    [
+        0.02 * sin,
+        0.3 * sin,
+        0.02 * omega * cos,
+        0.3 * omega * cos,
+        -0.02 * omega * omega * sin,
+        -0.3 * omega * omega * sin,
+    ]
 }
 
 #[test]
@@ -126,8 +133,17 @@ fn a_discarded_step_leaves_the_state_of_before_the_call_and_can_be_made_otherwis
     }
 }
 
-type Derivative =
-    unsafe extern "C" fn(*mut c_void, *const u32, usize, *const u32, usize, *const f64, usize, *mut f64, usize) -> c_int;
+type Derivative = unsafe extern "C" fn(
+    *mut c_void,
+    *const u32,
+    usize,
+    *const u32,
+    usize,
+    *const f64,
+    usize,
+    *mut f64,
+    usize,
+) -> c_int;
 
 #[test]
 fn derivatives_are_there_after_the_end_too() {
@@ -216,4 +232,155 @@ fn a_host_s_tolerance_is_that_of_the_internal_steps() {
     let instance = fmi.instance(None, std::ptr::null_mut());
     assert_eq!(unsafe { (fmi.enter)(instance, 1, -1.0, 0.0, 0, 0.0) }, 3);
     unsafe { (fmi.free)(instance) };
+}
+
+#[test]
+fn stiffness_and_drag_change_between_steps_and_the_motion_goes_on() {
+    let model = document("driven-head", &["rod.nodes=9"]);
+    let scene = model.scene().unwrap();
+    let parameters = scene.parameters();
+    let place = |name: &str| parameters.iter().position(|parameter| parameter.name() == name).unwrap();
+    let three = Unpacked::of(&model, Standard::Fmi3);
+    let fmi = Fmi3::of(&three);
+    let instance = fmi.start();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    for step in 0..5 {
+        assert_eq!(fmi.advance(instance, f64::from(step) * 0.1, 0.1).0, 0);
+        stepper.do_step(0.1).unwrap();
+    }
+    let [positions, velocities] = ["x_m", "vy_m_s"].map(|name| fmi.read(instance, name, 9));
+    let defect = fmi.read(instance, "numerical_dissipation_j", 1)[0];
+    let references =
+        ["rod.youngs_modulus_pa", "drag.ratio"].map(|name| caudal::fmu::Catalogue::PARAMETERS + place(name) as u32);
+    unsafe {
+        // All or none, and none that the scene's reader refuses.
+        assert_eq!((fmi.set)(instance, references.as_ptr(), 2, [1e6, -1.0].as_ptr(), 2), 3);
+        assert_eq!((fmi.set)(instance, references.as_ptr(), 2, [1e6, 3.0].as_ptr(), 2), 0);
+    }
+    // Nothing jumps but the forces.
+    assert_eq!([positions, velocities], ["x_m", "vy_m_s"].map(|name| fmi.read(instance, name, 9)));
+    assert!((fmi.read(instance, "numerical_dissipation_j", 1)[0] - defect).abs() < 1e-15);
+    let tuned = document("driven-head", &["rod.nodes=9", "rod.youngs_modulus_pa=1e6", "drag.ratio=3.0"]);
+    stepper.retune(&tuned.scene().unwrap()).unwrap();
+    let mut state = std::ptr::null_mut();
+    assert_eq!(unsafe { (fmi.save)(instance, &mut state) }, 0);
+    for round in 0..2 {
+        for step in 5..10 {
+            assert_eq!(fmi.advance(instance, f64::from(step) * 0.1, 0.1).0, 0);
+            if round == 0 {
+                stepper.do_step(0.1).unwrap();
+            }
+        }
+        assert_eq!(fmi.read(instance, "y_m", 9), stepper.get("y_m").unwrap());
+        assert_eq!(fmi.read(instance, "head_moment_n_m", 1), stepper.get("head_moment_n_m").unwrap());
+        assert_eq!(unsafe { (fmi.restore)(instance, state) }, 0);
+    }
+    // Back at the settings before, and again.
+    unsafe {
+        assert_eq!((fmi.set)(instance, references.as_ptr(), 2, [2e6, 2.0].as_ptr(), 2), 0);
+        assert_eq!(fmi.advance(instance, 0.5, 0.1).0, 0);
+        assert_eq!((fmi.restore)(instance, state), 0);
+        let mut found = [0.0; 2];
+        assert_eq!((fmi.get)(instance, references.as_ptr(), 2, found.as_mut_ptr(), 2), 0);
+        assert_eq!(found, [1e6, 3.0]);
+        assert_eq!((fmi.forget)(instance, &mut state), 0);
+        (fmi.free)(instance);
+    }
+}
+
+#[test]
+fn a_plain_fmu_has_every_entry_as_a_variable_of_its_own_and_shows_what_was_chosen() {
+    let model = document("driven-head", &["rod.nodes=9"]);
+    let names = ["head_y_m", "head_moment_n_m", "y_m", "force_y_n", "drag.ratio"].map(str::to_string).to_vec();
+    let choice = Choice { variables: Some(names), nodes: Some(vec![0, 8]), plain: true };
+    let three = Unpacked::with(&model, Standard::Fmi3, choice.clone());
+    let fmi = Fmi3::of(&three);
+    for there in ["name=\"y_m[8]\"", "name=\"force_y_n[0]\"", "name=\"drag.ratio\"", "name=\"time_s\""] {
+        assert!(three.description.contains(there), "{there}");
+    }
+    for not_there in ["Dimension", "structuralParameter", "UInt64", "y_m[1]", "\"x_m", "viscosity"] {
+        assert!(!three.description.contains(not_there), "{not_there}");
+    }
+    let instance = fmi.start();
+    let [y, force] = ["y_m", "force_y_n"].map(|name| references2(name, 8..9)[0]);
+    let mut stepper = Stepper::of(&model.scene().unwrap()).unwrap();
+    let mut forces = [0.0; 9];
+    forces[8] = 0.01;
+    stepper.set("force_y_n", &forces).unwrap();
+    let mut found = [f64::NAN; 2];
+    unsafe { assert_eq!((fmi.set)(instance, &force, 1, &0.01, 1), 0) };
+    assert_eq!(fmi.advance(instance, 0.0, 0.1).0, 0);
+    stepper.do_step(0.1).unwrap();
+    unsafe { assert_eq!((fmi.get)(instance, [y, force].as_ptr(), 2, found.as_mut_ptr(), 2), 0) };
+    assert_eq!(found, [stepper.get("y_m").unwrap()[8], 0.01]);
+    unsafe { (fmi.free)(instance) };
+    // FMI 2.0 of the same choice; arrays of FMI 3.0 have all nodes.
+    let two = Unpacked::with(&model, Standard::Fmi2, Choice { plain: false, ..choice.clone() });
+    assert_eq!(two.description.matches("<ScalarVariable").count(), 7);
+    let folder = tempfile::tempdir().unwrap();
+    let write = |choice: Choice| {
+        let fmu = Fmu::of(&model)?.showing(choice)?;
+        fmu.write(Standard::Fmi3, &[common::library_path()], &folder.path().join("a.fmu"))
+    };
+    let error = write(Choice { plain: false, ..choice.clone() }).unwrap_err().to_string();
+    assert!(error.contains("FMI 2.0 or plain FMI 3.0"), "{error}");
+    let error = write(Choice { nodes: Some(vec![9]), ..choice.clone() }).unwrap_err().to_string();
+    assert!(error.contains("nodes 0 to 8"), "{error}");
+    let error = write(Choice { variables: Some(vec!["y".to_string()]), ..choice }).unwrap_err().to_string();
+    assert!(error.contains("did you mean"), "{error}");
+}
+
+#[test]
+fn terminals_name_variables_that_are_there() {
+    for (model, terminals) in [("driven-head", ["head", "tip"]), ("glycerol", ["tip", "drive"])] {
+        let three = Unpacked::of(&document(model, &[]), Standard::Fmi3);
+        let folder = three.folder.path().join("terminalsAndIcons");
+        assert!(folder.join("icon.png").is_file());
+        let list = std::fs::read_to_string(folder.join("terminalsAndIcons.xml")).unwrap();
+        for name in terminals {
+            assert!(list.contains(&format!("<Terminal name=\"{name}\"")), "{model}: {list}");
+        }
+        let members: Vec<&str> =
+            list.split("variableName=\"").skip(1).map(|rest| rest.split('"').next().unwrap()).collect();
+        assert!(members.len() >= 9);
+        for member in members {
+            assert!(three.description.contains(&format!("name=\"{member}\"")), "{model}: {member}");
+        }
+    }
+}
+
+#[test]
+fn several_libraries_go_into_one_fmu_each_in_its_platform_s_folder() {
+    let model = document("driven-head", &[]);
+    let folder = tempfile::tempdir().unwrap();
+    // Headers alone: nothing more is looked at.
+    let elf = |machine: u8| [b"\x7fELF\x02\x01".as_slice(), &[0; 12], &[machine, 0]].concat();
+    let windows = [b"MZ".as_slice(), &[0; 58], &[0x40, 0, 0, 0], b"PE\0\0", &[0x64, 0x86]].concat();
+    let mac = [0xcf, 0xfa, 0xed, 0xfe, 0x0c, 0, 0, 1].to_vec();
+    let files = [("a.so", elf(0x3e)), ("b.so", elf(0xb7)), ("c.dll", windows), ("d.dylib", mac)];
+    let paths = files.map(|(name, content)| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, content).unwrap();
+        path
+    });
+    let out = folder.path().join("all.fmu");
+    let fmu = Fmu::of(&model).unwrap();
+    for (standard, expected) in [
+        (Standard::Fmi2, ["linux64", "aarch64-linux", "win64", "aarch64-darwin"]),
+        (Standard::Fmi3, ["x86_64-linux", "aarch64-linux", "x86_64-windows", "aarch64-darwin"]),
+    ] {
+        fmu.write(standard, &paths, &out).unwrap();
+        let archive = zip::ZipArchive::new(std::fs::File::open(&out).unwrap()).unwrap();
+        for platform in expected {
+            assert!(
+                archive.file_names().any(|name| name.unwrap().starts_with(&format!("binaries/{platform}/"))),
+                "{platform}"
+            );
+        }
+    }
+    let error = fmu.write(Standard::Fmi3, &[paths[0].clone(), paths[0].clone()], &out).unwrap_err().to_string();
+    assert!(error.contains("a second library for x86_64-linux"), "{error}");
+    std::fs::write(&paths[0], b"#!/bin/sh").unwrap();
+    let error = fmu.write(Standard::Fmi3, &paths, &out).unwrap_err().to_string();
+    assert!(error.contains("no shared library"), "{error}");
 }

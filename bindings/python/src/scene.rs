@@ -153,7 +153,7 @@ impl Scene {
                 caudal::fmu::library(&module).or_raise(py)?
             }
         };
-        py.detach(|| Fmu::of(&self.document)?.write(standard, &library, &path)).or_raise(py)
+        py.detach(|| Fmu::of(&self.document)?.write(standard, &[library], &path)).or_raise(py)
     }
 
     fn __repr__(&self) -> String {

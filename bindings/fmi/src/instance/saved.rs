@@ -44,7 +44,7 @@ impl Instance {
             }
         }
         self.size();
-        self.stale = false;
+        (self.stale, self.untuned) = (false, None);
         if let Some(stepper) = &mut self.stepper.own {
             stepper.restore(&state.snapshot)?;
         }

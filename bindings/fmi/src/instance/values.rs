@@ -7,7 +7,7 @@ use caudal::stepper::Change;
 use caudal::variable::{Causality, Size, VARIABLES};
 use serde::{Deserialize, Serialize};
 
-use super::Instance;
+use super::{Instance, Mode};
 use crate::status::{Outcome, refuse};
 
 /// The host's inputs, which wait here until they are needed: one flat array for each input, in nodes.
@@ -38,7 +38,7 @@ impl Instance {
     /// Makes ready for reading.
     #[inline]
     pub fn settle(&mut self) -> Outcome {
-        if self.inputs.any || self.stale {
+        if self.inputs.any || self.stale || self.untuned.is_some() {
             self.ready()?;
         }
         Ok(())
@@ -61,7 +61,7 @@ impl Instance {
     pub fn check(&self, target: Target, values: &[f64]) -> Outcome {
         let Target::Parameter(place) = target else { return self.check_input(target, 0, values) };
         let (parameter, value) = (&self.catalogue.parameters[place], values[0]);
-        if self.is_running() {
+        if self.mode == Mode::Intermediate || self.is_running() && !parameter.is_tunable() {
             return refuse(format!("{} is fixed: it can be set until initialisation ends", parameter.name()));
         }
         if value.is_finite() && parameter.range.contains(&value) {
@@ -79,9 +79,13 @@ impl Instance {
     pub fn set(&mut self, target: Target, values: &[f64]) -> Outcome {
         match target {
             Target::Parameter(place) => {
-                let parameter = &mut self.settings.parameters[place];
-                self.stale |= *parameter != values[0];
-                *parameter = values[0];
+                let changed = self.settings.parameters[place] != values[0];
+                if changed && self.is_running() && self.untuned.is_none() {
+                    self.ready()?;
+                    self.untuned = Some(self.settings.clone());
+                }
+                self.stale |= changed && !self.is_running();
+                self.settings.parameters[place] = values[0];
                 Ok(())
             }
             Target::Variable(place, node) => self.set_input(place, node, 0, values),

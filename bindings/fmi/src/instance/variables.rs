@@ -11,9 +11,10 @@ impl Instance {
     /// Entries of a variable of FMI 3.0.
     #[inline]
     pub fn len3(&self, reference: u32) -> Option<usize> {
-        match self.catalogue.target(reference)? {
-            Target::Variable(place, _) => Some(self.lengths[place]),
-            Target::Parameter(_) => Some(1),
+        match self.catalogue.target(reference) {
+            Some(Target::Variable(place, _)) => Some(self.lengths[place]),
+            Some(Target::Parameter(_)) => Some(1),
+            None => self.scalar(reference).ok().map(|_| 1),
         }
     }
 
@@ -43,7 +44,8 @@ impl Instance {
     /// The target of a variable of FMI 3.0.
     #[inline]
     pub fn target(&self, reference: u32) -> Outcome<Target> {
-        self.catalogue.target(reference).map_or_else(|| unknown(reference), Ok)
+        // Plain FMI 3.0 has entries of arrays as variables of their own, like FMI 2.0.
+        self.catalogue.target(reference).map_or_else(|| self.scalar(reference), Ok)
     }
 
     /// The target of a real scalar of FMI 2.0.

@@ -14,7 +14,7 @@ use std::path::{Path, PathBuf};
 use std::ptr::{null, null_mut};
 use std::sync::Mutex;
 
-use caudal::fmu::{Catalogue, Fmu, Standard, Target};
+use caudal::fmu::{Catalogue, Choice, Fmu, Standard, Target};
 use caudal::scene::Document;
 use caudal::variable::VARIABLES;
 use libloading::Library;
@@ -44,7 +44,7 @@ pub fn write(document: &Document, standard: Standard, folder: &Path) -> PathBuf 
     let version = if standard == Standard::Fmi2 { 2 } else { 3 };
     let name = document.scene().unwrap().name;
     let path = folder.join(format!("{name}-{version}.fmu"));
-    Fmu::of(document).unwrap().write(standard, &library_path(), &path).unwrap();
+    Fmu::of(document).unwrap().write(standard, &[library_path()], &path).unwrap();
     path
 }
 
@@ -59,8 +59,14 @@ pub struct Unpacked {
 
 impl Unpacked {
     pub fn of(document: &Document, standard: Standard) -> Self {
+        Self::with(document, standard, Choice::default())
+    }
+
+    /// One that shows what `choice` takes.
+    pub fn with(document: &Document, standard: Standard, choice: Choice) -> Self {
         let folder = tempfile::tempdir().unwrap();
-        let path = write(document, standard, folder.path());
+        let path = folder.path().join("chosen.fmu");
+        Fmu::of(document).unwrap().showing(choice).unwrap().write(standard, &[library_path()], &path).unwrap();
         let mut archive = zip::ZipArchive::new(std::fs::File::open(path).unwrap()).unwrap();
         archive.extract(folder.path()).unwrap();
         let fmu = Fmu::of(document).unwrap();

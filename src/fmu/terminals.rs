@@ -1,0 +1,96 @@
+//! `terminalsAndIcons.xml` of FMI 3.0: the variables by which an FMU is joined to others, and its icon.
+//!
+//! The head of a held tail is a plug with pose, rates and accelerations in and force and moment out; the tip of any tail gives
+//! pose and rates under the same names, so that a second tail can be held by it; the drive of the actuation is a plug of its own.
+
+use std::io::Result;
+
+use quick_xml::events::{BytesDecl, Event};
+use quick_xml::writer::Writer;
+
+use super::Fmu;
+use super::description::{Xml, element, leaf};
+
+/// A terminal: its name, what it is, its kind, and the names of its members with their variables.
+type Terminal = (&'static str, &'static str, &'static str, &'static [(&'static str, &'static str)]);
+
+const TERMINALS: [Terminal; 3] = [
+    (
+        "head",
+        "flange in the plane at the held head: pose, rates and accelerations in, force and moment of the tail out",
+        "planar-flange",
+        &[
+            ("x", "head_x_m"),
+            ("y", "head_y_m"),
+            ("angle", "head_angle_rad"),
+            ("vx", "head_vx_m_s"),
+            ("vy", "head_vy_m_s"),
+            ("spin", "head_spin_rad_s"),
+            ("ax", "head_ax_m_s2"),
+            ("ay", "head_ay_m_s2"),
+            ("spin_rate", "head_spin_rate_rad_s2"),
+            ("force_x", "head_force_x_n"),
+            ("force_y", "head_force_y_n"),
+            ("moment", "head_moment_n_m"),
+        ],
+    ),
+    (
+        "tip",
+        "pose and rates of the tip",
+        "planar-flange",
+        &[
+            ("x", "tip_x_m"),
+            ("y", "tip_y_m"),
+            ("angle", "tip_angle_rad"),
+            ("vx", "tip_vx_m_s"),
+            ("vy", "tip_vy_m_s"),
+            ("spin", "tip_spin_rad_s"),
+        ],
+    ),
+    (
+        "drive",
+        "the actuation's drive",
+        "drive",
+        &[
+            ("amplitude", "actuation_amplitude"),
+            ("frequency", "actuation_frequency_hz"),
+            ("phase", "actuation_phase_rad"),
+        ],
+    ),
+];
+
+/// The icon, 128 pixels square.
+pub(super) const ICON: &[u8] = include_bytes!("icon.png");
+
+/// The file.
+pub(super) fn write(fmu: &Fmu<'_>) -> Result<Vec<u8>> {
+    let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
+    xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
+    let attributes =
+        |pairs: &[(&'static str, &str)]| pairs.iter().map(|(name, value)| (*name, value.to_string())).collect();
+    let square = [("x1", "-100"), ("y1", "-100"), ("x2", "100"), ("y2", "100")];
+    let has = |name: &str| fmu.shows(name) && fmu.catalogue.variables().any(|(_, variable)| variable.name == name);
+    element(&mut xml, "fmiTerminalsAndIcons", attributes(&[("fmiVersion", "3.0")]), |xml| {
+        element(xml, "GraphicalRepresentation", Vec::new(), |xml| {
+            leaf(xml, "CoordinateSystem", attributes(&square))?;
+            leaf(xml, "Icon", attributes(&square))
+        })?;
+        let there = |terminal: &&Terminal| terminal.3.iter().any(|(_, variable)| has(variable));
+        if TERMINALS.iter().all(|terminal| !there(&terminal)) {
+            return Ok(());
+        }
+        element(xml, "Terminals", Vec::new(), |xml: &mut Xml| {
+            TERMINALS.iter().filter(there).try_for_each(|(name, description, kind, members)| {
+                let own =
+                    [("name", *name), ("matchingRule", "plug"), ("terminalKind", *kind), ("description", *description)];
+                element(xml, "Terminal", attributes(&own), |xml| {
+                    members.iter().filter(|(_, variable)| has(variable)).try_for_each(|(member, variable)| {
+                        let own = [("variableName", *variable), ("memberName", *member), ("variableKind", "signal")];
+                        leaf(xml, "TerminalMemberVariable", attributes(&own))
+                    })
+                })
+            })
+        })
+    })?;
+    Ok(xml.into_inner())
+}
