@@ -326,7 +326,7 @@ fn a_plain_fmu_has_every_entry_as_a_variable_of_its_own_and_shows_what_was_chose
     assert!(error.contains("FMI 2.0 or plain FMI 3.0"), "{error}");
     let error = write(Choice { nodes: Some(vec![9]), ..choice.clone() }).unwrap_err().to_string();
     assert!(error.contains("nodes 0 to 8"), "{error}");
-    let error = write(Choice { variables: Some(vec!["y".to_string()]), ..choice }).unwrap_err().to_string();
+    let error = write(Choice { variables: Some(vec!["x_comm".to_string()]), ..choice }).unwrap_err().to_string();
     assert!(error.contains("did you mean"), "{error}");
 }
 
