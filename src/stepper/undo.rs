@@ -1,5 +1,7 @@
 //! Taking back a step that failed: everything is then as it was before the call.
 
+use nalgebra::Vector2;
+
 use super::{Clock, Stepper};
 use crate::cycle::Cycles;
 use crate::metrics::{Reading, Totals};
@@ -23,6 +25,7 @@ struct Before {
     time_step: f64,
     state: State,
     kicked: bool,
+    gust: Vector2<f64>,
     steered: bool,
     inputs: Inputs,
     course: Option<Box<Course>>,
@@ -55,7 +58,7 @@ impl Stepper {
                 room.course.clone_from(&dynamics.course);
                 room.reading.copy_from(&meter.now);
                 (room.clock, room.time_step) = (self.clock, self.time_step);
-                (room.kicked, room.steered) = (self.kick.due, self.steered);
+                (room.kicked, room.gust, room.steered) = (self.kick.due, self.kick.gust, self.steered);
                 (room.totals, room.first_energy) = (meter.totals, meter.first_energy);
                 (room.cycles, room.work) = (self.cycles, self.newton.work);
             }
@@ -65,6 +68,7 @@ impl Stepper {
                     time_step: self.time_step,
                     state: self.state.clone(),
                     kicked: self.kick.due,
+                    gust: self.kick.gust,
                     steered: self.steered,
                     inputs: dynamics.inputs.clone(),
                     course: dynamics.course.clone(),
@@ -88,7 +92,7 @@ impl Stepper {
             self.dynamics.course.clone_from(&room.course);
             self.meter.now.copy_from(&room.reading);
             (self.clock, self.time_step) = (room.clock, room.time_step);
-            (self.kick.due, self.steered) = (room.kicked, room.steered);
+            (self.kick.due, self.kick.gust, self.steered) = (room.kicked, room.gust, room.steered);
             (self.meter.totals, self.meter.first_energy) = (room.totals, room.first_energy);
             (self.cycles, self.newton.work) = (room.cycles, room.work);
         }
