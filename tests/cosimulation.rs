@@ -233,8 +233,13 @@ fn steps_of_rounding_size_change_nothing() {
             for rest in [1e-18, 1e-15, 1e-12] {
                 let found = run(rest);
                 for (a, b) in bare.iter().zip(found) {
-                    // Measured: 0 but for generalized-alpha, 2.3e-10.
-                    assert!((a - b).abs() < 1e-8 * a.abs(), "{} {input} {rest:e}: {a} {b}", method.name);
+                    // Measured: 0 at 1e-18 and 1e-15 s. The steps of 1e-12 s do move the time, by 5e-9 of the whole at most.
+                    let moved = 20.0 * rest / found[4];
+                    assert!(
+                        (a - b).abs() < (1e-9 + 10.0 * moved) * a.abs(),
+                        "{} {input} {rest:e}: {a} {b}",
+                        method.name
+                    );
                 }
             }
         }
