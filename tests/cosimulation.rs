@@ -232,11 +232,13 @@ fn steps_of_rounding_size_change_nothing() {
             let bare = run(0.0);
             for rest in [1e-18, 1e-15, 1e-12] {
                 let found = run(rest);
-                for (a, b) in bare.iter().zip(found) {
+                // A defect of the balance is a difference of works.
+                let scales = [bare[0], bare[1], bare[2], bare[2], bare[4]];
+                for ((a, b), scale) in bare.iter().zip(found).zip(scales) {
                     // Measured: 0 at 1e-18 and 1e-15 s. The steps of 1e-12 s do move the time, by 5e-9 of the whole at most.
                     let moved = 20.0 * rest / found[4];
                     assert!(
-                        (a - b).abs() < (1e-9 + 10.0 * moved) * a.abs(),
+                        (a - b).abs() < (1e-9 + 10.0 * moved) * scale.abs(),
                         "{} {input} {rest:e}: {a} {b}",
                         method.name
                     );
