@@ -60,7 +60,7 @@ fn ratios(nodes: usize) {
         let (steps, iterations) = work(&steppers[i]);
         let iterations = (iterations - before[i].1) as f64 / (steps - before[i].0) as f64;
         let ratio = fastest[i].as_secs_f64() / fastest[1].as_secs_f64();
-        println!("laws/{name}/{nodes}: {ratio:.2} of cox, {iterations:.2} iterations a step");
+        println!("laws/{name}/{nodes}: {ratio:.2} of cox, {iterations:.2} iterations per step");
     }
 }
 

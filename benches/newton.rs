@@ -74,7 +74,7 @@ fn newton(criterion: &mut Criterion) {
         group.bench_function(id("step"), |b| b.iter(|| stepper.do_step(black_box(H)).unwrap()));
         let steps = stepper.meter().totals.steps - before.0;
         let iterations = stepper.work().newton_iterations - before.1;
-        println!("newton/step/{nodes}: {:.2} iterations a step, {steps} steps", iterations as f64 / steps as f64);
+        println!("newton/step/{nodes}: {:.2} iterations per step, {steps} steps", iterations as f64 / steps as f64);
     }
     group.finish();
 }

@@ -193,7 +193,7 @@ impl Newton {
 /// How long a solve that does not converge goes on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Patience {
-    /// For as many iterations as there may be: an iterate that goes astray mostly tells what is wrong.
+    /// For as many iterations as there may be: an iterate that goes astray usually tells what is wrong.
     Whole,
     /// Until the increment has grown twice in a row: for a guess beside which there is another.
     WhileShrinking,

@@ -29,7 +29,7 @@ pub struct Link {
     pub curvature: f64,
 }
 
-/// The matrix of the chain form: six unknowns a node, x, y, M, F_x, F_y, θ; three for the last, where no edge starts.
+/// The matrix of the chain form: six unknowns per node, x, y, M, F_x, F_y, θ; three for the last, where no edge starts.
 /// Three diagonals below the main one; three above it, or five with drag.
 pub type ChainMatrix = PivotedBand<3, 9>;
 
@@ -38,7 +38,7 @@ pub fn chain_unknowns(nodes: usize) -> usize {
     6 * nodes - 3
 }
 
-/// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries a node: x₀, y₀, x₁, y₁, …
+/// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries per node: x₀, y₀, x₁, y₁, …
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct State {
     /// Time, s.
@@ -170,7 +170,7 @@ pub trait System {
     fn assemble(&mut self, state: &State, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) -> Result<()>;
 
     /// Writes the chain form at `state`: its residual, each row as a force (N), and its matrix along `direction`, whose
-    /// first two unknowns a node are the δ of the direction. The time of `state` is the one last moved to.
+    /// first two unknowns per node are the δ of the direction. The time of `state` is the one last moved to.
     ///
     /// # Errors
     /// Those of [`assemble`](Self::assemble), and [`Error::Linear`] for a system without chain form.

@@ -173,8 +173,8 @@ fn a_run_takes_at_most_1500_bytes_a_node_in_positions_and_2000_in_the_chain_form
             }
             assert_eq!(stepper.form(), form);
             let bytes = (PEAK.get() - start) as f64 / f64::from(nodes);
-            println!("{}, {name}, {nodes} nodes: {bytes:.0} bytes a node", method.name);
-            assert!(bytes <= limit, "{}, {name}: {bytes} bytes a node", method.name);
+            println!("{}, {name}, {nodes} nodes: {bytes:.0} bytes per node", method.name);
+            assert!(bytes <= limit, "{}, {name}: {bytes} bytes per node", method.name);
         }
     }
 }

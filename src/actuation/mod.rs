@@ -1,4 +1,4 @@
-//! Actuation: natural curvature prescribed along the rod, one kind a file.
+//! Actuation: natural curvature prescribed along the rod, one kind per file.
 
 pub mod travelling_wave;
 
@@ -85,11 +85,11 @@ pub struct Wave {
 
 /// A kind of actuation.
 pub trait Actuation: std::fmt::Debug + Send + Sync {
-    /// Adds the dimensionless natural curvature κ̄_k to `natural` and dκ̄_k/dt (1/s) to `rate`, one entry a node; a
+    /// Adds the dimensionless natural curvature κ̄_k to `natural` and dκ̄_k/dt (1/s) to `rate`, one entry per node; a
     /// whole joint's worth at every node, the caller halves where a joint is half.
     fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]);
 
-    /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry a node.
+    /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry per node.
     fn add_derivatives(&self, sizes: [f64; 3], phase: f64, out: &mut [f64]);
 
     /// Wavelength λ along the rod, m, where it has one.

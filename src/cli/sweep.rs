@@ -25,7 +25,7 @@ pub struct Arguments {
     merge: Option<Part>,
     #[command(flatten)]
     sweep: Option<Common>,
-    /// Threads [default: one a core]
+    /// Threads [default: one per core]
     #[arg(long, value_name = "N")]
     jobs: Option<std::num::NonZeroUsize>,
     /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` puts the parts together

@@ -509,8 +509,8 @@ fn caption(file: &str) -> &'static str {
         "singular_values.svg" => {
             "How much the data know of each independent combination of the unknowns; each is worth what its height says."
         }
-        "objective.svg" => "The objective from iteration to iteration, one line a start.",
-        "convergence.svg" => "How far each iteration is from a stationary point, one line a start.",
+        "objective.svg" => "The objective from iteration to iteration, one line per start.",
+        "convergence.svg" => "How far each iteration is from a stationary point, one line per start.",
         _ => "",
     }
 }

@@ -47,7 +47,7 @@ fn median(values: &[f64]) -> f64 {
 pub struct Markers {
     /// Times of complete samples, s.
     pub times: Vec<f64>,
-    /// Positions, one row a time, two entries a node, m.
+    /// Positions, one row per time, two entries per node, m.
     pub positions: Vec<Vec<f64>>,
     /// What is missing, in words.
     pub missing: Vec<String>,
@@ -279,7 +279,7 @@ pub struct Motion {
 pub struct Sample {
     /// Its index among the markers' samples.
     pub index: usize,
-    /// Positions, m, two entries a node.
+    /// Positions, m, two entries per node.
     pub q: Vec<f64>,
     /// Velocities, m/s.
     pub v: Vec<f64>,

@@ -28,7 +28,7 @@ pub struct Resting {
     pub active: Vec<(String, f64)>,
 }
 
-/// Finds the stiffness with which the rod of `dynamics` rests at `positions` (m, two entries a node) at time zero.
+/// Finds the stiffness with which the rod of `dynamics` rests at `positions` (m, two entries per node) at time zero.
 ///
 /// # Errors
 /// [`Error::Design`] with every joint that would have to bend against its moment, and for demands that exclude each other.

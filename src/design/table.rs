@@ -358,7 +358,7 @@ impl Table {
 pub struct Basis {
     /// Number of unknowns.
     pub unknowns: usize,
-    /// Weights of the unknowns, one row a joint.
+    /// Weights of the unknowns, one row per joint.
     pub rows: Vec<Vec<(usize, f64)>>,
 }
 

@@ -1,4 +1,4 @@
-//! Time integration: one method a file, with its order, stability and source as data.
+//! Time integration: one method per file, with its order, stability and source as data.
 
 pub(crate) mod esdirk3;
 mod generalized_alpha;

@@ -268,7 +268,7 @@ fn ends<T>(all: &[T], pairs: usize) -> [&[T]; 3] {
     [top, middle, bottom]
 }
 
-/// Two numbers a node, divided as by [`ends`].
+/// Two numbers per node, divided as by [`ends`].
 fn ends_mut(values: &mut [f64], pairs: usize) -> [&mut [[f64; 2]]; 3] {
     let (top, rest) = values.as_chunks_mut().0.split_at_mut(pairs);
     let (middle, bottom) = rest.split_at_mut(rest.len() - pairs);

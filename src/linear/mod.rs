@@ -24,7 +24,7 @@ pub(crate) const REACH: usize = 2;
 /// The five blocks of a row of blocks, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
 pub type BlockRow = [[f64; 4]; 2 * REACH + 1];
 
-/// Square matrix of 2×2 blocks, one row of blocks a node, in which node k meets nodes k−2 … k+2 (half-bandwidth 5).
+/// Square matrix of 2×2 blocks, one row of blocks per node, in which node k meets nodes k−2 … k+2 (half-bandwidth 5).
 ///
 /// Its pattern never changes; blocks are added in place. Blocks that would lie outside the matrix stay zero.
 #[derive(Debug, Clone, PartialEq)]

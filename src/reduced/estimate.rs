@@ -72,7 +72,7 @@ const STEPS: f64 = 10.0;
 /// Most steps of an explicit method: half a minute of ten nodes.
 const MOST_STEPS: f64 = 1e7;
 
-/// Work a node, in Newton iterations (75 ns), measured on scenes of 9 and 33 nodes: of reading a step; of a step of `shape`;
+/// Work per node, in Newton iterations (75 ns), measured on scenes of 9 and 33 nodes: of reading a step; of a step of `shape`;
 /// of a step of the estimates, both motions together; of a step of them without inertia.
 const READING: f64 = 0.7;
 const SHAPE_STEP: f64 = 3.5;
@@ -294,7 +294,7 @@ impl Walk {
         TAU * self.times.stops[1] / self.times.periods[0]
     }
 
-    /// The work of the whole model, in Newton iterations a node.
+    /// The work of the whole model, in Newton iterations per node.
     fn whole_work(&self) -> f64 {
         let Run { duration, iterations, pace: [pace, _], .. } = self.run;
         match pace {
@@ -309,7 +309,7 @@ impl Walk {
         }
     }
 
-    /// How many steps of that many iterations a node an estimate may take.
+    /// How many steps of that many iterations per node an estimate may take.
     fn affordable(&self, step: f64) -> f64 {
         let part = self.run.nodes as f64 / self.dynamics.model.rod.nodes as f64;
         PLANNED * self.whole_work() * part / step

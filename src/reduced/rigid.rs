@@ -33,7 +33,7 @@ pub struct Chain {
     /// Of the rod, kg.
     mass: f64,
     edges: Vec<Edge>,
-    /// Positions, two entries a node, m.
+    /// Positions, two entries per node, m.
     pub x: Vec<f64>,
     /// Velocities, m/s.
     pub v: Vec<f64>,

@@ -19,7 +19,7 @@ use crate::error::{Error, Result};
 /// Rows of a Parquet file that are kept in memory before they are written as one group.
 const GROUP: usize = 1 << 17;
 
-/// A Parquet file in the making: one row a time and node, with the columns time_s, node, x_m, y_m.
+/// A Parquet file in the making: one row per time and node, with the columns time_s, node, x_m, y_m.
 pub struct Parquet {
     path: PathBuf,
     writer: SerializedFileWriter<BufWriter<NamedTempFile>>,
@@ -45,7 +45,7 @@ impl Parquet {
         Ok(Self { path, writer, times: Vec::new(), nodes: Vec::new(), x: Vec::new(), y: Vec::new() })
     }
 
-    /// Adds the positions `q` (m, two entries a node) of `nodes` at a time (s).
+    /// Adds the positions `q` (m, two entries per node) of `nodes` at a time (s).
     pub fn rows(&mut self, time: f64, nodes: &[usize], q: &[f64]) -> Result<()> {
         for k in nodes {
             self.times.push(time);

@@ -22,7 +22,7 @@ pub struct Column {
     pub variable: &'static Variable,
     /// The nodes of its entries; `[0]` for a scalar.
     pub nodes: Vec<usize>,
-    /// One entry a node, row after row.
+    /// One entry per node, row after row.
     pub values: Vec<f64>,
 }
 

@@ -51,7 +51,7 @@ impl Edge {
     }
 }
 
-/// Node `k` of a flat array of two entries a node.
+/// Node `k` of a flat array of two entries per node.
 #[inline]
 pub fn node(values: &[f64], k: usize) -> Vector2<f64> {
     Vector2::new(values[2 * k], values[2 * k + 1])

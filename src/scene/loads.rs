@@ -64,7 +64,7 @@ impl LoadsTable {
         Some(force)
     }
 
-    /// The forces of gravity and point loads (N), two entries a node; none where there are no loads.
+    /// The forces of gravity and point loads (N), two entries per node; none where there are no loads.
     pub(super) fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
         let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
         if gravity == [0.0; 2] && self.point.is_empty() {

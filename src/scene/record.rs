@@ -27,9 +27,9 @@ pub struct RecordTable {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NodesTable {
-    /// nodes.csv: one row a time, two columns a node.
+    /// nodes.csv: one row per time, two columns per node.
     Csv,
-    /// nodes.parquet: one row a time and node.
+    /// nodes.parquet: one row per time and node.
     Parquet,
     /// No table.
     None,

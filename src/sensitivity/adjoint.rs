@@ -14,7 +14,7 @@ use crate::system::{Direction, State, System};
 
 impl Problem {
     /// The derivatives by all `parameters` of Σ w y over all times and outputs y of the stored simulation `trajectory`
-    /// of this problem, with `weights` w, one row a time.
+    /// of this problem, with `weights` w, one row per time.
     ///
     /// # Errors
     /// [`Error::WrongLength`] for weights of another simulation.

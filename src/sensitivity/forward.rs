@@ -16,7 +16,7 @@ use crate::system::{Direction, State, System};
 pub struct Sensitivities {
     /// The recorded times, s.
     pub times: Vec<f64>,
-    /// Values, one row a time, one entry an output.
+    /// Values, one row per time, one entry per output.
     pub values: Vec<f64>,
     /// Derivatives: a block a time, in it a row an output, one entry a parameter.
     pub derivatives: Vec<f64>,

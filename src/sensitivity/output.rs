@@ -239,7 +239,7 @@ pub(super) struct Gradient {
     pub(super) v: Vec<f64>,
     /// By accelerations.
     pub(super) a: Vec<f64>,
-    /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry a node.
+    /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry per node.
     pub(super) stiffness: Vec<f64>,
     pub(super) natural: Vec<f64>,
     pub(super) natural_rate: Vec<f64>,
@@ -288,7 +288,7 @@ impl Gradient {
 pub(super) struct Span {
     /// Its length, s.
     pub(super) h: f64,
-    /// Change of κ̄ over it, one entry a node.
+    /// Change of κ̄ over it, one entry per node.
     pub(super) natural: Vec<f64>,
     /// Poses of a held head at its begin and end.
     pub(super) poses: Option<[Pose; 2]>,

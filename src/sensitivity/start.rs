@@ -32,7 +32,7 @@ pub(super) fn first_by(dynamics: &Dynamics, effect: &Effect, shape: &Shape) -> [
     by
 }
 
-/// Writes the derivatives of the first positions and velocities to `q` and `v`, two entries a node, along the direction
+/// Writes the derivatives of the first positions and velocities to `q` and `v`, two entries per node, along the direction
 /// in which the natural curvatures `natural` and their rates `rate` (1/s) move by `by` and `rate_by`; `held` is the pose
 /// of a held head. It follows [`Start::place`](crate::start::Start::place) line by line: chain, turn, rest.
 fn shaped(

@@ -341,7 +341,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
         (
             "memory.svg",
             "Most memory that a run takes, for each node.",
-            chart("peak memory", "bytes a node", Scale::Linear, memory),
+            chart("peak memory", "bytes per node", Scale::Linear, memory),
         ),
     ] {
         if !chart.series.is_empty() {
@@ -383,7 +383,7 @@ mod memory {
         status("VmHWM:")
     }
 
-    /// Lines where a run's memory, by the bytes a node of the largest, fills the machine's caches.
+    /// Lines where a run's memory, by the bytes per node of the largest, fills the machine's caches.
     pub fn caches(weighed: impl Iterator<Item = (u64, Option<u64>)>, times: &[Series]) -> Vec<Series> {
         let Some((nodes, Some(bytes))) = weighed.filter(|run| run.1.is_some()).max_by_key(|run| run.0) else {
             return Vec::new();

@@ -129,7 +129,7 @@ impl<'a> Results<'a> {
         Ok(kept)
     }
 
-    /// The paths of the centres of mass: one row a case and time.
+    /// The paths of the centres of mass: one row per case and time.
     fn traces(&self, path: &Path) -> Result<tempfile::NamedTempFile> {
         let header = ["case", "time_s", "x_com_m", "y_com_m"].map(str::to_string);
         let rows = self.rows().flat_map(|row| match row {

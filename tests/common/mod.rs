@@ -169,7 +169,7 @@ pub fn order(coarse: f64, fine: f64) -> f64 {
     (coarse / fine).abs().log2()
 }
 
-/// The rest under forces that grow to `force` (N, two entries a node) in `parts` equal parts.
+/// The rest under forces that grow to `force` (N, two entries per node) in `parts` equal parts.
 pub fn equilibrium(scene: &Scene, force: &[f64], parts: u32) -> (Dynamics, State) {
     let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
     let mut newton = Newton::new(dynamics.nodes(), scene.solver.newton_tolerance.get()).unwrap();

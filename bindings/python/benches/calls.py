@@ -30,4 +30,4 @@ for _ in range(1000):
         tail.get("tip_y_m")
     get = min(get, clock() - begin)
 overhead = (many - one) / (count - 1)
-print(f"{one / count:.0f} ns a step inside, {overhead:.0f} ns a call beyond it, {get / count:.0f} ns a get")
+print(f"{one / count:.0f} ns per step inside, {overhead:.0f} ns a call beyond it, {get / count:.0f} ns a get")

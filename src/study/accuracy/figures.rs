@@ -55,14 +55,14 @@ impl Report<'_> {
                     series,
                 };
                 let caption = format!(
-                    "Error of the {quantity} against {label}, one line a method; the triangles show the slopes of whole orders."
+                    "Error of the {quantity} against {label}, one line per method; the triangles show the slopes of whole orders."
                 );
                 findings.figures.push(Figure::new(format!("{key}-{file}.svg"), caption, chart.svg()));
             }
         }
         if let Some((limit, ..)) = limit {
             let caption = format!(
-                "Error of the {} that the steps make, one line a method, and what each mesh makes, as levels.",
+                "Error of the {} that the steps make, one line per method, and what each mesh makes, as levels.",
                 self.quantities()[0].name
             );
             let chart = self.decomposition(rows, limit);
@@ -71,7 +71,7 @@ impl Report<'_> {
         Ok(())
     }
 
-    /// Error of the first quantity by the steps, one line a method, and by each mesh, as level lines.
+    /// Error of the first quantity by the steps, one line per method, and by each mesh, as level lines.
     fn decomposition(&self, rows: &[Row<'_>], limit: &Results) -> Chart {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();

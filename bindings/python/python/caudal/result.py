@@ -127,7 +127,7 @@ def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
 class Result(Mapping[str, Array]):
     """What came out of a run: NumPy arrays by the names of variables, with the summary.
 
-    A scalar variable has one number a time, an array of variables one row a time. In a notebook it shows the run as an
+    A scalar variable has one number per time, an array of variables one row per time. In a notebook it shows the run as an
     animation.
 
     Attributes
@@ -180,7 +180,7 @@ class Result(Mapping[str, Array]):
         Returns
         -------
         pandas.DataFrame
-            One row a time, with the time as index; an array of variables has a column ``name[node]`` for each entry.
+            One row per time, with the time as index; an array of variables has a column ``name[node]`` for each entry.
         """
         import pandas
 

@@ -106,7 +106,7 @@ class Findings:
         Returns
         -------
         pandas.DataFrame
-            One row an entry.
+            One row per entry.
         """
         import pandas
 

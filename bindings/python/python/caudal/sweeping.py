@@ -58,7 +58,7 @@ def sweep(
     Returns
     -------
     list of dict
-        One row a case: ``case``, the level of every axis, and the quantities of its summary; of a case that failed,
+        One row per case: ``case``, the level of every axis, and the quantities of its summary; of a case that failed,
         ``ending`` says why. ``pandas.DataFrame(rows)`` makes a table of them.
 
     Raises
