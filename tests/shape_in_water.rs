@@ -86,3 +86,42 @@ fn the_shape_s_velocities_and_accelerations_belong_together() {
         assert!(off < tolerance * scale, "{of}: {off:e} of {scale:e}");
     }
 }
+
+#[test]
+fn auto_takes_the_shape_in_water_where_it_is_within_the_accuracy_and_says_what_overdamped_lacks() {
+    let auto = ["solver.model=auto", "solver.tolerance=1e-4", "solver.accuracy=1e-2", "solver.duration_s=8.0"];
+    for (modulus, taken) in [("1e9", "shape"), ("1e5", "full")] {
+        let scene = eel(&[&auto[..], &[&format!("rod.youngs_modulus_pa={modulus}")]].concat());
+        let stepper = run(&scene);
+        let choice = stepper.choice().unwrap();
+        assert_eq!(choice.rung.name, taken, "{:?}", choice.reason);
+        let estimates = choice.estimates.as_ref().unwrap();
+        assert!(estimates.overdamped.as_ref().unwrap_err().contains("inertia of the water"));
+        let whole = run(&scene.whole());
+        let off = (whole.meter().now.com - stepper.meter().now.com).norm() / whole.meter().net_displacement().abs();
+        // Measured: 1.9e-4, estimated 8.1e-4 of the tip; 3.4e-6 by the whole model itself.
+        assert!(off < 1e-2, "{modulus}: {off:e}");
+    }
+    let refused = scene_error(&["solver.model=overdamped"]);
+    assert!(refused.contains("solver.model") && refused.contains("without inertia"), "{refused}");
+}
+
+fn scene_error(changes: &[&str]) -> String {
+    let mut document = caudal::scene::Document::new("eel.toml", EEL);
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    document.scene().unwrap_err().to_string()
+}
+
+#[test]
+fn reactive_auto_takes_the_force_where_it_matters() {
+    let bare = EEL.replace("[reactive]\n", "");
+    for (viscosity, taken) in [("1e-3", true), ("10.0", false)] {
+        let scene = scene_of(&bare, &["reactive=auto", &format!("medium.viscosity_pa_s={viscosity}")]);
+        let model = scene.model().unwrap();
+        assert_eq!(model.forces.iter().any(|force| force.name() == "reactive"), taken, "{viscosity}");
+    }
+    let mut document = caudal::scene::Document::new("eel.toml", bare);
+    document.set("reactive=never").unwrap();
+    let refused = document.scene().unwrap_err().to_string();
+    assert!(refused.contains("reactive") && refused.contains("auto"), "{refused}");
+}

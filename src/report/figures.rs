@@ -92,7 +92,7 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
         ),
         in_time(
             "fluid_force.svg",
-            "force of the fluid on the tail along x, by what makes it",
+            "forces of the fluid along x",
             "force along x (N)",
             &[("drag", "drag_force_x_n"), ("water it accelerates", "reactive_force_x_n"), ("wake", "wake_force_x_n")],
         ),
