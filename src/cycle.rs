@@ -12,6 +12,8 @@
 //! rod to its head's front, and U the mean velocity against the flow, of the centre of mass or of a held head. Each is averaged
 //! over the cycles; its spread is their standard deviation, Σ(x − x̄)²/(n − 1) under the root.
 
+pub mod slopes;
+
 use nalgebra::{SVector, Vector2};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
@@ -670,6 +672,11 @@ impl Cycles {
         (cycle.period() > 0.0).then_some(cycle)
     }
 
+    /// Why there is none yet.
+    pub(crate) fn reason(&self, dynamics: &Dynamics) -> Option<String> {
+        (self.count == 0).then(|| self.source.reason(dynamics))
+    }
+
     /// What the last whole cycles come to.
     pub fn averages(&self, dynamics: &Dynamics) -> Averages {
         let cycles = self.whole(f64::INFINITY);
@@ -677,7 +684,7 @@ impl Cycles {
             used: cycles.len(),
             span: cycles.first().zip(cycles.last()).map(|(first, last)| [first.from, last.until]),
             periodic: is_periodic(cycles),
-            reason: cycles.is_empty().then(|| self.source.reason(dynamics)),
+            reason: self.reason(dynamics),
             measures: MEASURES.map(|measure| {
                 let of = |value: fn(&Measure, &[Cycle], &Dynamics) -> Option<f64>| {
                     (!cycles.is_empty()).then(|| value(&measure, cycles, dynamics)).flatten()

@@ -42,6 +42,7 @@ impl Design {
                 Goal::TrackTip => "design for a tracked tip",
                 Goal::Distance => "design for distance",
                 Goal::Efficiency => "design for efficiency",
+                Goal::Cycle(_) => "design for a mean over cycles",
             },
             answers: self.answers(),
             figures: figures.collect(),
@@ -162,16 +163,17 @@ impl Design {
             if self.table.fits_positions() {
                 let (low, high) =
                     ((value(number) - deviation).max(0.0), (value(number) + deviation).min(2.0 * largest));
-                series.push(Series::new("", vec![(x, low), (x, high)], Mark::Line));
+                series.push(Series::new("", vec![(x, low), (x, high)], Mark::Ghost));
             }
             series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots));
         }
         let ends = [0.5, 0.5 + found.numbers.len() as f64];
         series.push(Series::new("the scene's own", ends.map(|x| (x, 1.0)).into(), Mark::Line));
         series.push(Series::new("", vec![(ends[0], 0.0)], Mark::Unseen));
-        let bars = if self.table.fits_positions() { ", bars: one standard deviation" } else { "" };
-        let title = format!("numbers of the scene{bars}");
-        Some(("numbers.svg", self.chart(&title, "number in its order", "over the scene's", Scale::Linear, series)))
+        Some((
+            "numbers.svg",
+            self.chart("numbers of the scene", "number in its order", "over the scene's", Scale::Linear, series),
+        ))
     }
 
     /// What the goal is about, over time: the tip and its target, the way, or the markers.
@@ -333,8 +335,7 @@ impl Design {
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
             let row = |other: &Compared| {
-                let gain =
-                    design.zip(other.objective).map(|(design, other)| gain_percent(self.table.goal, design, other));
+                let gain = design.zip(other.objective).map(|(design, other)| gain_percent(&self.table, design, other));
                 vec![json!(other.name), json!(other.objective), json!(gain)]
             };
             tables.push(Table {
@@ -498,7 +499,7 @@ fn caption(file: &str) -> &'static str {
         "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",
         "numbers.svg" => {
-            "The numbers of the scene that were found, over what they are in it, in the order of their table."
+            "The numbers of the scene that were found, over what they are in it, in the order of their table; bars: one standard deviation."
         }
         "shape.svg" => "The shape that the rod is to rest in.",
         "tip_x.svg" | "tip_y.svg" => "The tip as it should move, and as it does before and after.",

@@ -134,7 +134,7 @@ impl Design {
                     Ok(motions) => evidence.motions = motions.into(),
                     Err(error) => lines.push(format!("no simulation beside the data: {error}")),
                 }
-                evidence.checks = replay(document, &scene, &markers, &profile);
+                evidence.checks = replay(document, &scene, &table, &markers, &profile);
                 evidence.target = Some(markers);
                 (Answer::Identified(found), profile)
             }
@@ -158,10 +158,11 @@ impl Design {
                 evidence.target = Some(markers);
                 (Answer::Resting(found), profile)
             }
-            Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency => {
+            Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency | Goal::Cycle(_) => {
                 let target = data(1)?;
-                let problem = Problem::of(&scene)?;
+                let mut problem = Problem::of(&scene)?;
                 let mut objective = Objective::new(&table, &problem, target.as_ref())?;
+                objective.check(&mut problem)?;
                 if !table.numbers.is_empty() {
                     objective = objective.of_document(document);
                 }
@@ -179,7 +180,7 @@ impl Design {
                 }
                 if table.goal == Goal::Identify {
                     let markers = target.clone().unwrap_or_default();
-                    evidence.checks = replay(document, &scene, &markers, &profile);
+                    evidence.checks = replay(document, &scene, &table, &markers, &profile);
                 } else if found.interrupted {
                     lines.push(
                         "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
@@ -189,7 +190,7 @@ impl Design {
                 }
                 for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
-                        let gain = gain_percent(table.goal, found.objective, value);
+                        let gain = gain_percent(&table, found.objective, value);
                         lines.push(format!("{}: {value:.6e}; the design is {gain:+.2} % better", compared.name));
                     }
                 }
@@ -272,6 +273,7 @@ pub(super) fn objective_label(goal: Goal) -> &'static str {
         Goal::TrackTip => "rms distance of the tip from its target (m)",
         Goal::Identify => "rms distance of the rod from the markers (m)",
         Goal::Distance => "distance (m)",
+        Goal::Cycle(key) => key,
         _ => "distance² over work (m²/J)",
     }
 }
@@ -386,8 +388,8 @@ fn pinned(document: &Document, scene: &Scene, dynamics: &Dynamics) -> Document {
 }
 
 /// How much better `value` is than `other`, %.
-pub(super) fn gain_percent(goal: Goal, value: f64, other: f64) -> f64 {
-    let better = if matches!(goal, Goal::TrackTip | Goal::Identify) { other - value } else { value - other };
+pub(super) fn gain_percent(table: &Table, value: f64, other: f64) -> f64 {
+    let better = if table.smaller_is_better() { other - value } else { value - other };
     100.0 * better / other.abs()
 }
 
@@ -510,14 +512,14 @@ fn verify(
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = before.as_ref().ok().and_then(|before| measure(&changes, before));
-        let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table.goal, designed, before));
+        let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table, designed, before));
         Check { simulation, designed, before, gain_percent }
     };
     simulations(scene).into_iter().map(check).collect()
 }
 
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.
-fn replay(document: &Document, scene: &Scene, markers: &Markers, profile: &Profile) -> Vec<Check> {
+fn replay(document: &Document, scene: &Scene, table: &Table, markers: &Markers, profile: &Profile) -> Vec<Check> {
     let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
         let changed = changed(document, scene, changes, profile).ok()?;
         let trajectory = Problem::of(&changed).ok()?.simulate().ok()?;
@@ -528,8 +530,7 @@ fn replay(document: &Document, scene: &Scene, markers: &Markers, profile: &Profi
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = own.as_ref().ok().and_then(|own| measure(&changes, own));
-        let gain_percent =
-            designed.zip(before).map(|(designed, before)| gain_percent(Goal::Identify, designed, before));
+        let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table, designed, before));
         Check { simulation, designed, before, gain_percent }
     };
     simulations(scene).into_iter().map(check).collect()

@@ -20,6 +20,7 @@ use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
 use super::table::{Goal, Table, Variable};
 use super::unknowns::{NOTHING, Profile, Unknowns, WIDE};
+use crate::cycle::{MEASURES, Measure};
 use crate::error::{Error, Result};
 use crate::scene::Document;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
@@ -63,6 +64,7 @@ const WON: f64 = 1e-4;
 #[derive(Debug)]
 pub struct Objective {
     goal: Goal,
+    /// Of what is to be large: -1 where it is to be small, or the way along -x counts.
     sign: f64,
     /// Samples that are to be met: steps, and the coordinates of the tip or of all nodes (m).
     target: Vec<(usize, Vec<f64>)>,
@@ -95,10 +97,11 @@ impl Objective {
     pub fn new(table: &Table, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
         let nodes = problem.model().rod.nodes;
         let held = problem.model().head.is_some();
-        let sign = if table.direction.as_deref() == Some("-x") { -1.0 } else { 1.0 };
+        let backwards = table.direction.as_deref() == Some("-x") || table.better.as_deref() == Some("smaller");
+        let sign = if backwards { -1.0 } else { 1.0 };
         let along = Output::from(Quantity::CentreOfMass(0)).since_start();
         let fits = table.fits_positions();
-        if held && !fits {
+        if held && matches!(table.goal, Goal::Distance | Goal::Efficiency) {
             let reason = "a held head goes nowhere: distance and efficiency need a free one".to_string();
             return Err(Error::Design { reason });
         }
@@ -106,6 +109,7 @@ impl Objective {
             Goal::TrackTip => [0, 1].map(|axis| Quantity::Position(nodes - 1, axis).into()).into(),
             Goal::Identify => (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect(),
             Goal::Distance => vec![along],
+            Goal::Cycle(_) => Vec::new(),
             _ => vec![along, Work::Actuation.into()],
         };
         let times = problem.times();
@@ -129,6 +133,27 @@ impl Objective {
         let every = target.iter().fold(0, |all, (n, _)| gcd(all, *n)).max(1);
         let length = problem.model().rod.length;
         Ok(Self { goal: table.goal, sign, target, every, outputs, length, fits, document: None })
+    }
+
+    /// The measure whose mean over the cycles it is.
+    fn measured(&self) -> Option<Measure> {
+        let Goal::Cycle(key) = self.goal else { return None };
+        MEASURES.into_iter().find(|measure| measure.key == key)
+    }
+
+    /// Refuses a mean over cycles that the scene has not.
+    ///
+    /// # Errors
+    /// [`Error::Design`]; those of the simulation.
+    pub fn check(&self, problem: &mut Problem) -> Result<()> {
+        let Some(measure) = self.measured() else { return Ok(()) };
+        if problem.cycle_mean(&measure, &[])?.is_some() {
+            return Ok(());
+        }
+        let why = problem.no_cycle()?.unwrap_or_else(|| {
+            "this scene's motion has no such mean; is its head held where it needs a free one?".into()
+        });
+        Err(Error::Design { reason: format!("no {}: {why}", measure.key) })
     }
 
     /// The same for a scene of which numbers are unknown.
@@ -186,6 +211,10 @@ impl Objective {
         self.set(problem, profile).ok()?;
         let value = if self.fits {
             self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
+        } else if let Some(measure) = self.measured() {
+            let (mean, mut by) = problem.cycle_mean(&measure, parameters).ok()??;
+            by.iter_mut().for_each(|by| *by *= -self.sign);
+            Value { f: -self.sign * mean, by, residuals: None }
         } else {
             let mut trajectory = Trajectory::default();
             let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
@@ -204,7 +233,11 @@ impl Objective {
 
     /// What is reported of a value of the objective: tip rms (m), distance (m), or D²/W (m²/J).
     pub fn shown(&self, f: f64) -> f64 {
-        if self.fits { (2.0 * f).sqrt() } else { -f }
+        match self.goal {
+            _ if self.fits => (2.0 * f).sqrt(),
+            Goal::Cycle(_) => -self.sign * f,
+            _ => -f,
+        }
     }
 
     /// The shown objective of a profile; none where the simulation fails.
@@ -576,7 +609,7 @@ impl Search<'_> {
         let centre = xi.iter().sum::<f64>() / xi.len() as f64;
         let even = self.table.mean.unwrap_or(1.0);
         let [low, high] = self.table.bounds;
-        let smaller = self.objective.fits;
+        let smaller = self.table.smaller_is_better();
         let mut of = |slope: f64| {
             let factors: Vec<f64> = xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect();
             let inside = factors.iter().all(|factor| (low..=high).contains(factor));

@@ -1,14 +1,17 @@
 //! `[design]`: what a user asks for.
 
-use serde::{Deserialize, Serialize};
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize};
 
 use super::unknowns::{WIDE, parameter};
+use crate::cycle::slopes;
+use crate::error::nearest;
 use crate::rod::Rod;
 use crate::scene::{Fault, Scene};
 
 /// What is wanted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(into = "&'static str")]
 pub enum Goal {
     /// The stiffness with which tracked markers moved.
     Identify,
@@ -20,12 +23,55 @@ pub enum Goal {
     Distance,
     /// The longest way for the work.
     Efficiency,
+    /// The largest or smallest mean of a measure over the last whole cycles, by its key in summary.json.
+    Cycle(&'static str),
+}
+
+/// The goals by name, but those of cycles.
+const GOALS: [(&str, Goal); 5] = [
+    ("identify", Goal::Identify),
+    ("static-shape", Goal::StaticShape),
+    ("track-tip", Goal::TrackTip),
+    ("distance", Goal::Distance),
+    ("efficiency", Goal::Efficiency),
+];
+
+impl TryFrom<String> for Goal {
+    type Error = String;
+
+    fn try_from(name: String) -> std::result::Result<Self, String> {
+        let named = GOALS.iter().find(|(own, _)| *own == name).map(|(_, goal)| *goal);
+        let cycle = || slopes::smooth().find(|measure| measure.key == name).map(|measure| Self::Cycle(measure.key));
+        named.or_else(cycle).ok_or_else(|| {
+            let all: Vec<&str> =
+                GOALS.iter().map(|(own, _)| *own).chain(slopes::smooth().map(|measure| measure.key)).collect();
+            let listed: Vec<String> = all.iter().map(|name| format!("`{name}`")).collect();
+            let near =
+                nearest(&name, all.into_iter()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
+            format!("found {name:?}; allowed: {}{near}", listed.join(", "))
+        })
+    }
+}
+
+impl<'de> Deserialize<'de> for Goal {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        Self::try_from(String::deserialize(deserializer)?).map_err(D::Error::custom)
+    }
+}
+
+impl From<Goal> for &'static str {
+    fn from(goal: Goal) -> Self {
+        match goal {
+            Goal::Cycle(key) => key,
+            goal => GOALS.iter().find(|(_, own)| *own == goal).map_or("", |(name, _)| name),
+        }
+    }
 }
 
 impl Goal {
     /// True where it is searched for by simulation.
     pub fn is_dynamic(self) -> bool {
-        matches!(self, Self::TrackTip | Self::Distance | Self::Efficiency)
+        matches!(self, Self::TrackTip | Self::Distance | Self::Efficiency | Self::Cycle(_))
     }
 }
 
@@ -121,6 +167,8 @@ pub struct Table {
     pub actuation_gain: bool,
     /// Which way counts: "+x" or "-x".
     pub direction: Option<String>,
+    /// Which mean over the cycles is better: "larger", where it is absent, or "smaller".
+    pub better: Option<String>,
     /// Starts of a dynamic goal.
     pub starts: Option<usize>,
     /// Most iterations a start; 200 where it is absent.
@@ -179,6 +227,17 @@ impl Table {
         if needs_data && table.data.is_none() {
             return Err(fault("design.data", "missing; this goal needs a CSV file with node positions".to_string()));
         }
+        match (table.better.as_deref(), table.goal) {
+            (None | Some("larger" | "smaller"), Goal::Cycle(_)) | (None, _) => {}
+            (Some(better), Goal::Cycle(_)) => {
+                let problem = format!("found {better:?}; allowed: \"larger\" or \"smaller\"");
+                return Err(fault("design.better", problem));
+            }
+            (Some(_), _) => {
+                let problem = "found with a goal that says it itself; allowed: with means over cycles, \"cycle_…\"";
+                return Err(fault("design.better", problem.to_string()));
+            }
+        }
         match (&table.direction, table.goal) {
             (Some(direction), Goal::Distance | Goal::Efficiency) if !["+x", "-x"].contains(&direction.as_str()) => {
                 Err(fault("design.direction", format!("found {direction:?}; allowed: \"+x\" or \"-x\"")))
@@ -186,7 +245,7 @@ impl Table {
             (None, Goal::Distance | Goal::Efficiency) => {
                 Err(fault("design.direction", "missing; allowed: \"+x\" or \"-x\", the way that counts".to_string()))
             }
-            (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip) => {
+            (Some(_), Goal::Identify | Goal::StaticShape | Goal::TrackTip | Goal::Cycle(_)) => {
                 let problem = "found with a goal that has none; allowed: with \"distance\" and \"efficiency\"";
                 Err(fault("design.direction", problem.to_string()))
             }
@@ -202,6 +261,11 @@ impl Table {
     /// True where the answer is searched for by simulation.
     pub fn is_searched(&self) -> bool {
         self.goal.is_dynamic() || !self.numbers.is_empty()
+    }
+
+    /// True where the smaller objective is the better one.
+    pub fn smaller_is_better(&self) -> bool {
+        matches!(self.goal, Goal::Identify | Goal::TrackTip) || self.better.as_deref() == Some("smaller")
     }
 
     /// True where a simulation is to come close to given positions.
@@ -270,6 +334,11 @@ impl Table {
             }
         }
         let has = |key: &str| self.numbers.iter().any(|number| number.key == key);
+        if has("actuation.frequency_hz") && matches!(self.goal, Goal::Cycle(_)) {
+            let problem =
+                "actuation.frequency_hz moves the cycles themselves; allowed: with \"distance\" and \"efficiency\"";
+            return Err(("design.variables", problem.to_string()));
+        }
         let law = scene.drag.as_ref().map(|drag| drag.law_name());
         if has("actuation.frequency_hz") && law == Some("weak-inertia") {
             let problem = "the law \"weak-inertia\" depends on actuation.frequency_hz in a way that has no derivative; allowed: others";

@@ -403,7 +403,7 @@ impl Around for ActingOn<'_> {
 }
 
 /// Looks at `rod` lying straight, unstretched, and moving as a whole with `velocity` (m/s) through `fluid` at rest.
-fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: impl FnOnce(&Kinematics<'_>) -> T) -> T {
+pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: impl FnOnce(&Kinematics<'_>) -> T) -> T {
     let edges: Vec<Edge> = rod.cells.iter().map(|cell| Edge::along(Vector2::x(), cell.rest)).collect();
     let q: Vec<f64> = (0..rod.nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
     let (v, a) = (velocity.repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);

@@ -16,6 +16,7 @@
 //!
 //! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules: DESIGN.md.
 mod adjoint;
+mod cycles;
 mod ends;
 mod equations;
 mod forward;

@@ -21,6 +21,10 @@ pub enum Quantity {
     BodyAngle,
     /// Coordinate of the centre of mass along an axis, m.
     CentreOfMass(usize),
+    /// Velocity of the centre of mass along an axis, m/s.
+    CentreVelocity(usize),
+    /// Component along an axis of the unit vector from node 1 to node 0.
+    HeadAxis(usize),
     /// Stretching energy, J.
     Stretching,
     /// Bending energy, J.
@@ -521,6 +525,20 @@ impl Quantity {
                     g.q[2 * k + i] += part * m;
                 }
                 rod.mean(&state.q)[i]
+            }
+            Self::CentreVelocity(i) => {
+                let part = factor / rod.total_mass();
+                for (k, m) in rod.mass.iter().enumerate() {
+                    g.v[2 * k + i] += part * m;
+                }
+                rod.mean(&state.v)[i]
+            }
+            Self::HeadAxis(i) => {
+                let edge = &at.bent.edges()[0];
+                let turn = edge.n() * (factor * edge.per_length * edge.n()[i]);
+                add(&mut g.q, 0, turn);
+                add(&mut g.q, 1, -turn);
+                -edge.t[i]
             }
             Self::Stretching => {
                 let mut energy = 0.0;

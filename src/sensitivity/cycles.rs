@@ -1,0 +1,134 @@
+//! Averages over the last whole cycles, with their derivatives: sums of readings with weights that the times alone decide, and a
+//! formula of these sums.
+
+use super::output::{Output, Quantity, Work};
+use super::parameter::Parameter;
+use super::problem::Problem;
+use super::trajectory::Trajectory;
+use crate::cycle::slopes::{Dependence, Weights};
+use crate::cycle::{Cycles, Measure};
+use crate::error::Result;
+use crate::metrics::{Meter, Reading};
+use crate::system::System;
+
+/// An output, what the mean depends on it by in a cycle, and its weights at the times of one.
+type Part = (Output, fn(&Dependence) -> f64, fn(&Weights) -> &[f64]);
+
+/// What all measures are made of.
+fn parts(held: bool) -> Vec<Part> {
+    use Quantity as Q;
+    let value: fn(&Weights) -> &[f64] = |weights| &weights.value;
+    let rate: fn(&Weights) -> &[f64] = |weights| &weights.rate;
+    let summed: fn(&Weights) -> &[f64] = |weights| &weights.summed;
+    let mut parts: Vec<Part> = Vec::new();
+    if held {
+        // A held head moves as it must, whatever the parameters are.
+        parts.push((Q::HeadForce(0).into(), |d| d.force[0], summed));
+        parts.push((Q::HeadForce(1).into(), |d| d.force[1], summed));
+        parts.push((Q::HeadMoment.into(), |d| d.moment, summed));
+        parts.push((Work::Head.into(), |d| d.work[3], value));
+        parts.push((Q::HeadPower.into(), |d| d.work[3], rate));
+    } else {
+        parts.push((Q::CentreOfMass(0).into(), |d| d.position[0], value));
+        parts.push((Q::CentreOfMass(1).into(), |d| d.position[1], value));
+        parts.push((Q::CentreVelocity(0).into(), |d| d.position[0], rate));
+        parts.push((Q::CentreVelocity(1).into(), |d| d.position[1], rate));
+        parts.push((Q::HeadAxis(0).into(), |d| d.axis[0], summed));
+        parts.push((Q::HeadAxis(1).into(), |d| d.axis[1], summed));
+    }
+    let works: [(Output, Quantity, fn(&Dependence) -> f64); 6] = [
+        (Work::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
+        (Work::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
+        (Q::LoadPotential.into(), Q::LoadPower, |d| d.work[2]),
+        (Work::Flow.into(), Q::FlowPower, |d| d.work[4]),
+        (Work::Wake.into(), Q::WakePower, |d| d.work[5]),
+        (Work::Other.into(), Q::OtherPower, |d| d.work[6]),
+    ];
+    for (work, power, by) in works {
+        parts.push((work, by, value));
+        parts.push((power.into(), by, rate));
+    }
+    parts
+}
+
+impl Problem {
+    /// Simulates, and follows the cycles as a run does.
+    ///
+    /// # Errors
+    /// Those of [`simulate`](Self::simulate) and of [`Reading::take`].
+    pub fn followed(&mut self) -> Result<(Trajectory, Cycles)> {
+        let mut trajectory = Trajectory::default();
+        let mut run: Option<(Meter, Cycles, Reading)> = None;
+        self.advance(|dynamics, n, state, _| {
+            match &mut run {
+                None => {
+                    let meter = Meter::start(dynamics, state)?;
+                    let cycles = Cycles::start(dynamics, state, &meter);
+                    run = Some((meter, cycles, Reading::new(dynamics.nodes())));
+                }
+                Some((meter, cycles, reading)) => {
+                    reading.take(dynamics, state)?;
+                    let times = [trajectory.times[n - 1], state.t];
+                    let load = dynamics.load_work(times, trajectory.positions(n - 1), &state.q);
+                    meter.count(reading, None, load, dynamics.head_mass())?;
+                    cycles.follow(dynamics, state, meter, None);
+                }
+            }
+            trajectory.push(state);
+            Ok(())
+        })?;
+        let cycles = match run {
+            Some((_, cycles, _)) => cycles,
+            None => {
+                // `advance` looks at the start at least.
+                let state = self.dynamics.first_state();
+                let meter = Meter::start(&mut self.dynamics, &state)?;
+                Cycles::start(&self.dynamics, &state, &meter)
+            }
+        };
+        Ok((trajectory, cycles))
+    }
+
+    /// Why its simulation has no whole cycle, where it has none.
+    ///
+    /// # Errors
+    /// Those of [`followed`](Self::followed).
+    pub fn no_cycle(&mut self) -> Result<Option<String>> {
+        let (_, cycles) = self.followed()?;
+        Ok(cycles.reason(&self.dynamics))
+    }
+
+    /// The mean of `measure` over the last whole cycles, as a run's summary has it, with its derivatives by `parameters`;
+    /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::slopes::is_smooth). The
+    /// frequency of the actuation, which moves the cycles themselves, counts as if it left them where they are.
+    ///
+    /// # Errors
+    /// Those of [`simulate`](Self::simulate).
+    pub fn cycle_mean(&mut self, measure: &Measure, parameters: &[Parameter]) -> Result<Option<(f64, Vec<f64>)>> {
+        let (trajectory, cycles) = self.followed()?;
+        let Some(mean) = cycles.averages(&self.dynamics).mean(measure) else { return Ok(None) };
+        if parameters.is_empty() {
+            return Ok(Some((mean, Vec::new())));
+        }
+        let Some(dependences) = cycles.dependences(measure, &self.dynamics) else { return Ok(None) };
+        let weights = cycles.weights(&self.dynamics, &trajectory.times);
+        let mut parts = parts(self.dynamics.model.head.is_some());
+        parts.retain(|(_, by, _)| dependences.iter().any(|dependence| by(dependence) != 0.0));
+        let mut rows = vec![0.0; parts.len() * trajectory.times.len()];
+        for (dependence, weights) in dependences.iter().zip(&weights) {
+            for (o, (_, by, of)) in parts.iter().enumerate() {
+                let by = by(dependence);
+                let row = rows.iter_mut().skip(o).step_by(parts.len());
+                row.zip(of(weights)).for_each(|(row, weight)| *row += by * weight);
+            }
+        }
+        let outputs: Vec<Output> = parts.into_iter().map(|(output, ..)| output).collect();
+        let mut by = self.adjoint(parameters, &outputs, &rows, &trajectory)?;
+        for (by, parameter) in by.iter_mut().zip(parameters) {
+            let Parameter::OfForces(key) = parameter else { continue };
+            let own = dependences.iter().flat_map(|dependence| &dependence.by_key).filter(|(own, _)| own == key);
+            *by += own.map(|(_, by)| by).sum::<f64>();
+        }
+        Ok(Some((mean, by)))
+    }
+}
