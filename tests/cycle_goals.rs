@@ -202,6 +202,49 @@ mod designs {
         }
     }
 
+    /// A tail of 1 m whose base turns by 0.02 rad in creeping flow, with drag of 2 N s/m² across and 1 along: its mean thrust is
+    /// greatest where L(ξ⊥ω/EI)^¼ = 1.877 (Wiggins & Goldstein, Phys. Rev. Lett. 80, 1998, in the limit of small angles and fine
+    /// meshes).
+    #[test]
+    fn the_stiffness_for_the_greatest_thrust_is_that_of_a_sperm_number_of_1_877() {
+        const DRIVEN: &str = r#"
+name = "driven"
+[rod]
+nodes = 33
+length_m = 1.0
+outer_radius_m = 0.02
+inner_radius_m = 0.0
+youngs_modulus_pa = 1e7
+density_kg_m3 = 1e-2
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1000.0
+[drag]
+law = "coefficients"
+along_n_s_m2 = 1.0
+across_n_s_m2 = 2.0
+[head]
+kind = "driven"
+angle_rad = { amplitude = 0.02, frequency_hz = 1.0 }
+[solver]
+integrator = "generalized-alpha"
+time_step_s = 0.0078125
+duration_s = 6.0
+[design]
+goal = "cycle_thrust_n"
+knots = [0.5]
+starts = 2
+"#;
+        let document = Document::new("driven.toml", DRIVEN);
+        let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+        let Answer::Found(found) = &design.answer else { panic!("found") };
+        let sperm = (2.0 * std::f64::consts::TAU / found.profile.stiffness_n_m2[0]).powf(0.25);
+        println!("Sp = {sperm:.4}, thrust {:.5e}, {:?}", found.objective, found.starts);
+        assert!(found.converged && (sperm - 1.877).abs() <= 0.01, "{sperm}");
+        let unit = std::f64::consts::TAU * 0.02 * 0.02;
+        assert!((found.objective / unit / 0.06019 - 1.0).abs() <= 5e-3, "{}", found.objective / unit);
+    }
+
     #[test]
     fn goals_that_a_scene_has_not_are_refused() {
         for (changes, words) in [

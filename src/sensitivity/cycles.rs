@@ -12,7 +12,9 @@ use crate::metrics::{Meter, Reading};
 use crate::system::System;
 
 /// An output, what the mean depends on it by in a cycle, and its weights at the times of one.
-type Part = (Output, fn(&Dependence) -> f64, fn(&Weights) -> &[f64]);
+type Part = (Output, By, fn(&Weights) -> &[f64]);
+
+type By = fn(&Dependence) -> f64;
 
 /// What all measures are made of.
 fn parts(held: bool) -> Vec<Part> {
@@ -36,7 +38,7 @@ fn parts(held: bool) -> Vec<Part> {
         parts.push((Q::HeadAxis(0).into(), |d| d.axis[0], summed));
         parts.push((Q::HeadAxis(1).into(), |d| d.axis[1], summed));
     }
-    let works: [(Output, Quantity, fn(&Dependence) -> f64); 6] = [
+    let works: [(Output, Quantity, By); 6] = [
         (Work::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
         (Work::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
         (Q::LoadPotential.into(), Q::LoadPower, |d| d.work[2]),
