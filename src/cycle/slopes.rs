@@ -3,7 +3,10 @@
 
 use nalgebra::Vector2;
 
-use super::{Cycle, Cycles, GRAVITY, Integrals, KEPT, LONGER, MEASURES, Measure, WHOLE, place, put, vector};
+use super::{
+    Cycle, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, KEPT, LONGER, MEASURES, Measure, PERIOD,
+    REACTIVE_THRUST, STROUHAL, WHOLE, place, put, vector,
+};
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{Key, Sink};
 use crate::model::Dynamics;
@@ -115,9 +118,10 @@ impl Cycles {
     }
 }
 
-/// True where a measure has derivatives: all but those of durations, angles and extremes.
+/// True where a measure has derivatives: all but those of durations, angles and extremes, and of parts of the thrust.
 pub fn is_smooth(measure: &Measure) -> bool {
-    !["cycle_period_s", "cycle_direction_rad", "cycle_strouhal_number"].contains(&measure.key)
+    let others = [PERIOD, DIRECTION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST];
+    others.iter().all(|other| other.key != measure.key)
 }
 
 /// The measures that have derivatives.
@@ -155,6 +159,7 @@ fn slopes(measure: &Measure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Inte
         "cycle_head_moment_n_m" => by[place::MOMENT] = per,
         "cycle_actuation_power_w" => by[place::WORK] = per,
         "cycle_viscous_power_w" => by[place::WORK + 1] = per,
+        "cycle_wake_power_w" => by[place::WORK + 5] = per,
         "cycle_load_power_w" => by[place::WORK + 2] = per,
         "cycle_head_power_w" => by[place::WORK + 3] = per,
         "cycle_flow_power_w" => by[place::WORK + 4] = per,
