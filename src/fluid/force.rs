@@ -11,7 +11,6 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::medium::{Fluid, Key};
-use crate::rod::around::{Alone, Around};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -152,6 +151,9 @@ pub trait InPass {
         residual: &mut [f64],
         jacobian: Option<Linearisation<'_>>,
     );
+
+    /// Its [`powers`] in the motion `rod`.
+    fn powers(&self, rod: &Kinematics<'_>) -> Powers;
 }
 
 /// A force on the rod.
@@ -288,16 +290,16 @@ impl Forces {
         mut jacobian: Option<Linearisation<'_>>,
     ) {
         if self.is_empty() {
-            return rod.assemble(Alone, residual, jacobian);
+            return rod.assemble((0..rod.edges.len()).map(|_| None), residual, jacobian);
         }
         let along = jacobian.as_ref().map(|jacobian| jacobian.direction);
         let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
         let in_pass = self.iter().enumerate().find_map(|(i, force)| Some((i, force.in_pass()?)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, _)| [&self.0[..i], &self.0[i + 1..]]);
-        let others = ActingOn { forces, rod: moving, along, room };
+        let mut others = ActingOn { forces, rod: moving, along, room };
         match in_pass {
             Some((_, force)) => force.assemble(rod, others, residual, part),
-            None => rod.assemble(others, residual, part),
+            None => rod.assemble((0..moving.edges.len()).map(|e| Some(others.on(e))), residual, part),
         }
         for tip in self.on_tip(&moving, along) {
             add(residual, rod.rod.nodes - 1, tip.force);
@@ -382,23 +384,20 @@ pub struct ActingOn<'a> {
 
 impl ActingOn<'_> {
     /// True where there are none.
-    #[inline(always)]
-    fn are_none(&self) -> bool {
+    pub fn are_none(&self) -> bool {
         self.forces[0].is_empty() && self.forces[1].is_empty()
     }
-}
 
-impl Around for ActingOn<'_> {
-    #[inline]
-    fn look(&mut self, edges: Range<usize>) {
-        if !self.are_none() {
-            sum(self.forces.into_iter().flatten().map(|force| &**force), &self.rod, self.along, edges, self.room);
-        }
-    }
-
+    /// What they do on edge `e`; edges are asked for in their order.
     #[inline(always)]
-    fn on(&self, e: usize, _: &Edge) -> Option<OnEdge> {
-        if self.are_none() { None } else { self.room.get(e % TOGETHER).copied() }
+    pub fn on(&mut self, e: usize) -> OnEdge {
+        let place = e % TOGETHER;
+        if place == 0 {
+            let forces = self.forces.into_iter().flatten().map(|force| &**force);
+            let edges = e..self.rod.edges.len().min(e + TOGETHER);
+            sum(forces, &self.rod, self.along, edges, self.room);
+        }
+        self.room[place]
     }
 }
 
@@ -463,6 +462,9 @@ pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
 
 /// The powers of `force`, W; those of one that is not a fluid's are against the ground.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
+    if let Some(force) = force.in_pass() {
+        return force.powers(rod);
+    }
     let flow = if force.is_of_fluid() { rod.fluid.flow } else { Vector2::zeros() };
     let mut powers = Powers::default();
     let mut sum = Vector2::zeros();

@@ -7,10 +7,9 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Tally, Validity};
+use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
 use super::medium::{Fluid, Key};
 use crate::linear::{Block, lanes};
-use crate::rod::around::Around;
 use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Edge, Half, Rod, add};
 use crate::system::{Direction, Linearisation};
@@ -159,43 +158,45 @@ fn on_edge<L: Law>(
     OnEdge { force: [f0, f1], own: [own0, own1], edge: [edge0, edge1] }
 }
 
-/// A local law around a rod, with what else acts on it.
-struct Along<'a, L: Law> {
-    drag: &'a LocalDrag<L>,
-    fluid: L::Fluid,
-    direction: Direction,
-    others: ActingOn<'a>,
-}
-
-impl<L: Law> Around for Along<'_, L> {
-    #[inline(always)]
-    fn look(&mut self, edges: Range<usize>) {
-        self.others.look(edges);
-    }
-
-    #[inline(always)]
-    fn on(&self, e: usize, edge: &Edge) -> Option<OnEdge> {
-        let LocalDrag { law, halves } = self.drag;
-        let w = [0, 1].map(|i| self.others.rod.against_fluid(e + i));
-        let mut on = on_edge(law, &halves[e], self.fluid, edge, w, self.direction);
-        if let Some(others) = self.others.on(e, edge) {
-            on.add(&others);
-        }
-        Some(on)
-    }
-}
-
 impl<L: Law> InPass for LocalDrag<L> {
     fn assemble(
         &self,
         rod: Deformed<'_>,
-        others: ActingOn<'_>,
+        mut others: ActingOn<'_>,
         residual: &mut [f64],
         jacobian: Option<Linearisation<'_>>,
     ) {
-        let fluid = self.law.in_fluid(others.rod.fluid);
+        let (Self { law, halves }, Kinematics { edges, v, fluid, .. }) = (self, others.rod);
+        let (flow, fluid, alone) = (fluid.flow, law.in_fluid(fluid), others.are_none());
         let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-        rod.assemble(Along { drag: self, fluid, direction, others }, residual, jacobian);
+        let ends = v.as_chunks::<2>().0.windows(2);
+        let around = edges.iter().zip(ends).enumerate().map(|(e, (edge, v))| {
+            let w = [Vector2::from(v[0]) - flow, Vector2::from(v[1]) - flow];
+            let mut on = on_edge(law, &halves[e], fluid, edge, w, direction);
+            if !alone {
+                on.add(&others.on(e));
+            }
+            Some(on)
+        });
+        rod.assemble(around, residual, jacobian);
+    }
+
+    fn powers(&self, rod: &Kinematics<'_>) -> Powers {
+        let (law, flow, fluid) = (&self.law, rod.fluid.flow, self.law.in_fluid(rod.fluid));
+        let (flows, mut powers) = (flow != Vector2::zeros(), Powers::default());
+        let ends = rod.v.as_chunks::<2>().0.windows(2);
+        for (e, (edge, v)) in rod.edges.iter().zip(ends).enumerate() {
+            for (i, (length, half)) in self.halves[e].iter().enumerate() {
+                let w = Vector2::from(v[i]) - flow;
+                let (u, w) = (w.dot(&edge.t), w.dot(&edge.n()));
+                let Traction { along, across } = law.traction(half, fluid, u, w);
+                powers.against_fluid += length * (along * u + across * w);
+                if flows {
+                    powers.of_flow -= length * (along * flow.dot(&edge.t) + across * flow.dot(&edge.n()));
+                }
+            }
+        }
+        powers
     }
 }
 

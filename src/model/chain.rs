@@ -131,7 +131,7 @@ impl Dynamics {
         let (nodes, joints) = (rod.nodes, rod.joints());
         let (per_radian, per_metre) = (rod.ei / rod.length.powi(2), rod.ei / rod.length.powi(3));
         let Direction { q: c_q, a: c_a, .. } = direction;
-        let moves = c_q != 0.0;
+        let (moves, loaded) = (c_q != 0.0, self.is_loaded());
         let mut pull_before = Vector2::zeros(); // of the edge before
         for first in (0..nodes).step_by(BLOCK) {
             let last = (first + BLOCK).min(nodes);
@@ -141,7 +141,8 @@ impl Dynamics {
                 // Node: columns F_{k−1}, θ_{k−1}, x_k, M_k, F_k, θ_k.
                 let pull = Vector2::from(link.force);
                 let inertia = rod.mass[k];
-                let force = node(&state.a, k) * inertia - self.load(k) - pull + pull_before;
+                let load = if loaded { self.load(k) } else { Vector2::zeros() };
+                let force = node(&state.a, k) * inertia - load - pull + pull_before;
                 residual[row] = force.x;
                 residual[row + 1] = force.y;
                 rows[row] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];

@@ -1,11 +1,8 @@
 //! What acts on the edges of a rod from outside, as the assembly of the rod takes it.
 
-use std::ops::Range;
-
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use super::Edge;
 use crate::linear::{Block, lanes};
 
 /// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
@@ -82,28 +79,5 @@ impl OnEdge {
         for i in 0..2 {
             self.force[i] += other.force[i];
         }
-    }
-}
-
-/// What else acts on a rod, edge by edge.
-pub trait Around {
-    /// Looks at some edges in a row, at most [`TOGETHER`], before what acts on them is asked for.
-    fn look(&mut self, edges: Range<usize>);
-
-    /// What acts on `edge`, number `e`, of those last looked at.
-    fn on(&self, e: usize, edge: &Edge) -> Option<OnEdge>;
-}
-
-/// Nothing else acts on the rod.
-#[derive(Debug)]
-pub struct Alone;
-
-impl Around for Alone {
-    #[inline(always)]
-    fn look(&mut self, _: Range<usize>) {}
-
-    #[inline(always)]
-    fn on(&self, _: usize, _: &Edge) -> Option<OnEdge> {
-        None
     }
 }

@@ -9,7 +9,7 @@
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::around::{Around, TOGETHER};
+use super::around::OnEdge;
 use super::bend::Joint;
 use super::{Edge, Rod};
 use crate::linear::{Block, BlockRow, lanes};
@@ -60,10 +60,15 @@ pub struct Deformed<'a> {
 }
 
 impl Deformed<'_> {
-    /// Writes M a + ∇E (N), and what `around` opposes the motion of every edge with, to `residual` and its linearisation to
+    /// Writes M a + ∇E (N), and what opposes the motion of every edge from `around`, to `residual` and its linearisation to
     /// `jacobian`, if there is one.
     #[inline]
-    pub fn assemble(&self, mut around: impl Around, residual: &mut [f64], jacobian: Option<Linearisation<'_>>) {
+    pub fn assemble(
+        &self,
+        around: impl Iterator<Item = Option<OnEdge>>,
+        residual: &mut [f64],
+        jacobian: Option<Linearisation<'_>>,
+    ) {
         let Self { rod, edges, joints, a } = *self;
         let (residual, a) = (residual.as_chunks_mut().0, a.as_chunks().0);
         let (rows, direction): (&mut [BlockRow], _) = match jacobian {
@@ -78,13 +83,9 @@ impl Deformed<'_> {
         let mut before = f64x2::ZERO;
         let (mut diagonal, mut q_here, mut qt_here) = (Block::ZERO, Block::ZERO, Block::ZERO);
         let ends = joints.iter().zip(joints.iter().skip(1));
-        let here = edges.iter().zip(ends).zip(a).zip(&rod.mass).enumerate();
-        for (k, (((edge, (start, end)), a), mass)) in here {
+        let here = edges.iter().zip(ends).zip(around).zip(a).zip(&rod.mass).enumerate();
+        for (k, ((((edge, (start, end)), around), a), mass)) in here {
             let cell = &rod.cells[k];
-            if k % TOGETHER == 0 {
-                around.look(k..edges.len().min(k + TOGETHER));
-            }
-            let around = around.on(k, edge);
             let tension = cell.tension(edge);
             let force = lanes(force(edge, tension, start, end));
             let mut sum = f64x2::new(*a) * *mass + before;
