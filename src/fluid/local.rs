@@ -183,20 +183,19 @@ impl<L: Law> InPass for LocalDrag<L> {
 
     fn powers(&self, rod: &Kinematics<'_>) -> Powers {
         let (law, flow, fluid) = (&self.law, rod.fluid.flow, self.law.in_fluid(rod.fluid));
-        let (flows, mut powers) = (flow != Vector2::zeros(), Powers::default());
+        let (mut opposing, mut against_fluid) = (f64x2::ZERO, 0.0);
         let ends = rod.v.as_chunks::<2>().0.windows(2);
         for (e, (edge, v)) in rod.edges.iter().zip(ends).enumerate() {
             for (i, (length, half)) in self.halves[e].iter().enumerate() {
                 let w = Vector2::from(v[i]) - flow;
                 let (u, w) = (w.dot(&edge.t), w.dot(&edge.n()));
                 let Traction { along, across } = law.traction(half, fluid, u, w);
-                powers.against_fluid += length * (along * u + across * w);
-                if flows {
-                    powers.of_flow -= length * (along * flow.dot(&edge.t) + across * flow.dot(&edge.n()));
-                }
+                against_fluid += length * (along * u + across * w);
+                opposing += lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length);
             }
         }
-        powers
+        let opposing = Vector2::from(opposing.to_array());
+        Powers { opposing, against_fluid, of_flow: -opposing.dot(&flow) }
     }
 }
 
