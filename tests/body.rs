@@ -247,6 +247,44 @@ fn both_forms_say_the_same_of_a_headed_rod_in_water() {
     assert!(worst < 1e-9, "{worst:e}");
 }
 
+/// A headed swimmer in water.
+const SWIMMER: &str = r#"name = "hb"
+[rod]
+nodes = 17
+length_m = 1.0
+outer_radius_m = 0.02
+youngs_modulus_pa = 1e9
+density_kg_m3 = 1000.0
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 3.0
+frequency_hz = 1.0
+wavelength_m = 1.0
+envelope = [0.3, 0.7]
+[head_body]
+semi_axis_along_m = 0.12
+semi_axis_across_m = 0.05
+[medium]
+viscosity_pa_s = 1e-3
+density_kg_m3 = 1000.0
+[drag]
+law = "cross-flow"
+[reactive]
+[solver]
+duration_s = 2.0
+"#;
+
+#[test]
+fn a_headed_rod_in_water_moves_as_its_shape_does_where_it_is_stiff() {
+    let end =
+        |changes: &[&str]| run(&scene_of(SWIMMER, &[changes, &["solver.tolerance=1e-6"]].concat())).meter().now.com;
+    let shape = end(&["solver.model=shape"]);
+    let [soft, stiff] =
+        ["1e9", "1e10"].map(|youngs| (end(&[&format!("rod.youngs_modulus_pa={youngs}")]) - shape).norm());
+    // As compliance; measured: 1.30e-3 and 1.29e-4 m.
+    assert!(stiff < 2e-4 && (order(soft, stiff) - 10.0_f64.log2()).abs() < 0.1, "{soft} {stiff}");
+}
+
 #[test]
 fn a_headed_rod_s_energy_balance_closes_at_its_order() {
     let defect = |step: f64| {
