@@ -31,7 +31,7 @@ mod exit {
     pub const INTERRUPTED: u8 = 130;
 }
 
-/// Simulates bio-inspired tails and swimmers: a slender rod driven by a travelling natural curvature in a viscous fluid.
+/// Simulates bio-inspired tails and swimmers: a slender rod driven by a travelling natural curvature in a fluid.
 #[derive(Debug, Parser)]
 #[command(
     version,
@@ -88,7 +88,7 @@ enum Command {
         /// Version of the standard; both makes FILE-fmi2.fmu and FILE-fmi3.fmu
         #[arg(long, value_enum, default_value = "3")]
         fmi: fmu::Version,
-        /// A shared library that goes into it, one for each platform [default: the one beside this program or in ../lib]
+        /// A shared library that goes into it, one for each platform [default: the one beside this program, in ../lib, or in the Python package]
         #[arg(long, value_name = "FILE")]
         library: Vec<PathBuf>,
         /// The variables and parameters that it shows [default: all]
