@@ -328,3 +328,33 @@ fn a_derivative_of_too_high_an_order_is_refused() {
     assert!(matches!(tail.set_derivative("head_ax_m_s2", 2, &[0.0]), Err(Error::Order { .. })));
     tail.set_derivative("head_ax_m_s2", 1, &[0.0]).unwrap();
 }
+
+#[test]
+fn the_least_value_of_every_parameter_is_one_that_its_reader_takes_and_zero_is_none_where_it_is_above() {
+    let mut above = 0;
+    for path in common::all_scene_files() {
+        let document = caudal::scene::Document::read(&path).unwrap();
+        let Ok(scene) = document.scene() else { continue };
+        for parameter in scene.parameters().iter().filter(|parameter| parameter.component.is_none()) {
+            let least = *parameter.range.start();
+            if !least.is_finite() {
+                continue;
+            }
+            let refused = |value: f64| {
+                let mut changed = document.clone();
+                changed.set(&format!("{}={value:e}", parameter.key)).unwrap();
+                // What the type of the value says, not what other keys ask for.
+                let error = changed.scene().err().map(|error| error.to_string()).unwrap_or_default();
+                ["positive number", "number that is not negative", "number above -1", "number between 0 and 1"]
+                    .iter()
+                    .any(|allowed| error.contains(&parameter.key) && error.contains(&format!("; allowed: a {allowed}")))
+            };
+            assert!(!refused(least), "{} {least:e} in {}", parameter.key, path.display());
+            if least > 0.0 && least < 1e-300 {
+                above += 1;
+                assert!(refused(0.0), "{} in {}", parameter.key, path.display());
+            }
+        }
+    }
+    assert!(above > 100, "{above}");
+}
