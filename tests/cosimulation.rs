@@ -358,3 +358,26 @@ fn the_least_value_of_every_parameter_is_one_that_its_reader_takes_and_zero_is_n
     }
     assert!(above > 100, "{above}");
 }
+
+#[test]
+fn stiffness_and_drag_change_between_steps_while_the_motion_and_the_balance_stay() {
+    let mut stepper = tail(&[]);
+    stepper.do_step(0.5).unwrap();
+    let (state, defect) = (stepper.state().clone(), stepper.meter().numerical_dissipation());
+    let energy = stepper.meter().now.energy.total();
+    let softer = ["rod.nodes=9", "rod.youngs_modulus_pa=1e6", "drag.ratio=3.0"];
+    let scene = common::scene_of(include_str!("../models/driven-head.toml"), &softer);
+    stepper.retune(&scene).unwrap();
+    assert_eq!(*stepper.state(), state);
+    assert!(stepper.meter().now.energy.total() < energy);
+    // Measured: 0.
+    assert!((stepper.meter().numerical_dissipation() - defect).abs() < 1e-15);
+    stepper.do_step(0.5).unwrap();
+    let work = stepper.meter().totals.work.head.abs();
+    // Measured: 1.5e-5.
+    assert!(stepper.meter().numerical_dissipation().abs() < 1e-4 * work);
+    // A scene of another size is refused and changes nothing.
+    let now = stepper.save();
+    assert!(stepper.retune(&common::scene_of(include_str!("../models/driven-head.toml"), &[])).is_err());
+    assert!(stepper.save() == now);
+}

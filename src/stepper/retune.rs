@@ -18,7 +18,9 @@ impl Stepper {
             return Err(Error::Fmu(problem.to_string()));
         }
         let mut other = Self::of(scene)?;
-        other.restore(&self.save())?;
+        let mut now = self.save();
+        now.scene = other.scene;
+        other.restore(&now)?;
         other.reading.take(&mut other.dynamics, &other.state)?;
         let before = other.meter.now.energy.total();
         std::mem::swap(&mut other.meter.now, &mut other.reading);

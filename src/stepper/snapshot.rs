@@ -20,7 +20,7 @@ const MAGIC: [u8; 8] = *b"caudal\x00\x01";
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
     /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint); 0 of a stepper that was made without one.
-    scene: u128,
+    pub(super) scene: u128,
     clock: Clock,
     time_step: f64,
     ahead: Option<f64>,
