@@ -84,7 +84,7 @@ type Mistake = (&'static str, &'static str, isize, &'static str, &'static str);
 #[rustfmt::skip]
 const MISTAKES: &[Mistake] = &[
     // names
-    ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
+    ("name = \"full\"", "nam = \"full\"", 0, "nam", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `name`?"),
     ("name = \"full\"", "name = 3", 0, "name", "found 3; allowed: a text in quotes"),
     ("name = \"full\"", "name = \"a/b\"", 0, "name", "found '/' in it; allowed: a name that can be a folder's"),
     ("name = \"full\"", "name = 'a\\b'", 0, "name", "found '\\\\' in it; allowed: a name that can be a folder's"),
@@ -94,19 +94,19 @@ const MISTAKES: &[Mistake] = &[
     ("name = \"full\"", "\"a`b\" = 3", 0, "a`b", "unknown key; allowed: `name`, ..."),
     ("name = \"full\"", "\"a.b\" = 3", 0, "a.b", "unknown key; allowed: `name`, ..."),
     // unknown keys and tables, wrong units
-    ("[rod]", "[rods]", 0, "rods", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `loads`, `head`, `solver`, `record`, `design`; did you mean `rod`?"),
+    ("[rod]", "[rods]", 0, "rods", "unknown key; allowed: `name`, `rod`, `actuation`, `start`, `medium`, `drag`, `reactive`, `head_body`, `loads`, `head`, `solver`, `record`, `design`; did you mean `rod`?"),
     ("nodes = 9", "node = 9", 0, "rod.node", "unknown key; allowed: `nodes`, `length_m`, `outer_radius_m`, `inner_radius_m`, `depth_m`, `youngs_modulus_pa`, `density_kg_m3`, `mass_profile`, `stiffness_gradient`, `stiffness_profile`, `mass_lumping`; did you mean `nodes`?"),
     ("length_m = 1.0", "length_mm = 1000", 0, "rod.length_mm", "unknown key; allowed: `nodes`, `length_m`, `outer_radius_m`, `inner_radius_m`, `depth_m`, `youngs_modulus_pa`, `density_kg_m3`, `mass_profile`, `stiffness_gradient`, `stiffness_profile`, `mass_lumping`; did you mean `length_m`?"),
     ("length_m = 1.0", "length = 1.0", 0, "rod.length", "unknown key; ..."),
     ("viscosity_pa_s = 1e-3", "viscosity_pas = 1e-3", 0, "medium.viscosity_pas", "unknown key; allowed: `viscosity_pa_s`, `density_kg_m3`, `flow_m_s`; did you mean `viscosity_pa_s`?"),
     ("viscosity_pa_s = 1e-3", "viscosity_cp = 1", 0, "medium.viscosity_cp", "unknown key; allowed: `viscosity_pa_s`, `density_kg_m3`, `flow_m_s`; did you mean `viscosity_pa_s`?"),
-    ("angle_rad = 0.1", "angle_deg = 5", 0, "head.angle_deg", "unknown key; allowed: `kind`, `position_m`, `angle_rad`; did you mean `angle_rad`?"),
+    ("angle_rad = 0.1", "angle_deg = 5", 0, "head.angle_deg", "unknown key; allowed: `kind`, `position_m`, `angle_rad`, `input`; did you mean `angle_rad`?"),
     ("time_step_s = 5e-3", "time_step_ms = 5", 0, "solver.time_step_ms", "unknown key; allowed: `integrator`, `time_step_s`, `tolerance`, `duration_s`, `newton_tolerance`, `linear`, `form`, `model`, `accuracy`, `accuracy_of`, `beta`, `gamma`; did you mean `time_step_s`?"),
     ("beta = 0.25", "betta = 0.25", 0, "solver.betta", "unknown key; allowed: `integrator`, `time_step_s`, `tolerance`, `duration_s`, `newton_tolerance`, `linear`, `form`, `model`, `accuracy`, `accuracy_of`, `beta`, `gamma`; did you mean `beta`?"),
     ("force_n = [0.5, 0]", "force = [0.5, 0]", 0, "loads.point.1.force", "unknown key; allowed: `node` or `force_n`; did you mean `force_n`?"),
     ("frequency_hz = 1.0,", "frequency = 1.0,", 0, "head.position_m.1.frequency", "unknown key; allowed: `amplitude`, `frequency_hz`, `phase_rad`, `offset`, `table`; did you mean `frequency_hz`?"),
     ("every = 1", "each = 1", 0, "record.each", "unknown key; allowed: `every`, `interval_s`, `nodes_from_s`, `nodes`, `nodes_table`"),
-    ("[solver]\n", "", 0, "head.integrator", "unknown key; allowed: `kind`, `position_m`, `angle_rad`"),
+    ("[solver]\n", "", 0, "head.integrator", "unknown key; allowed: `kind`, `position_m`, `angle_rad`, `input`"),
     // numbers out of range
     ("nodes = 9", "nodes = 2", 0, "rod.nodes", "found 2; allowed: a whole number from 3 to 10000000"),
     ("nodes = 9", "nodes = 1000000000", 0, "rod.nodes", "found 1000000000; allowed: a whole number from 3 to 10000000"),
