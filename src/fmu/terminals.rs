@@ -72,7 +72,8 @@ pub(super) fn write(fmu: &Fmu<'_>) -> Result<Vec<u8>> {
     let has = |name: &str| fmu.shows(name) && fmu.catalogue.variables().any(|(_, variable)| variable.name == name);
     element(&mut xml, "fmiTerminalsAndIcons", attributes(&[("fmiVersion", "3.0")]), |xml| {
         element(xml, "GraphicalRepresentation", Vec::new(), |xml| {
-            leaf(xml, "CoordinateSystem", attributes(&square))?;
+            let system: Vec<_> = square.into_iter().chain([("suggestedScalingFactorTo_mm", "0.1")]).collect();
+            leaf(xml, "CoordinateSystem", attributes(&system))?;
             leaf(xml, "Icon", attributes(&square))
         })?;
         let there = |terminal: &&Terminal| terminal.3.iter().any(|(_, variable)| has(variable));

@@ -8,12 +8,14 @@ import json
 import subprocess
 import sys
 import tempfile
+import zipfile
 from pathlib import Path
 
 import fmpy
 from fmpy import read_model_description, simulate_fmu
 from fmpy.fmi3 import FMU3Slave
 from fmpy.validation import validate_fmu
+from lxml import etree
 
 folder = Path(sys.argv[1])
 expected = json.loads((folder / "expected.json").read_text())
@@ -39,6 +41,14 @@ def fmpy_host(name, scene):
         )
         check(f"FMPy steps {name}, FMI {version}, to the bit", list(result["tip_y_m"][1:]) == tips)
         check(f"{name}, FMI {version}, is quiet", not messages, messages)
+
+
+def fmpy_terminals(name):
+    """FMPy brings the standard's schema of terminals and icons, and does not use it by itself."""
+    schema = etree.XMLSchema(etree.parse(Path(fmpy.__file__).with_name("schema") / "fmi3/fmi3TerminalsAndIcons.xsd"))
+    with zipfile.ZipFile(folder / f"{name}-3.fmu") as archive:
+        valid = schema.validate(etree.fromstring(archive.read("terminalsAndIcons/terminalsAndIcons.xml")))
+    check(f"the terminals of {name} are valid", valid, schema.error_log)
 
 
 def fmpy_nodes(name, scene):
@@ -114,6 +124,7 @@ def cosim(name, scene):
 
 for name, scene in expected.items():
     fmpy_host(name, scene)
+    fmpy_terminals(name)
     fmutool(name)
     ecos(name, scene)
     cosim(name, scene)
