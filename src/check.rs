@@ -2,13 +2,15 @@
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
+use nalgebra::Vector2;
+
 use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
 use crate::fluid::body;
 use crate::fluid::force::Validity;
 use crate::fluid::laws::auto::INERTIA;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
-use crate::fluid::{Force, Forces};
+use crate::fluid::{Force, Forces, Sink};
 use crate::head::Signal;
 use crate::integrator::Pace;
 use crate::metrics::Energy;
@@ -17,6 +19,7 @@ use crate::modes::Modes;
 use crate::reduced::{RUNGS, Rung};
 use crate::regime::{self, Regime};
 use crate::rod::{Rod, bend};
+use crate::scene::value::Finite;
 use crate::scene::{Document, Fault, NodesTable, Scene, StartKind};
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -31,6 +34,8 @@ const SLENDER_DEPTH: f64 = 0.3;
 const PRESCRIBED: f64 = 8.0;
 const PRESCRIBED_NODES: u64 = 17;
 const PRESCRIBED_TOLERANCE: f64 = 1e-4;
+/// Surface tension of water against air, N/m.
+const SURFACE_TENSION: f64 = 0.072;
 /// Fewest steps in a period of the drive.
 const STEPS_A_PERIOD: f64 = 20.0;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
@@ -314,6 +319,8 @@ impl Assessment {
                 ),
             );
         }
+        self.describe_media(scene, model, &regime);
+        let mut fact = |name, text| self.facts.push(Fact { name, text });
         // Along and across, at the speeds of the motion.
         let speed = if regime.speed > 0.0 { regime.speed } else { 1e-9 * rod.length };
         let coefficients = |forces: &Forces| forces.coefficients(rod, *fluid, speed);
@@ -378,12 +385,83 @@ impl Assessment {
         }
     }
 
+    /// What lies behind the interfaces of the medium, and how fast the rod crosses them.
+    fn describe_media(&mut self, scene: &Scene, model: &Model, regime: &Regime) {
+        let Some(layers) = model.layers else { return };
+        let rod = &model.rod;
+        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        if layers.shear != 0.0 {
+            let [x, y]: [f64; 2] = layers.normal.into();
+            fact("shear flow", format!("gains {:.4e} 1/s along [{x:.4}, {y:.4}]; drag alone feels it", layers.shear));
+        }
+        let Some(medium) = scene.medium.as_ref().filter(|_| layers.iter().len() > 0) else { return };
+        let (radius, spacing) = (rod.sections.outer.largest(), rod.spacing);
+        let gravity = scene.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
+        let gravity = gravity.map_or(0.0, |gravity| regime::size(gravity.map(Finite::get)));
+        let mut before = [medium.density_kg_m3.get(), medium.viscosity_pa_s.get()];
+        for (i, layer) in layers.iter().enumerate() {
+            let here = [layer.fluid.density, layer.fluid.viscosity];
+            fact(
+                "interface",
+                format!(
+                    "{} at {:.4e} m along [{:.4}, {:.4}], {:.3e} m thick: {:.2} radii, {:.2} node spacings; from {:.4e} kg/m^3, {:.4e} Pa s to {:.4e}, {:.4e} (Re_d {:.3e} there)",
+                    i + 1,
+                    layer.offset,
+                    layers.normal.x,
+                    layers.normal.y,
+                    layer.thickness,
+                    layer.thickness / radius,
+                    layer.thickness / spacing,
+                    before[0],
+                    before[1],
+                    here[0],
+                    here[1],
+                    here[0] * regime.speed * regime.depth / here[1]
+                ),
+            );
+            before = here;
+            let thin = 2.0 * radius.max(spacing);
+            if layer.thickness < thin {
+                self.warnings.push(format!(
+                    "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {thin:.1e} m, or more nodes",
+                    i + 1, layer.thickness
+                ));
+            }
+        }
+        if regime.speed > 0.0 {
+            let froude = (gravity > 0.0)
+                .then(|| format!("Froude number w/√(gD) = {:.3e}, ", regime.speed / (gravity * regime.depth).sqrt()));
+            let heaviest = layers.iter().map(|layer| layer.fluid.density).fold(medium.density_kg_m3.get(), f64::max);
+            fact(
+                "crossing",
+                format!(
+                    "{}Weber number ρw²D/σ = {:.3e} with the surface tension of water against air; not modelled: waves (Froude numbers around 1), cavities (well above 1), surface tension (Weber numbers around 1 and below), the cushion of air",
+                    froude.unwrap_or_default(),
+                    heaviest * regime.speed.powi(2) * regime.depth / SURFACE_TENSION
+                ),
+            );
+        }
+        let up = layers.normal.dot(
+            &scene
+                .loads
+                .as_ref()
+                .and_then(|loads| loads.gravity_m_s2)
+                .map_or(Vector2::zeros(), |gravity| gravity.map(Finite::get).into()),
+        );
+        let densities: Vec<f64> =
+            std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density)).collect();
+        if densities.windows(2).any(|pair| (pair[1] - pair[0]) * up < 0.0) {
+            self.warnings.push("a denser fluid lies above a lighter one: at rest it would not stay there".to_string());
+        }
+    }
+
     fn warn(&mut self, scene: &Scene, stepper: &Stepper, omega: Option<f64>) {
         let rod = &stepper.model().rod;
         let step = scene.typical_step();
         let warnings = &mut self.warnings;
         if let Some(reynolds) = self.reynolds.filter(|reynolds| {
-            scene.drag.is_some() && stepper.model().forces.iter().any(Force::is_linear) && *reynolds > CREEPING
+            let linear = |force: &dyn Force| force.sink() == Some(Sink::Drag) && force.is_linear();
+            scene.drag.is_some() && stepper.model().forces.iter().any(linear) && *reynolds > CREEPING
         }) {
             warnings.push(format!(
                 "the drag law is outside its range: it is linear in velocity, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}"

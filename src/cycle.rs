@@ -45,7 +45,7 @@ const LONGER: f64 = 4.0;
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
 
-/// Places of the integrals in [`Integrals`]; vectors take two, the work seven.
+/// Places of the integrals in [`Integrals`]; vectors take two, the work eight.
 mod place {
     pub(super) const POSITION: usize = 0;
     pub(super) const FLOW: usize = 2;
@@ -58,7 +58,7 @@ mod place {
     pub(super) const DRAG: usize = 12;
     pub(super) const REACTIVE: usize = 14;
     pub(super) const WORK: usize = 16;
-    pub(super) const ALL: usize = 23;
+    pub(super) const ALL: usize = 24;
 }
 
 /// Integrals over time since the start, or their rates.
@@ -72,8 +72,8 @@ fn put(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
     (of[at], of[at + 1]) = (vector.x, vector.y);
 }
 
-fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, load, head, flow, other }: Power) {
-    for (i, part) in [actuation, viscous, load, head, flow, wake, other].into_iter().enumerate() {
+fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, spray, load, head, flow, other }: Power) {
+    for (i, part) in [actuation, viscous, load, head, flow, wake, other, spray].into_iter().enumerate() {
         of[place::WORK + i] = part;
     }
 }
@@ -171,7 +171,8 @@ fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
         (node(&state.q, 0) - node(&state.q, 1)).normalize()
     };
     put(&mut rates, place::POSITION, velocity);
-    put(&mut rates, place::FLOW, dynamics.inputs.fluid.flow);
+    let place = if held { node(&state.q, 0) } else { reading.com };
+    put(&mut rates, place::FLOW, dynamics.flow_at(place));
     put(&mut rates, place::AXIS, axis);
     put(&mut rates, place::FORCE, reading.head_force);
     put(&mut rates, place::DRAG, reading.push.drag);

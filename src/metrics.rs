@@ -38,7 +38,7 @@ impl Energy {
     }
 }
 
-/// Powers (W), or work (J): dE/dt = actuation − viscous − wake + load + head + flow + other.
+/// Powers (W), or work (J): dE/dt = actuation − viscous − wake − spray + load + head + flow + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Power {
     /// Put in by the moving natural curvature: −Σ m_k dκ̄_k/dt.
@@ -47,6 +47,8 @@ pub struct Power {
     pub viscous: f64,
     /// Taken by the wake that leaves the tail.
     pub wake: f64,
+    /// Taken by the spray where the rod meets a denser fluid.
+    pub spray: f64,
     /// Put in by gravity, point loads and a host's forces.
     pub load: f64,
     /// Put in by a held head.
@@ -60,13 +62,14 @@ pub struct Power {
 impl Power {
     /// What goes into the rod, net.
     pub fn net(&self) -> f64 {
-        self.actuation - self.viscous - self.wake + self.load + self.head + self.flow + self.other
+        self.actuation - self.viscous - self.wake - self.spray + self.load + self.head + self.flow + self.other
     }
 
     fn add(&mut self, other: &Self) {
         self.actuation += other.actuation;
         self.viscous += other.viscous;
         self.wake += other.wake;
+        self.spray += other.spray;
         self.load += other.load;
         self.head += other.head;
         self.flow += other.flow;
@@ -84,6 +87,8 @@ impl Power {
                 Some(Sink::Drag) => self.viscous += against_fluid,
                 Some(Sink::Wake) => self.wake += against_fluid,
                 Some(Sink::Flow) => self.flow -= against_fluid,
+                Some(Sink::Spray) => self.spray += against_fluid,
+                Some(Sink::Load) => self.load -= against_fluid,
                 Some(Sink::Other) => self.other -= against_fluid,
                 None => {
                     stored += force.energy(rod, 0.0, None);
@@ -98,13 +103,15 @@ impl Power {
 }
 
 /// Forces on the whole rod (N), or impulses (N s), by who gives them:
-/// d/dt (momentum of the rod + of the fluid) = drag + wake + flow + load + head + other.
+/// d/dt (momentum of the rod + of the fluid) = drag + wake + spray + flow + load + head + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Push {
     /// Drag.
     pub drag: Vector2<f64>,
     /// The wake that leaves the tail.
     pub wake: Vector2<f64>,
+    /// The spray where the rod meets a denser fluid.
+    pub spray: Vector2<f64>,
     /// The inertia of the fluid: less the rate of its momentum, so that it is no part of the balance.
     pub inertia: Vector2<f64>,
     /// The pressure of a flow that accelerates.
@@ -120,7 +127,7 @@ pub struct Push {
 impl Push {
     /// What changes the momentum of rod and fluid together.
     pub fn net(&self) -> Vector2<f64> {
-        self.drag + self.wake + self.flow + self.load + self.head + self.other
+        self.drag + self.wake + self.spray + self.flow + self.load + self.head + self.other
     }
 
     /// What the force with that sink gives.
@@ -128,6 +135,8 @@ impl Push {
         match sink {
             Some(Sink::Drag) => &mut self.drag,
             Some(Sink::Wake) => &mut self.wake,
+            Some(Sink::Spray) => &mut self.spray,
+            Some(Sink::Load) => &mut self.load,
             Some(Sink::Flow) => &mut self.flow,
             Some(Sink::Other) => &mut self.other,
             None => &mut self.inertia,
@@ -137,6 +146,7 @@ impl Push {
     fn add(&mut self, other: &Self, factor: f64) {
         self.drag += other.drag * factor;
         self.wake += other.wake * factor;
+        self.spray += other.spray * factor;
         self.inertia += other.inertia * factor;
         self.flow += other.flow * factor;
         self.load += other.load * factor;
@@ -323,6 +333,7 @@ impl Reading {
             actuation: work(|p| p.actuation),
             viscous: work(|p| p.viscous),
             wake: work(|p| p.wake),
+            spray: work(|p| p.spray),
             load,
             head: work(|p| p.head),
             flow: work(|p| p.flow),
@@ -346,6 +357,7 @@ impl Reading {
             actuation,
             viscous: trapezoid(|p| p.viscous),
             wake: trapezoid(|p| p.wake),
+            spray: trapezoid(|p| p.spray),
             load,
             head: push + inertia - twist,
             flow: trapezoid(|p| p.flow),
@@ -406,6 +418,7 @@ impl Totals {
                 actuation: work(|p| p.actuation),
                 viscous: work(|p| p.viscous),
                 wake: work(|p| p.wake),
+                spray: work(|p| p.spray),
                 load: work(|p| p.load),
                 head: work(|p| p.head),
                 flow: work(|p| p.flow),

@@ -18,7 +18,7 @@ pub use course::Course;
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
-use crate::fluid::{Fluid, Forces, Kinematics};
+use crate::fluid::{Fluid, Forces, Kinematics, Layers, Sink};
 use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
@@ -70,6 +70,8 @@ pub struct Model {
     pub fluid: Fluid,
     /// The velocity of its flow where that changes by itself, m/s.
     pub flow: Option<[Signal; 2]>,
+    /// What lies beyond it; `None` in a uniform medium.
+    pub layers: Option<Layers>,
     /// Constant force of gravity and point loads (N), two entries per node.
     pub load: Option<Vec<f64>>,
     /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node; `None` where the scene has none.
@@ -95,10 +97,12 @@ pub struct Inputs {
     pub natural: Option<Vec<f64>>,
     /// A host's forces (N), two entries per node.
     pub force: Option<Vec<f64>>,
-    /// The fluid.
+    /// The fluid, that before the first interface where there are layers.
     pub fluid: Fluid,
     /// True once a host has set the flow, which then no longer goes on as the scene says.
     pub flow_taken: bool,
+    /// What lies beyond it.
+    pub layers: Option<Layers>,
     /// A host's motion of the head, of those coordinates that it moves.
     pub head: Option<Box<HostHead>>,
 }
@@ -131,13 +135,15 @@ impl Inputs {
             force: None,
             fluid: model.fluid,
             flow_taken: false,
+            layers: model.layers,
             head: None,
         }
     }
 
     /// True if these act on the rod as `other` do, whatever the head does next.
     pub fn act_as(&self, other: &Self) -> bool {
-        let parts = |inputs: &Self| (inputs.drive, inputs.phase_offset, inputs.phase_origin, inputs.fluid);
+        let parts =
+            |inputs: &Self| (inputs.drive, inputs.phase_offset, inputs.phase_origin, inputs.fluid, inputs.layers);
         parts(self) == parts(other) && self.natural == other.natural && self.force == other.force
     }
 
@@ -441,7 +447,7 @@ impl Dynamics {
             return 0.0;
         }
         self.follow_course(0.5 * (times[0] + times[1]));
-        let work = self.work_along(from, to);
+        let work = self.work_along(from, to) + self.placed(from) - self.placed(to);
         self.follow_course(times[1]);
         work
     }
@@ -458,20 +464,33 @@ impl Dynamics {
         }
     }
 
+    /// The energy (J) of the loads that depend on the place `q`.
+    fn placed(&self, q: &[f64]) -> f64 {
+        let loads = self.model.forces.iter().filter(|force| force.sink() == Some(Sink::Load));
+        loads.map(|load| load.energy(&self.kinematics_of(0.0, &self.edges, [q; 3]), 0.0, None)).sum()
+    }
+
     fn work_along(&self, from: &[f64], to: &[f64]) -> f64 {
         (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
     }
 
-    /// How a rod of these `edges` moves at time `t` (s), with positions, velocities and accelerations `motion`, and in which
-    /// fluid.
+    /// How a rod of these `edges` moves at time `t` (s) with positions, velocities and accelerations `motion`.
     pub fn kinematics_of<'a>(&'a self, t: f64, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Kinematics<'a> {
-        Kinematics { t, edges, q, v, a, fluid: self.inputs.fluid }
+        Kinematics { t, edges, q, v, a, fluid: self.inputs.fluid, layers: self.inputs.layers.as_ref() }
     }
 
-    /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s).
+    /// The flow (m/s) at the place `x`.
+    pub fn flow_at(&self, x: Vector2<f64>) -> Vector2<f64> {
+        let Inputs { fluid, layers, .. } = &self.inputs;
+        layers.map_or(fluid.flow, |layers| layers.at(*fluid, layers.height(x)).fluid.flow)
+    }
+
+    /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s); none where the fluid is not the same
+    /// everywhere.
     pub fn towing_force(&self, speed: f64) -> Option<f64> {
         let Model { rod, forces, .. } = &*self.model;
-        (!forces.is_empty()).then(|| forces.towing(rod, self.inputs.fluid, speed))
+        let uniform = self.inputs.layers.is_none();
+        (uniform && !forces.is_empty()).then(|| forces.towing(rod, self.inputs.fluid, speed))
     }
 
     /// The kinetic energy that node 0 has at unit speed, times 2, kg.
@@ -542,7 +561,7 @@ impl Dynamics {
         let Self { model, edges, joints, inputs, room, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
-        let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid };
+        let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid, layers: inputs.layers.as_ref() };
         forces.assemble(Deformed { rod, edges, joints, a }, moving, room, residual, jacobian);
         self.subtract_loads(residual);
         Ok(())

@@ -18,7 +18,7 @@ use faer::{Col, Mat, MatMut, MatRef, Par, Side};
 use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
-use crate::fluid::{Fluid, Forces};
+use crate::fluid::{Fluid, Forces, Layers};
 use crate::head::Signal;
 use crate::linear::BandMatrix;
 use crate::model::{Dynamics, Model};
@@ -133,12 +133,12 @@ pub struct Matrices {
 }
 
 impl Matrices {
-    /// The matrices of `rod` in a fluid at rest, and of the forces there.
+    /// The matrices of `rod` in a fluid at rest, and of the forces there; in layers, of one that lies along x from the origin.
     ///
     /// # Errors
     /// Those of [`System::assemble`].
-    pub fn of(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Result<Self> {
-        let damped = outside.as_ref().is_some_and(|(forces, _)| !forces.is_empty());
+    pub fn of(rod: &Rod, outside: Option<(Forces, Fluid, Option<Layers>)>) -> Result<Self> {
+        let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty());
         let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
         let mut along = |direction: Direction| {
@@ -268,8 +268,8 @@ fn is_held(rod: &Rod) -> bool {
 }
 
 /// The rod and the forces on it alone, straight, in a fluid at rest.
-fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Dynamics {
-    let (forces, fluid) = outside.unwrap_or((Forces::default(), Fluid::NONE));
+fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid, Option<Layers>)>) -> Dynamics {
+    let (forces, fluid, layers) = outside.unwrap_or((Forces::default(), Fluid::NONE, None));
     Dynamics::new(Arc::new(Model {
         rod: rod.clone(),
         actuation: None,
@@ -278,6 +278,7 @@ fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid)>) -> Dynamics {
         fluid: Fluid { flow: Vector2::zeros(), acceleration: Vector2::zeros(), ..fluid },
         flow: None,
         load: None,
+        layers,
         buoyancy: None,
         head: is_held(rod).then(|| [0.0; 3].map(Signal::Constant)),
         head_input: Default::default(),

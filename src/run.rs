@@ -199,6 +199,7 @@ pub struct Summary {
     pub actuation_work_j: f64,
     pub viscous_work_j: f64,
     pub wake_work_j: f64,
+    pub spray_work_j: f64,
     pub other_work_j: f64,
     pub load_work_j: f64,
     pub head_work_j: f64,
@@ -206,6 +207,7 @@ pub struct Summary {
     pub mean_actuation_power_w: f64,
     pub mean_viscous_power_w: f64,
     pub mean_wake_power_w: f64,
+    pub mean_spray_power_w: f64,
     pub mean_load_power_w: f64,
     pub mean_head_power_w: f64,
     pub mean_flow_power_w: f64,
@@ -252,10 +254,11 @@ fn rounding(stepper: &Stepper) -> f64 {
 /// What to say of an energy balance that does not close, beyond `rounding` (J): the mark of steps that are too coarse, or of
 /// a wrong root.
 fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
-    let Power { actuation, viscous, wake, load, head, flow, other } = meter.totals.work;
-    let scale = [meter.first_energy, meter.now.energy.total(), actuation, viscous, wake, load, head, flow, other]
-        .into_iter()
-        .fold(0.0, |max: f64, x| max.max(x.abs()));
+    let Power { actuation, viscous, wake, spray, load, head, flow, other } = meter.totals.work;
+    let scale =
+        [meter.first_energy, meter.now.energy.total(), actuation, viscous, wake, spray, load, head, flow, other]
+            .into_iter()
+            .fold(0.0, |max: f64, x| max.max(x.abs()));
     let defect = meter.numerical_dissipation();
     (defect.abs() > UNBALANCED * scale && defect.abs() > rounding).then(|| {
         let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };
@@ -295,7 +298,7 @@ impl Summary {
         let (now, model) = (&meter.now, stepper.model());
         let elapsed = meter.elapsed();
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
-        let Power { actuation, viscous, wake, load, head, flow, other } = meter.totals.work;
+        let Power { actuation, viscous, wake, spray, load, head, flow, other } = meter.totals.work;
         let displacement = meter.net_displacement();
         let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
@@ -361,6 +364,7 @@ impl Summary {
             actuation_work_j: actuation,
             viscous_work_j: viscous,
             wake_work_j: wake,
+            spray_work_j: spray,
             other_work_j: other,
             load_work_j: load,
             head_work_j: head,
@@ -368,6 +372,7 @@ impl Summary {
             mean_actuation_power_w: mean(actuation),
             mean_viscous_power_w: mean(viscous),
             mean_wake_power_w: mean(wake),
+            mean_spray_power_w: mean(spray),
             mean_load_power_w: mean(load),
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),

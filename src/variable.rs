@@ -5,7 +5,7 @@
 use nalgebra::Vector2;
 
 use crate::cycle::{self, Cycles, Measure};
-use crate::fluid::{DENSITY, Force};
+use crate::fluid::{DENSITY, Force, Layer, Layers, Sink};
 use crate::metrics::Meter;
 use crate::model::{Dynamics, Model};
 use crate::newton::Work;
@@ -120,11 +120,34 @@ const fn bent(input: &'static str, reach: Reach) -> Feed {
     Feed { input, reach, in_positions_only: true }
 }
 
-const FLUID: [Feed; 4] = [
+/// `a`, then `b`: `N` in all.
+const fn join<const N: usize>(a: &[Feed], b: &[Feed]) -> [Feed; N] {
+    let mut all = [a[0]; N];
+    let mut i = 0;
+    while i < N {
+        all[i] = if i < a.len() { a[i] } else { b[i - a.len()] };
+        i += 1;
+    }
+    all
+}
+
+const FLUID: [Feed; 16] = [
     feed("viscosity_pa_s", Reach::All),
+    feed("density_kg_m3", Reach::All),
     feed("flow_x_m_s", Reach::All),
     feed("flow_y_m_s", Reach::All),
-    feed("density_kg_m3", Reach::All),
+    feed("interface_1_offset_m", Reach::All),
+    feed("beyond_1_viscosity_pa_s", Reach::All),
+    feed("beyond_1_density_kg_m3", Reach::All),
+    feed("interface_2_offset_m", Reach::All),
+    feed("beyond_2_viscosity_pa_s", Reach::All),
+    feed("beyond_2_density_kg_m3", Reach::All),
+    feed("interface_3_offset_m", Reach::All),
+    feed("beyond_3_viscosity_pa_s", Reach::All),
+    feed("beyond_3_density_kg_m3", Reach::All),
+    feed("interface_4_offset_m", Reach::All),
+    feed("beyond_4_viscosity_pa_s", Reach::All),
+    feed("beyond_4_density_kg_m3", Reach::All),
 ];
 const WAVE: [Feed; 2] = [feed("actuation_amplitude", Reach::All), feed("actuation_phase_rad", Reach::All)];
 const NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::All)];
@@ -132,27 +155,28 @@ const NATURAL_RATE: &[Feed] = &[NATURAL[0], NATURAL[1], NATURAL[2], feed("actuat
 const OWN_NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::Own)];
 const HEAD_NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::First(1))];
 const FORCES: &[Feed] = &[feed("force_x_n", Reach::All), feed("force_y_n", Reach::All)];
-const HEAD: [Feed; 6] = [
-    FLUID[0],
-    FLUID[1],
-    FLUID[2],
-    bent("actuation_amplitude", Reach::All),
-    bent("actuation_phase_rad", Reach::All),
-    bent("natural_curvature_1_m", Reach::First(2)),
-];
-const HEAD_X: &[Feed] = &[HEAD[0], HEAD[1], HEAD[2], HEAD[3], HEAD[4], HEAD[5], feed("force_x_n", Reach::First(1))];
-const HEAD_Y: &[Feed] = &[HEAD[0], HEAD[1], HEAD[2], HEAD[3], HEAD[4], HEAD[5], feed("force_y_n", Reach::First(1))];
-const HEAD_POWER: &[Feed] = &[
-    HEAD[0],
-    HEAD[1],
-    HEAD[2],
-    WAVE[0],
-    WAVE[1],
-    HEAD_NATURAL[2],
-    HEAD[5],
-    feed("force_x_n", Reach::First(1)),
-    feed("force_y_n", Reach::First(1)),
-];
+const LOADS: [Feed; 18] = join(&FLUID, FORCES); // buoyancy
+const HEAD: [Feed; 19] = join(
+    &FLUID,
+    &[
+        bent("actuation_amplitude", Reach::All),
+        bent("actuation_phase_rad", Reach::All),
+        bent("natural_curvature_1_m", Reach::First(2)),
+    ],
+);
+const HEAD_X: [Feed; 20] = join(&HEAD, &[feed("force_x_n", Reach::First(1))]);
+const HEAD_Y: [Feed; 20] = join(&HEAD, &[feed("force_y_n", Reach::First(1))]);
+const HEAD_POWER: [Feed; 22] = join(
+    &FLUID,
+    &[
+        WAVE[0],
+        WAVE[1],
+        HEAD_NATURAL[2],
+        HEAD[18],
+        feed("force_x_n", Reach::First(1)),
+        feed("force_y_n", Reach::First(1)),
+    ],
+);
 
 /// Reads a variable, or one entry of it: the index is a node.
 type Get = fn(&View<'_>, usize) -> f64;
@@ -380,6 +404,28 @@ fn has_fluid(model: &Model) -> bool {
     model.forces.iter().any(Force::is_of_fluid)
 }
 
+/// True where a host may make the fluid flow along that axis: never across an interface.
+fn has_flow<const AXIS: usize>(model: &Model) -> bool {
+    let crosses = |layers: Layers| layers.iter().len() > 0 && layers.normal[AXIS] != 0.0;
+    has_fluid(model) && !model.layers.is_some_and(crosses)
+}
+
+/// True where the medium has at least that many interfaces that a force feels.
+fn has_interface<const COUNT: usize>(model: &Model) -> bool {
+    !model.forces.is_empty() && model.layers.is_some_and(|layers| layers.iter().len() >= COUNT)
+}
+
+/// Interface `j` with the fluid beyond.
+fn layer<'a>(view: &View<'a>, j: usize) -> Option<&'a Layer> {
+    view.dynamics.inputs.layers.as_ref()?.get(j)
+}
+
+fn set_layer(dynamics: &mut Dynamics, j: usize, set: impl FnOnce(&mut Layer)) {
+    if let Some(layer) = dynamics.inputs.layers.as_mut().and_then(|layers| layers.get_mut(j)) {
+        set(layer);
+    }
+}
+
 fn has_dense_fluid(model: &Model) -> bool {
     model.buoyancy.is_some() || model.forces.iter().any(|force| force.parameters().contains(&DENSITY))
 }
@@ -388,8 +434,12 @@ fn has_inertial_fluid(model: &Model) -> bool {
     model.forces.are_inertial()
 }
 
+fn has_spray(model: &Model) -> bool {
+    model.forces.iter().any(|force| force.sink() == Some(Sink::Spray))
+}
+
 fn has_other_forces(model: &Model) -> bool {
-    model.forces.iter().any(|force| !force.is_of_fluid())
+    model.forces.iter().any(|force| !force.is_of_fluid() && force.sink() != Some(Sink::Load))
 }
 
 fn has_body(model: &Model) -> bool {
@@ -501,9 +551,10 @@ pub static VARIABLES: &[Variable] = &[
     output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).fed(NATURAL_RATE).recorded(),
     output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).fed(&FLUID).recorded(),
     output("wake_power_w", "W", "power taken by the wake", |v, _| v.meter.now.power.wake).when(has_inertial_fluid).fed(&FLUID).recorded(),
+    output("spray_power_w", "W", "power taken by the spray at interfaces", |v, _| v.meter.now.power.spray).when(has_spray).fed(&FLUID).recorded(),
     output("other_power_w", "W", "power put in by other forces", |v, _| v.meter.now.power.other).when(has_other_forces).recorded(),
-    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(FORCES).recorded(),
-    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(HEAD_POWER).fed_in(has_held_head).recorded(),
+    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(&LOADS).recorded(),
+    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(&HEAD_POWER).fed_in(has_held_head).recorded(),
     output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).fed(&FLUID).recorded(),
     output("head_dx_m", "m", "displacement of node 0, the head or the centre of a head body, since the start, x", |v, _| v.displacement(0, 0)).recorded(),
     output("head_dy_m", "m", "displacement of node 0 since the start, y", |v, _| v.displacement(0, 1)).recorded(),
@@ -523,8 +574,8 @@ pub static VARIABLES: &[Variable] = &[
     output("pose_vx_m_s", "m/s", "velocity of the head as it moves, x", |v, _| v.state.v[0]),
     output("pose_vy_m_s", "m/s", "velocity of the head as it moves, y", |v, _| v.state.v[1]),
     output("pose_spin_rad_s", "rad/s", "angular velocity of the head as it moves", |v, _| turn(v, 0)[1]).changing(|now, change, _| turn_change(now, change, 0)[1]),
-    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).fed(HEAD_X).recorded(),
-    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).fed(HEAD_Y).recorded(),
+    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(has_held_head).fed(&HEAD_X).recorded(),
+    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(has_held_head).fed(&HEAD_Y).recorded(),
     output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(has_held_head).fed(HEAD_NATURAL).recorded(),
     output("body_x_m", "m", "centre of the head body, x", |v, _| v.state.q[0]).when(has_body).recorded(),
     output("body_y_m", "m", "centre of the head body, y", |v, _| v.state.q[1]).when(has_body).recorded(),
@@ -556,6 +607,7 @@ pub static VARIABLES: &[Variable] = &[
     output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.totals.work.actuation).fed(NATURAL).recorded(),
     output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.meter.totals.work.viscous).recorded(),
     output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.meter.totals.work.wake).when(has_inertial_fluid).recorded(),
+    output("spray_work_j", "J", "work taken by the spray at interfaces since the start", |v, _| v.meter.totals.work.spray).when(has_spray).recorded(),
     output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.meter.totals.work.other).when(has_other_forces).recorded(),
     output("load_work_j", "J", "work put in by loads since the start", |v, _| v.meter.totals.work.load).recorded(),
     output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.meter.totals.work.head).recorded(),
@@ -603,8 +655,20 @@ pub static VARIABLES: &[Variable] = &[
     input("force_y_n", "N", "the host's forces on the nodes, y", |v, k| of(&v.dynamics.inputs.force, 2 * k + 1), |d, _, x| set_force(d, 1, x)).sized(Size::Nodes),
     input("viscosity_pa_s", "Pa s", "dynamic viscosity of the medium", |v, _| v.dynamics.inputs.fluid.viscosity, |d, _, x| d.inputs.fluid.viscosity = x[0]).when(has_fluid).at_least_zero(),
     input("density_kg_m3", "kg/m^3", "density of the medium", |v, _| v.dynamics.inputs.fluid.density, |d, _, x| d.inputs.fluid.density = x[0]).when(has_dense_fluid).at_least_zero(),
-    input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.take_over_flow().x = x[0]).when(has_fluid),
-    input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.take_over_flow().y = x[0]).when(has_fluid),
+    input("flow_x_m_s", "m/s", "background velocity of the medium, x", |v, _| v.dynamics.inputs.fluid.flow.x, |d, _, x| d.take_over_flow().x = x[0]).when(has_flow::<0>),
+    input("flow_y_m_s", "m/s", "background velocity of the medium, y", |v, _| v.dynamics.inputs.fluid.flow.y, |d, _, x| d.take_over_flow().y = x[0]).when(has_flow::<1>),
+    input("interface_1_offset_m", "m", "where interface 1 is along its normal", |v, _| layer(v, 0).map_or(0.0, |layer| layer.offset), |d, _, x| set_layer(d, 0, |layer| layer.offset = x[0])).when(has_interface::<1>),
+    input("beyond_1_viscosity_pa_s", "Pa s", "dynamic viscosity beyond interface 1", |v, _| layer(v, 0).map_or(0.0, |layer| layer.fluid.viscosity), |d, _, x| set_layer(d, 0, |layer| layer.fluid.viscosity = x[0])).when(has_interface::<1>).at_least_zero(),
+    input("beyond_1_density_kg_m3", "kg/m^3", "density beyond interface 1", |v, _| layer(v, 0).map_or(0.0, |layer| layer.fluid.density), |d, _, x| set_layer(d, 0, |layer| layer.fluid.density = x[0])).when(has_interface::<1>).at_least_zero(),
+    input("interface_2_offset_m", "m", "where interface 2 is along its normal", |v, _| layer(v, 1).map_or(0.0, |layer| layer.offset), |d, _, x| set_layer(d, 1, |layer| layer.offset = x[0])).when(has_interface::<2>),
+    input("beyond_2_viscosity_pa_s", "Pa s", "dynamic viscosity beyond interface 2", |v, _| layer(v, 1).map_or(0.0, |layer| layer.fluid.viscosity), |d, _, x| set_layer(d, 1, |layer| layer.fluid.viscosity = x[0])).when(has_interface::<2>).at_least_zero(),
+    input("beyond_2_density_kg_m3", "kg/m^3", "density beyond interface 2", |v, _| layer(v, 1).map_or(0.0, |layer| layer.fluid.density), |d, _, x| set_layer(d, 1, |layer| layer.fluid.density = x[0])).when(has_interface::<2>).at_least_zero(),
+    input("interface_3_offset_m", "m", "where interface 3 is along its normal", |v, _| layer(v, 2).map_or(0.0, |layer| layer.offset), |d, _, x| set_layer(d, 2, |layer| layer.offset = x[0])).when(has_interface::<3>),
+    input("beyond_3_viscosity_pa_s", "Pa s", "dynamic viscosity beyond interface 3", |v, _| layer(v, 2).map_or(0.0, |layer| layer.fluid.viscosity), |d, _, x| set_layer(d, 2, |layer| layer.fluid.viscosity = x[0])).when(has_interface::<3>).at_least_zero(),
+    input("beyond_3_density_kg_m3", "kg/m^3", "density beyond interface 3", |v, _| layer(v, 2).map_or(0.0, |layer| layer.fluid.density), |d, _, x| set_layer(d, 2, |layer| layer.fluid.density = x[0])).when(has_interface::<3>).at_least_zero(),
+    input("interface_4_offset_m", "m", "where interface 4 is along its normal", |v, _| layer(v, 3).map_or(0.0, |layer| layer.offset), |d, _, x| set_layer(d, 3, |layer| layer.offset = x[0])).when(has_interface::<4>),
+    input("beyond_4_viscosity_pa_s", "Pa s", "dynamic viscosity beyond interface 4", |v, _| layer(v, 3).map_or(0.0, |layer| layer.fluid.viscosity), |d, _, x| set_layer(d, 3, |layer| layer.fluid.viscosity = x[0])).when(has_interface::<4>).at_least_zero(),
+    input("beyond_4_density_kg_m3", "kg/m^3", "density beyond interface 4", |v, _| layer(v, 3).map_or(0.0, |layer| layer.fluid.density), |d, _, x| set_layer(d, 3, |layer| layer.fluid.density = x[0])).when(has_interface::<4>).at_least_zero(),
     head_input("head_x_m", "m", "head position, x, now or at the end of the next step as head.input says", |v, _| head_said(v, 0, 0), 0, 0),
     head_input("head_y_m", "m", "head position, y", |v, _| head_said(v, 1, 0), 1, 0),
     head_input("head_angle_rad", "rad", "head angle from +x", |v, _| head_said(v, 2, 0), 2, 0),

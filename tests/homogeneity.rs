@@ -33,6 +33,7 @@ const VISCOSITY: [i32; 3] = [-1, -1, 1];
 
 /// A random scene with `law`, in `units`: the same dice give the same scene.
 fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
+    let mut headed = false;
     let mut document = Document::new("random.toml", "");
     let mut set = |key: &str, value: &str| document.set(&format!("{key}={value}")).unwrap();
     let number = |value: f64, unit: [i32; 3]| format!("{:e}", units.of(value, unit));
@@ -57,7 +58,8 @@ fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
     set("medium.viscosity_pa_s", &number(10f64.powf(dice.between(-3.0, 1.0)), VISCOSITY));
     set("medium.density_kg_m3", &number(density, DENSITY));
     set("medium.flow_m_s", &both([dice.between(-0.2, 0.2), dice.between(-0.2, 0.2)], SPEED));
-    set("loads.gravity_m_s2", &both([dice.between(-1.0, 1.0), dice.between(-1.0, 1.0)], ACCELERATION));
+    let gravity = [dice.between(-1.0, 1.0), dice.between(-1.0, 1.0)];
+    set("loads.gravity_m_s2", &both(gravity, ACCELERATION));
     set("loads.buoyancy", "true");
     let force = both([dice.between(-0.01, 0.01), dice.between(-0.01, 0.01)], NEWTON);
     set("loads.point", &format!("[{{ node = -1, force_n = {force} }}]"));
@@ -88,6 +90,7 @@ fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
         }
         _ if dice.between(0.0, 1.0) < 0.6 => {
             let axes = [dice.between(0.03, 0.2), dice.between(0.02, 0.1)].map(|part| part * length);
+            headed = true;
             set("head_body.semi_axis_along_m", &number(axes[0], METRE));
             set("head_body.semi_axis_across_m", &number(axes[1], METRE));
             if dice.between(0.0, 1.0) < 0.5 {
@@ -105,6 +108,16 @@ fn scene(law: &DragLaw, mut dice: Dice, units: Units) -> Scene {
     set("solver.time_step_s", &number(0.004 / frequency, SECOND));
     set("solver.duration_s", &number(0.12 / frequency, SECOND));
     set("solver.newton_tolerance", "1e-12");
+    if dice.between(0.0, 1.0) < 0.5 && !headed {
+        // A level interface through the rod, and a flow along it.
+        let along = dice.between(-0.2, 0.2);
+        set("medium.flow_m_s", &both([along * gravity[1], -along * gravity[0]], SPEED));
+        set("medium.beyond.normal", &format!("[{:e}, {:e}]", gravity[0], gravity[1]));
+        set("medium.beyond.offset_m", &number(dice.between(-0.2, 0.2) * length, METRE));
+        set("medium.beyond.thickness_m", &number(dice.between(0.1, 0.5) * length, METRE));
+        set("medium.beyond.viscosity_pa_s", &number(10f64.powf(dice.between(-3.0, 1.0)), VISCOSITY));
+        set("medium.beyond.density_kg_m3", &number(dice.between(1.0, 2000.0), DENSITY));
+    }
     document.scene().unwrap_or_else(|error| panic!("{error}"))
 }
 
@@ -118,7 +131,7 @@ fn deviation(law: &DragLaw, seed: u64, units: Units) -> [f64; 3] {
     let (q, v) = (expected(&one.state().q, METRE), expected(&one.state().v, SPEED));
     let powers = |stepper: &caudal::stepper::Stepper| {
         let power = stepper.meter().totals.work;
-        [power.viscous, power.wake, power.load, power.flow, power.actuation]
+        [power.viscous, power.wake, power.spray, power.load, power.flow, power.actuation]
     };
     let (work, found) = (expected(&powers(&one), [2, -2, 1]), powers(&other));
     [

@@ -68,6 +68,17 @@ impl Placement {
         model.head = model.head.as_ref().map(|motion| self.head(motion));
         model.load = model.load.as_ref().map(|load| self.vectors(load, Vector2::zeros()));
         model.buoyancy = model.buoyancy.as_ref().map(|force| self.vectors(force, Vector2::zeros()));
+        if let Some(layers) = &mut model.layers {
+            layers.normal = self.turn * layers.normal;
+            layers.shear *= self.sign();
+            let raised = layers.normal.dot(&self.shift);
+            for layer in layers.iter_mut() {
+                layer.offset += raised;
+                layer.fluid.flow = self.turn * layer.fluid.flow;
+            }
+            // The flow of the sheared layers is what it was where it was.
+            model.fluid.flow -= self.turn.transpose() * layers.along() * (layers.shear * raised);
+        }
         let mut dynamics = Dynamics::new(Arc::new(model));
         dynamics.inputs.drive.amplitude *= self.sign();
         dynamics.inputs.fluid.flow = self.turn * dynamics.inputs.fluid.flow;
@@ -91,8 +102,23 @@ fn scenes() -> Vec<Scene> {
     let body = "head_body={ semi_axis_along_m = 0.2, semi_axis_across_m = 0.1, form_drag_along = 0.3, form_drag_across = 1.2 }";
     scenes.push(with(&[body]));
     scenes.push(with(&[body, "reactive.shedding=0.8", "loads.buoyancy=true"]));
-    // Every law with all that it needs, in water that the rod accelerates, its head free and held.
+    // Across the interfaces of three fluids, with what the rod accelerates, and in a flow that is different in each and sheared.
+    let layer = |offset: f64, more: &str| {
+        format!("{{ offset_m = {offset}, thickness_m = 0.3, viscosity_pa_s = 0.4, density_kg_m3 = 300.0, {more} }}")
+    };
+    let [first, second] = ["normal = [1.0, 2.0]", ""].map(|more| layer(if more.is_empty() { 0.5 } else { 0.1 }, more));
+    let (moving, layers) = (layer(0.5, "flow_m_s = [0.6, -0.3]"), format!("medium.layers=[{first}, {second}]"));
+    let sheared = format!("medium.layers=[{first}, {moving}]");
     let bare = SOFT.replace("ratio = 5.0\n", "");
+    scenes.push(scene_of(
+        &bare,
+        &["medium.flow_m_s=[0.4,-0.2]", &layers, "drag.law=cross-flow", "reactive.shedding=0.8"],
+    ));
+    scenes.push(scene_of(
+        &bare,
+        &["medium.flow_m_s=[0.4,-0.2]", &sheared, "medium.shear.rate_per_s=0.5", "head.kind=clamped"],
+    ));
+    // Every law with all that it needs, in water that the rod accelerates, its head free and held.
     let values = [
         ("ratio", "1.7"),
         ("slender_length_m", "2.5"),

@@ -53,7 +53,7 @@ fn shapes_solve_the_eigenproblem_and_drag_damps_them() {
         let scene = scene(&["rod.nodes=33", "rod.mass_lumping=uniform", head, GLYCEROL, "drag={ ratio = 5.0 }"]);
         let model = scene.model().unwrap();
         let [_, across] = model.forces.resistance(&model.rod, model.fluid).unwrap();
-        let matrices = Matrices::of(&model.rod, Some((model.forces, model.fluid))).unwrap();
+        let matrices = Matrices::of(&model.rod, Some((model.forces, model.fluid, model.layers))).unwrap();
         for mode in lowest(&model.rod, 8).unwrap() {
             let i = usize::from(mode.axis == Axis::Bending);
             let square = mode.frequency.powi(2);
@@ -80,7 +80,7 @@ fn shapes_solve_the_eigenproblem_and_drag_damps_them() {
 #[test]
 fn the_matrices_read_back_from_matrix_market_text() {
     let model = scene(&["head.kind=clamped", GLYCEROL, DRAG]).model().unwrap();
-    let matrices = Matrices::of(&model.rod, Some((model.forces, model.fluid))).unwrap();
+    let matrices = Matrices::of(&model.rod, Some((model.forces, model.fluid, model.layers))).unwrap();
     let texts = matrices.matrix_market();
     assert_eq!(texts.iter().map(|(name, _)| *name).collect::<Vec<_>>(), ["mass.mtx", "stiffness.mtx", "damping.mtx"]);
     for (name, text) in &texts {

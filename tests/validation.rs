@@ -59,7 +59,7 @@ impl Motion {
     fn forces(&self, forces: &Forces, fluid: Fluid) -> Vec<Vector2<f64>> {
         let nodes = self.q.len() / 2;
         let edges: Vec<Edge> = (0..nodes - 1).map(|k| Edge::new(node(&self.q, k + 1) - node(&self.q, k))).collect();
-        let rod = Kinematics { t: 0.0, edges: &edges, q: &self.q, v: &self.v, a: &self.a, fluid };
+        let rod = Kinematics { t: 0.0, edges: &edges, q: &self.q, v: &self.v, a: &self.a, fluid, layers: None };
         let mut out = vec![0.0; self.q.len()];
         forces.add(&rod, &mut out);
         (0..nodes).map(|k| node(&out, k)).collect()
@@ -570,7 +570,7 @@ fn water_lowers_the_frequencies_of_a_plate_by_its_added_mass() {
     let model = plate(65, 0.8, 0.0, 1.0);
     let rod = model.rod.clone();
     let unit = (rod.ei / (rod.length.powi(3) * 5.0 * rod.total_mass())).sqrt();
-    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid))).unwrap();
+    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid, model.layers))).unwrap();
     let scaled = DMatrix::from_fn(64, 64, |i, j| {
         let (i, j) = (2 * i + 3, 2 * j + 3);
         matrices.stiffness.entry(i, j) / (matrices.mass[i] * matrices.mass[j]).sqrt()

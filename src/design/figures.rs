@@ -480,6 +480,7 @@ impl Design {
                     points: q.as_chunks::<2>().0.to_vec(),
                     com: rod.mean(q).into(),
                     body: Frame::body(rod, q),
+                    medium: None,
                 }
             };
             (0..motion.times.len()).step_by(every).map(frame).collect()

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::medium::{Fluid, Key};
+use super::medium::{Fluid, Here, Key, Layers, Property};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -29,15 +29,57 @@ pub struct Kinematics<'a> {
     pub v: &'a [f64],
     /// Accelerations, m/s², two entries per node.
     pub a: &'a [f64],
-    /// The fluid.
+    /// The fluid; where there are layers, that before the first interface.
     pub fluid: Fluid,
+    /// What lies beyond it; `None` where the medium is uniform.
+    pub layers: Option<&'a Layers>,
 }
 
 impl Kinematics<'_> {
+    /// The fluid at node `k`, and how it changes from there.
+    #[inline(always)]
+    pub fn here(&self, k: usize) -> Here {
+        match self.layers {
+            None => self.fluid.into(),
+            Some(layers) => layers.at(self.fluid, layers.height(node(self.q, k))),
+        }
+    }
+
+    /// The flow (m/s) at node `k`.
+    #[inline(always)]
+    pub fn flow(&self, k: usize) -> Vector2<f64> {
+        if self.layers.is_some() { self.here(k).fluid.flow } else { self.fluid.flow }
+    }
+
     /// Velocity (m/s) of node `k` against the fluid.
     #[inline(always)]
     pub fn against_fluid(&self, k: usize) -> Vector2<f64> {
-        node(self.v, k) - self.fluid.flow
+        node(self.v, k) - self.flow(k)
+    }
+
+    /// The fluid where it is the same along all of `edges`.
+    #[inline(always)]
+    pub fn throughout(&self, edges: &Range<usize>) -> Option<Fluid> {
+        match self.layers {
+            None => Some(self.fluid),
+            Some(layers) => layers.throughout(self.fluid, &self.q[2 * edges.start..2 * edges.end + 2]),
+        }
+    }
+
+    /// The change of the fluid at node `k`, and of its slope, with a property of the medium.
+    pub fn by_property(&self, property: Property, k: usize) -> Here {
+        match (self.layers, property) {
+            (Some(layers), _) => layers.by_property(self.fluid, property, layers.height(node(self.q, k))),
+            (None, Property::Viscosity(0)) => Fluid { viscosity: 1.0, ..Fluid::NONE }.into(),
+            (None, Property::Density(0)) => Fluid { density: 1.0, ..Fluid::NONE }.into(),
+            (None, _) => Fluid::NONE.into(),
+        }
+    }
+
+    /// The normal along which the medium changes; zero where it is uniform.
+    #[inline(always)]
+    pub fn normal(&self) -> Vector2<f64> {
+        self.layers.map_or(Vector2::zeros(), |layers| layers.normal)
     }
 
     /// Acceleration (m/s²) of node `k` against the fluid.
@@ -117,6 +159,10 @@ pub enum Sink {
     Wake,
     /// Nowhere: the flow itself puts it in.
     Flow,
+    /// Into the spray where the rod meets a denser fluid.
+    Spray,
+    /// Nowhere: it is a load, whose work is that of gravity; it stores an energy, and [`energy`](Force::energy) says how much.
+    Load,
     /// Elsewhere.
     Other,
 }
@@ -407,7 +453,7 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
     let q: Vec<f64> = (0..rod.nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
     let (v, a) = (velocity.repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
     let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
-    look(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid })
+    look(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid, layers: None })
 }
 
 /// Sums what `forces` do on `edges` in `room`.
@@ -462,18 +508,16 @@ pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
 
 /// The powers of `force`, W; those of one that is not a fluid's are against the ground.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
-    if let Some(force) = force.in_pass() {
+    if let Some(force) = force.in_pass().filter(|_| rod.layers.is_none()) {
         return force.powers(rod);
     }
-    let flow = if force.is_of_fluid() { rod.fluid.flow } else { Vector2::zeros() };
     let mut powers = Powers::default();
-    let mut sum = Vector2::zeros();
     visit_alone(force, rod, |k, opposing| {
+        let flow = if force.is_of_fluid() { rod.flow(k) } else { Vector2::zeros() };
         powers.against_fluid += opposing.dot(&(node(rod.v, k) - flow));
-        sum += opposing;
+        powers.of_flow -= opposing.dot(&flow);
+        powers.opposing += opposing;
     });
-    powers.of_flow = -sum.dot(&flow);
-    powers.opposing = sum;
     powers
 }
 

@@ -9,8 +9,8 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
-use super::medium::{DENSITY, Key};
-use crate::linear::Block;
+use super::medium::{DENSITY, Key, Property};
+use crate::linear::{Block, lanes};
 use crate::rod::{Alike, Rod, add};
 use crate::system::Direction;
 
@@ -45,13 +45,20 @@ impl Force for FroudeKrylov {
         }
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, _: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
         if rod.fluid.acceleration == Vector2::zeros() {
             return;
         }
-        let opposing = rod.fluid.acceleration * -rod.fluid.density;
-        let halves = edges.map(|e| self.halves[e]);
-        sums.each(halves, |volumes| OnEdge::new(volumes.map(|v| opposing * v), [Block::ZERO; 2], [Block::ZERO; 2]));
+        let along = along.map_or(0.0, |direction| direction.q);
+        sums.each(edges, |e| {
+            let ends = [0, 1].map(|i| {
+                let (here, volume) = (rod.here(e + i), self.halves[e][i]);
+                let opposing = rod.fluid.acceleration * -volume;
+                let by_place = lanes(rod.normal() * (here.slope.density * along));
+                (opposing * here.fluid.density, Block::outer(opposing, by_place))
+            });
+            OnEdge::new(ends.map(|(force, _)| force), ends.map(|(_, own)| own), [Block::ZERO; 2])
+        });
     }
 
     fn is_linear(&self) -> bool {
@@ -67,11 +74,11 @@ impl Force for FroudeKrylov {
     }
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
-        if key == DENSITY {
-            for e in 0..rod.edges.len() {
-                for (i, volume) in self.halves[e].iter().enumerate() {
-                    add(out, e + i, rod.fluid.acceleration * -volume);
-                }
+        let Some(property) = Property::of(key) else { return [0.0; 2] };
+        for e in 0..rod.edges.len() {
+            for (i, volume) in self.halves[e].iter().enumerate() {
+                let by = rod.by_property(property, e + i).fluid.density;
+                add(out, e + i, rod.fluid.acceleration * (-volume * by));
             }
         }
         [0.0; 2]

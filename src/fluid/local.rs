@@ -7,11 +7,11 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
-use super::medium::{Fluid, Key};
+use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, TOGETHER, Tally, Validity};
+use super::medium::{DENSITY, Fluid, Here, Key, Property, VISCOSITY};
 use crate::linear::{Block, lanes};
 use crate::rod::elastic::Deformed;
-use crate::rod::{Alike, Edge, Half, Rod, add};
+use crate::rod::{Alike, Edge, Half, Rod, add, node};
 use crate::system::{Direction, Linearisation};
 
 /// Force per unit length (N/m) that opposes a velocity with the components `along` and `across` the rod.
@@ -101,16 +101,133 @@ impl<L: Law> LocalDrag<L> {
         Self { law, halves: halves.into() }
     }
 
-    /// The traction's derivative by `key` times the weighted length, for every end.
-    fn each_by_parameter(&self, key: Key, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, Vector2<f64>)) {
-        for (e, edge) in rod.edges.iter().enumerate() {
-            for (i, (length, half)) in self.halves[e].iter().enumerate() {
-                let w = rod.against_fluid(e + i);
-                let by = self.law.by_parameter(key, half, rod.fluid, w.dot(&edge.t), w.dot(&edge.n()));
-                visit(e + i, (edge.t * by.along + edge.n() * by.across) * *length);
+    /// True where the law depends on viscosity and density.
+    fn depends(&self) -> [bool; 2] {
+        [VISCOSITY, DENSITY].map(|key| self.law.parameters().contains(&key))
+    }
+
+    /// The change (N) of what opposes an end that moves at `w` (m/s) against `fluid`, where that fluid changes by `change`.
+    fn by_fluid(
+        &self,
+        (length, half): &(f64, L::Half),
+        fluid: Fluid,
+        edge: &Edge,
+        w: Vector2<f64>,
+        change: &Fluid,
+    ) -> Vector2<f64> {
+        let (t, n) = (edge.t, edge.n());
+        let (u, v) = (w.dot(&t), w.dot(&n));
+        let mut sum = Vector2::zeros();
+        let changes = [(VISCOSITY, change.viscosity), (DENSITY, change.density)];
+        for ((key, change), depends) in changes.into_iter().zip(self.depends()) {
+            if depends && change != 0.0 {
+                let by = self.law.by_parameter(key, half, fluid, u, v);
+                sum += (t * by.along + n * by.across) * change;
             }
         }
+        if change.flow != Vector2::zeros() {
+            let (_, by) = self.law.with_slopes(half, self.law.in_fluid(fluid), u, v);
+            let (du, dv) = (-change.flow.dot(&t), -change.flow.dot(&n));
+            let [along, across] = by.mixed.unwrap_or_default();
+            sum += t * (by.along * du + along * dv) + n * (across * du + by.across * dv);
+        }
+        sum * *length
     }
+
+    /// Visits every end with its edge, its half and its node.
+    fn each_end(&self, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, &Edge, &(f64, L::Half))) {
+        for (e, edge) in rod.edges.iter().enumerate() {
+            self.halves[e].iter().enumerate().for_each(|(i, half)| visit(e + i, edge, half));
+        }
+    }
+
+    /// What opposes `edges` in `fluid`, the same along all of them.
+    #[inline(always)]
+    fn evaluate_in(
+        &self,
+        fluid: Fluid,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut Tally<'_>,
+    ) {
+        let flow = fluid.flow;
+        let fluid = self.law.in_fluid(fluid);
+        let v = rod.v.as_chunks::<2>().0;
+        let first = edges.start;
+        let some = &rod.edges[edges.clone()];
+        let v = &v[first..=edges.end];
+        let here = edges.map(|e| &self.halves[e]).zip(some).zip(v.windows(2));
+        let against = |v: &[f64; 2]| Vector2::from(*v) - flow;
+        match along {
+            Some(direction) => sums.each(here, |((halves, edge), v)| {
+                on_edge(&self.law, halves, fluid, edge, [against(&v[0]), against(&v[1])], direction)
+            }),
+            None => sums.each(here, |((halves, edge), v)| {
+                let force = |i: usize| {
+                    let ((length, half), w) = (&halves[i], against(&v[i]));
+                    let Traction { along, across } = self.law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
+                    lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
+                };
+                OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
+            }),
+        }
+    }
+
+    /// The same where the fluid changes along them.
+    fn evaluate_across(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        edges: Range<usize>,
+        sums: &mut Tally<'_>,
+    ) {
+        let (normal, direction) = (lanes(rod.normal()), along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 }));
+        let mut next = self.place(rod, edges.start);
+        sums.each(edges, |e| {
+            let ends = [std::mem::replace(&mut next, self.place(rod, e + 1)), next];
+            self.on_edge_at([&ends[0], &ends[1]], &self.halves[e], &rod.edges[e], normal, direction)
+        });
+    }
+
+    /// The place where node `k` is.
+    #[inline(always)]
+    fn place(&self, rod: &Kinematics<'_>, k: usize) -> Place<L::Fluid> {
+        let here = rod.here(k);
+        Place { here, fluid: self.law.in_fluid(here.fluid), against: node(rod.v, k) - here.fluid.flow }
+    }
+
+    /// What opposes both ends of `edge`, which are at different `places`.
+    #[inline(always)]
+    fn on_edge_at(
+        &self,
+        places: [&Place<L::Fluid>; 2],
+        halves: &[(f64, L::Half); 2],
+        edge: &Edge,
+        normal: f64x2,
+        direction: Direction,
+    ) -> OnEdge {
+        let [(f0, own0, edge0), (f1, own1, edge1)] = [0, 1].map(|i| {
+            let Place { here, fluid, against } = places[i];
+            let (force, mut own, by_edge) = end(&self.law, &halves[i], *fluid, edge, *against, direction);
+            if direction.q != 0.0 && here.slope != Fluid::NONE {
+                let by_height = self.by_fluid(&halves[i], here.fluid, edge, *against, &here.slope);
+                own += Block::outer(by_height * direction.q, normal);
+            }
+            (force, own, by_edge)
+        });
+        OnEdge { force: [f0, f1], own: [own0, own1], edge: [edge0, edge1] }
+    }
+}
+
+/// A node of the rod in a medium that is not the same everywhere.
+#[derive(Debug, Clone, Copy)]
+struct Place<F> {
+    here: Here,
+    /// What the law makes of the fluid there.
+    fluid: F,
+    /// The node's velocity against it, m/s.
+    against: Vector2<f64>,
 }
 
 /// What a law does to an end of `edge` that moves at `w` (m/s) against the fluid: force (N), and its derivatives along
@@ -169,6 +286,35 @@ impl<L: Law> InPass for LocalDrag<L> {
         let (Self { law, halves }, Kinematics { edges, v, fluid, .. }) = (self, others.rod);
         let (flow, fluid, alone) = (fluid.flow, law.in_fluid(fluid), others.are_none());
         let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
+        if others.rod.layers.is_some() {
+            let (medium, normal) = (others.rod, lanes(others.rod.normal()));
+            // Edges that are looked at together lie in one fluid, or every node of them at its own place.
+            let (mut one, mut next) = (None, self.place(&medium, 0));
+            let around = edges.iter().enumerate().map(|(e, edge)| {
+                if e % TOGETHER == 0 {
+                    let together = e..edges.len().min(e + TOGETHER);
+                    one = medium.throughout(&together).map(|fluid| (law.in_fluid(fluid), fluid.flow));
+                    if one.is_none() {
+                        next = self.place(&medium, e);
+                    }
+                }
+                let mut on = match &one {
+                    Some((fluid, flow)) => {
+                        let w = [node(v, e) - flow, node(v, e + 1) - flow];
+                        on_edge(law, &halves[e], *fluid, edge, w, direction)
+                    }
+                    None => {
+                        let ends = [std::mem::replace(&mut next, self.place(&medium, e + 1)), next];
+                        self.on_edge_at([&ends[0], &ends[1]], &halves[e], edge, normal, direction)
+                    }
+                };
+                if !alone {
+                    on.add(&others.on(e));
+                }
+                Some(on)
+            });
+            return rod.assemble(around, residual, jacobian);
+        }
         let ends = v.as_chunks::<2>().0.windows(2);
         let around = edges.iter().zip(ends).enumerate().map(|(e, (edge, v))| {
             let w = [Vector2::from(v[0]) - flow, Vector2::from(v[1]) - flow];
@@ -213,25 +359,9 @@ impl<L: Law> Force for LocalDrag<L> {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        let fluid = self.law.in_fluid(rod.fluid);
-        let (v, flow) = (rod.v.as_chunks::<2>().0, rod.fluid.flow);
-        let first = edges.start;
-        let some = &rod.edges[edges.clone()];
-        let v = &v[first..=edges.end];
-        let here = edges.map(|e| &self.halves[e]).zip(some).zip(v.windows(2));
-        let against = |v: &[f64; 2]| Vector2::from(*v) - flow;
-        match along {
-            Some(direction) => sums.each(here, |((halves, edge), v)| {
-                on_edge(&self.law, halves, fluid, edge, [against(&v[0]), against(&v[1])], direction)
-            }),
-            None => sums.each(here, |((halves, edge), v)| {
-                let force = |i: usize| {
-                    let ((length, half), w) = (&halves[i], against(&v[i]));
-                    let Traction { along, across } = self.law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
-                    lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
-                };
-                OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
-            }),
+        match rod.throughout(&edges) {
+            Some(fluid) => self.evaluate_in(fluid, rod, along, edges, sums),
+            None => self.evaluate_across(rod, along, edges, sums),
         }
     }
 
@@ -244,9 +374,22 @@ impl<L: Law> Force for LocalDrag<L> {
     }
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
-        if self.law.parameters().contains(&key) {
-            self.each_by_parameter(key, rod, |k, force| add(out, k, force));
+        let property = Property::of(key);
+        if property.is_none() && !self.law.parameters().contains(&key) {
+            return [0.0; 2];
         }
+        self.each_end(rod, |k, edge, half| {
+            let (fluid, w) = (rod.here(k).fluid, rod.against_fluid(k));
+            let force = match property {
+                Some(property) => self.by_fluid(half, fluid, edge, w, &rod.by_property(property, k).fluid),
+                None => {
+                    let (length, half) = half;
+                    let by = self.law.by_parameter(key, half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
+                    (edge.t * by.along + edge.n() * by.across) * *length
+                }
+            };
+            add(out, k, force);
+        });
         [0.0; 2]
     }
 }

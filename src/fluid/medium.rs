@@ -1,16 +1,21 @@
-//! The fluid that the rod is in.
+//! The fluid that the rod is in: one fluid, or layers of several behind parallel interfaces, and a flow that may be sheared.
+//!
+//! With the height h = ν·x along the unit normal ν of all interfaces, density, viscosity and flow are those before the first
+//! interface plus their jump at every interface, blended over its thickness: ρ(h) = ρ₀ + Σ_j (ρ_j − ρ_{j−1}) r(z_j),
+//! z = (h − offset)/thickness + ½ clamped to 0 … 1, r = 10z³ − 15z⁴ + 6z⁵. So a medium is twice continuously differentiable, and
+//! exactly uniform outside its interfaces.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-/// A uniform fluid: what a host may change of it.
+/// A uniform fluid, or the fluid at a place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Fluid {
     /// Dynamic viscosity μ, Pa s.
     pub viscosity: f64,
     /// Density ρ, kg/m³.
     pub density: f64,
-    /// Uniform background velocity u, m/s.
+    /// Background velocity u, m/s.
     pub flow: Vector2<f64>,
     /// Its rate u̇, m/s²; a pressure gradient of −ρu̇ goes with it.
     pub acceleration: Vector2<f64>,
@@ -20,13 +25,286 @@ impl Fluid {
     /// No fluid at all, and no change of any.
     pub const NONE: Self =
         Self { viscosity: 0.0, density: 0.0, flow: Vector2::new(0.0, 0.0), acceleration: Vector2::new(0.0, 0.0) };
+
+    /// Adds `factor` times `other`.
+    #[inline(always)]
+    pub fn add(&mut self, other: &Self, factor: f64) {
+        self.viscosity += factor * other.viscosity;
+        self.density += factor * other.density;
+        self.flow += other.flow * factor;
+    }
+
+    /// No less than no viscosity and no density.
+    pub fn clamp(&mut self) {
+        self.viscosity = self.viscosity.max(0.0);
+        self.density = self.density.max(0.0);
+    }
 }
 
 /// A parameter of a scene that forces may depend on, by its key.
 pub type Key = &'static str;
 
-/// The key of the viscosity, Pa s.
+/// The key of the viscosity, Pa s: before the first interface, where there is one.
 pub const VISCOSITY: Key = "medium.viscosity_pa_s";
 
-/// The key of the density, kg/m³.
+/// The key of the density, kg/m³: before the first interface, where there is one.
 pub const DENSITY: Key = "medium.density_kg_m3";
+
+/// The most interfaces that a medium may have.
+pub const MOST: usize = 4;
+
+/// The keys of viscosity (Pa s), density (kg/m³) and offset (m) of what lies beyond every interface; those of the first go by
+/// `medium.beyond` too.
+pub const BEYOND: [[Key; 3]; MOST] = [
+    ["medium.layers.0.viscosity_pa_s", "medium.layers.0.density_kg_m3", "medium.layers.0.offset_m"],
+    ["medium.layers.1.viscosity_pa_s", "medium.layers.1.density_kg_m3", "medium.layers.1.offset_m"],
+    ["medium.layers.2.viscosity_pa_s", "medium.layers.2.density_kg_m3", "medium.layers.2.offset_m"],
+    ["medium.layers.3.viscosity_pa_s", "medium.layers.3.density_kg_m3", "medium.layers.3.offset_m"],
+];
+
+/// What a key of a medium names.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Property {
+    /// The viscosity of layer 0 (before the first interface), 1, 2, …
+    Viscosity(usize),
+    /// The density of such a layer.
+    Density(usize),
+    /// Where interface 0, 1, … is.
+    Offset(usize),
+}
+
+impl Property {
+    /// What `key` names, if it is a medium's.
+    pub fn of(key: Key) -> Option<Self> {
+        match key {
+            VISCOSITY => Some(Self::Viscosity(0)),
+            DENSITY => Some(Self::Density(0)),
+            "medium.beyond.viscosity_pa_s" => Some(Self::Viscosity(1)),
+            "medium.beyond.density_kg_m3" => Some(Self::Density(1)),
+            "medium.beyond.offset_m" => Some(Self::Offset(0)),
+            _ => BEYOND.iter().enumerate().find_map(|(j, keys)| match keys.iter().position(|own| *own == key)? {
+                0 => Some(Self::Viscosity(j + 1)),
+                1 => Some(Self::Density(j + 1)),
+                _ => Some(Self::Offset(j)),
+            }),
+        }
+    }
+}
+
+/// An interface, and the fluid beyond it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Layer {
+    /// Height of the middle of the interface, m.
+    pub offset: f64,
+    /// Thickness over which the fluids blend, m.
+    pub thickness: f64,
+    /// The fluid beyond; its flow is what it flows faster than the fluid before the first interface.
+    pub fluid: Fluid,
+}
+
+/// The layers of a medium beyond its first fluid, and the shear of its flow.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Layers {
+    /// Unit normal ν of all interfaces, towards what lies beyond.
+    pub normal: Vector2<f64>,
+    /// Shear rate γ, 1/s: the flow gains γh along ν turned by −90°.
+    pub shear: f64,
+    count: usize,
+    layers: [Layer; MOST],
+}
+
+/// The fluid at a place, and how it changes from there along the normal.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Here {
+    /// The fluid.
+    pub fluid: Fluid,
+    /// Its first derivative by the height, per metre.
+    pub slope: Fluid,
+    /// The second derivative of its density, kg/m⁵.
+    pub bend: f64,
+}
+
+impl From<Fluid> for Here {
+    /// The same everywhere.
+    #[inline(always)]
+    fn from(fluid: Fluid) -> Self {
+        Self { fluid, slope: Fluid::NONE, bend: 0.0 }
+    }
+}
+
+/// r = 10z³ − 15z⁴ + 6z⁵ and its first two derivatives, for z clamped to 0 … 1.
+#[inline(always)]
+fn blend(z: f64) -> [f64; 3] {
+    let z = z.clamp(0.0, 1.0);
+    let rest = z * (1.0 - z);
+    [z * z * z * (10.0 + z * (-15.0 + 6.0 * z)), 30.0 * rest * rest, 60.0 * rest * (1.0 - 2.0 * z)]
+}
+
+/// ∫₀ᶻ r, for any z.
+fn blended(z: f64) -> f64 {
+    let inside = z.clamp(0.0, 1.0);
+    inside.powi(4) * (2.5 + inside * (-3.0 + inside)) + (z - 1.0).max(0.0)
+}
+
+impl Layers {
+    const NOTHING: Layer = Layer { offset: 0.0, thickness: 0.0, fluid: Fluid::NONE };
+
+    /// Those beyond the interfaces of `layers`, from the first on, at most [`MOST`]; further ones are left out.
+    pub fn new(normal: Vector2<f64>, shear: f64, layers: impl IntoIterator<Item = Layer>) -> Self {
+        let mut all = Self { normal, shear, count: 0, layers: [Self::NOTHING; MOST] };
+        for (to, layer) in all.layers.iter_mut().zip(layers) {
+            *to = layer;
+            all.count += 1;
+        }
+        all
+    }
+
+    /// The layers beyond the first fluid, in the order of the interfaces.
+    #[inline(always)]
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = &Layer> + ExactSizeIterator {
+        self.layers[..self.count].iter()
+    }
+
+    /// The same, to change.
+    pub fn iter_mut(&mut self) -> impl ExactSizeIterator<Item = &mut Layer> {
+        self.layers[..self.count].iter_mut()
+    }
+
+    /// Layer `j` beyond the first fluid.
+    pub fn get(&self, j: usize) -> Option<&Layer> {
+        self.layers[..self.count].get(j)
+    }
+
+    /// The same, to change.
+    pub fn get_mut(&mut self, j: usize) -> Option<&mut Layer> {
+        self.layers[..self.count].get_mut(j)
+    }
+
+    /// The direction of the shear flow: the normal turned by −90°.
+    #[inline(always)]
+    pub fn along(&self) -> Vector2<f64> {
+        Vector2::new(self.normal.y, -self.normal.x)
+    }
+
+    /// Height h (m) of the place `x`.
+    #[inline(always)]
+    pub fn height(&self, x: Vector2<f64>) -> f64 {
+        self.normal.dot(&x)
+    }
+
+    /// The fluid at height `h` (m), where it is `first` before the first interface.
+    #[inline(always)]
+    pub fn at(&self, first: Fluid, h: f64) -> Here {
+        let mut here = Here::from(first);
+        for (layer, jump) in self.jumps(first) {
+            let per_thickness = 1.0 / layer.thickness;
+            let z = (h - layer.offset) * per_thickness + 0.5;
+            if z > 0.0 {
+                let [r, slope, bend] = blend(z);
+                here.fluid.add(&jump, r);
+                here.slope.add(&jump, slope * per_thickness);
+                here.bend += jump.density * bend * per_thickness * per_thickness;
+            }
+        }
+        if self.shear != 0.0 {
+            here.fluid.flow += self.along() * (self.shear * h);
+            here.slope.flow += self.along() * self.shear;
+        }
+        here
+    }
+
+    /// The layers with what each differs by from the fluid before it.
+    #[inline(always)]
+    fn jumps(&self, first: Fluid) -> impl Iterator<Item = (&Layer, Fluid)> {
+        let mut before = Fluid { flow: Vector2::zeros(), ..first };
+        self.iter().map(move |layer| {
+            let mut jump = layer.fluid;
+            jump.add(&before, -1.0);
+            before = layer.fluid;
+            (layer, jump)
+        })
+    }
+
+    /// ∫ρ dh (kg/m²) up to height `h`, from where the first fluid's is zero: from the first interface.
+    pub fn column(&self, first: Fluid, h: f64) -> f64 {
+        let start = self.iter().next().map_or(0.0, |layer| layer.offset);
+        let beyond = |(layer, jump): (&Layer, Fluid)| {
+            jump.density * layer.thickness * blended((h - layer.offset) / layer.thickness + 0.5)
+        };
+        first.density * (h - start) + self.jumps(first).map(beyond).sum::<f64>()
+    }
+
+    /// The fluid where it is the same at every one of the places of `q`, two entries each.
+    #[inline]
+    pub fn throughout(&self, first: Fluid, q: &[f64]) -> Option<Fluid> {
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for x in q.as_chunks().0 {
+            let h = self.height(Vector2::from(*x));
+            (low, high) = (low.min(h), high.max(h));
+        }
+        let mut fluid = first;
+        for (layer, jump) in self.jumps(first) {
+            let half = 0.5 * layer.thickness;
+            if low >= layer.offset + half {
+                fluid.add(&jump, 1.0);
+            } else if high > layer.offset - half {
+                return None;
+            }
+        }
+        (self.shear == 0.0).then_some(fluid)
+    }
+
+    /// Adds `factor` times offsets and fluids of `other`.
+    pub fn add(&mut self, other: &Self, factor: f64) {
+        self.shear += factor * other.shear;
+        for (to, from) in self.iter_mut().zip(other.iter()) {
+            to.offset += factor * from.offset;
+            to.fluid.add(&from.fluid, factor);
+        }
+    }
+
+    /// No change of any.
+    pub fn none(&self) -> Self {
+        let mut none = Self { shear: 0.0, ..*self };
+        none.iter_mut().for_each(|layer| *layer = Layer { thickness: layer.thickness, ..Self::NOTHING });
+        none
+    }
+
+    /// The change of the fluid at height `h` (m), and of its slope, with a property of the medium.
+    pub fn by_property(&self, first: Fluid, property: Property, h: f64) -> Here {
+        if let Property::Offset(j) = property {
+            let Some((layer, jump)) = self.jumps(first).nth(j) else { return Fluid::NONE.into() };
+            let per_thickness = 1.0 / layer.thickness;
+            let [_, slope, bend] = blend((h - layer.offset) * per_thickness + 0.5);
+            let mut here = Here::from(Fluid::NONE);
+            here.fluid.add(&jump, -slope * per_thickness);
+            here.slope.add(&jump, -bend * per_thickness * per_thickness);
+            return here;
+        }
+        let (first, layers) = self.unit(property);
+        layers.at(first, h)
+    }
+
+    /// The change of [`column`](Self::column) with a property of the medium.
+    pub fn column_by_property(&self, first: Fluid, property: Property, h: f64) -> f64 {
+        if let Property::Offset(j) = property {
+            let Some((layer, jump)) = self.jumps(first).nth(j) else { return 0.0 };
+            let start = if j == 0 { first.density } else { 0.0 };
+            return -start - jump.density * blend((h - layer.offset) / layer.thickness + 0.5)[0];
+        }
+        let (first, layers) = self.unit(property);
+        layers.column(first, h)
+    }
+
+    /// The medium at rest of which that viscosity or density is one, and all others zero: what it changes with it.
+    fn unit(&self, property: Property) -> (Fluid, Self) {
+        let alone = |j: usize| Fluid {
+            viscosity: f64::from(property == Property::Viscosity(j)),
+            density: f64::from(property == Property::Density(j)),
+            ..Fluid::NONE
+        };
+        let mut layers = Self { shear: 0.0, ..*self };
+        layers.iter_mut().enumerate().for_each(|(j, layer)| layer.fluid = alone(j + 1));
+        (alone(0), layers)
+    }
+}

@@ -1,15 +1,19 @@
 //! The fluid and what it does to the rod: one force per file.
 
 pub mod body;
+pub mod buoyancy;
 pub mod force;
 pub mod froude_krylov;
 pub mod laws;
 pub mod local;
 pub mod medium;
 pub mod reactive;
+pub mod spray;
 
+pub use buoyancy::Buoyancy;
 pub use force::{Force, Forces, Kinematics, Sink};
 pub use froude_krylov::FroudeKrylov;
 pub use local::{HeadWeight, LocalDrag};
-pub use medium::{DENSITY, Fluid, Key, VISCOSITY};
+pub use medium::{DENSITY, Fluid, Key, Layer, Layers, VISCOSITY};
 pub use reactive::Reactive;
+pub use spray::Spray;

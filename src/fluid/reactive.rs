@@ -14,9 +14,9 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validity};
-use super::medium::{DENSITY, Key};
+use super::medium::{DENSITY, Fluid, Here, Key, Property};
 use crate::linear::Block;
-use crate::rod::{Alike, Rod, add, node};
+use crate::rod::{Alike, Edge, Rod, add, node};
 use crate::system::Direction;
 
 /// The inertia of the water around the rod.
@@ -46,6 +46,82 @@ impl Reactive {
         let half = |half: &crate::rod::Half| FRAC_PI_4 * half.depth_squared * half.length / rod.spacing;
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
+
+    /// What opposes the ends of edge `k`, whose fluid is that of `ends`; it changes from there where it `VARIES`.
+    #[inline(always)]
+    fn on_edge<const VARIES: bool>(
+        &self,
+        rod: &Kinematics<'_>,
+        along: Option<Direction>,
+        k: usize,
+        ends: [Here; 2],
+    ) -> OnEdge {
+        let edge = &rod.edges[k];
+        let (t, n, length) = (edge.t, edge.n(), edge.length);
+        let opening = node(rod.v, k + 1) - node(rod.v, k);
+        let (stretching, lambda) = (opening.dot(&t), opening.dot(&n));
+        let c = [0, 1].map(|i| ends[i].fluid.density * self.halves[k][i]);
+        let motion = [0, 1].map(|i| {
+            let (v, a) = (node(rod.v, k + i) - ends[i].fluid.flow, rod.accelerating_against_fluid(k + i));
+            ([v.dot(&t), v.dot(&n)], [a.dot(&t), a.dot(&n)])
+        });
+        let mut pair = Vector2::zeros();
+        let mut force = [0, 1].map(|i| {
+            let ([u, w], [_, an]) = motion[i];
+            pair += (t * (0.5 * w * w) - n * (u * w)) * c[i];
+            (n * (length * an + stretching * w - lambda * u) - t * (lambda * w)) * c[i]
+        });
+        let crossing = |i: usize, along: Direction| {
+            let v = node(rod.v, k + i) - ends[i].fluid.flow;
+            crossing(self.halves[k][i], edge, rod.normal(), &ends[i], v, along)
+        };
+        if VARIES {
+            for (i, force) in force.iter_mut().enumerate() {
+                *force += crossing(i, Direction { q: 0.0, v: 0.0, a: 0.0 }).0;
+            }
+        }
+        force[0] += pair;
+        force[1] -= pair;
+        let Some(Direction { q, v, a }) = along else {
+            return OnEdge::new(force, [Block::ZERO; 2], [Block::ZERO; 2]);
+        };
+        let (nn, nt, tn) = (outer(n, n), outer(n, t), outer(t, n));
+        let per = edge.per_length;
+        let mut own = [Matrix2::zeros(); 2];
+        let mut by_edge = [Matrix2::zeros(); 2];
+        let mut pair_by_own = [Matrix2::zeros(); 2];
+        let mut pair_by_edge = Matrix2::zeros();
+        for i in 0..2 {
+            let ([u, w], [at, an]) = motion[i];
+            own[i] = (nn * (length * a + stretching * v) - (nt + tn) * (lambda * v)) * c[i];
+            let by_opening = (nt - tn) * w - nn * u;
+            let by_vector = (outer(t, n) * (2.0 * lambda * u - length * an) - nn * (length * at + lambda * w))
+                .map(|x| x * per)
+                + nt * an;
+            by_edge[i] = (by_opening * v + by_vector.map(|x| x * q)) * c[i];
+            pair_by_own[i] = ((tn - nt) * w - nn * u) * (c[i] * v);
+            pair_by_edge += nn * (c[i] * (u * u - 0.5 * w * w) * per * q);
+        }
+        if VARIES {
+            for i in 0..2 {
+                let ([u, w], [_, an]) = motion[i];
+                let (_, by_own, by_vector) = crossing(i, Direction { q, v, a });
+                // c changes with the place.
+                let by_place = rod.normal() * (self.halves[k][i] * ends[i].slope.density * q);
+                let unit = n * (length * an + stretching * w - lambda * u) - t * (lambda * w);
+                own[i] += by_own + outer(unit, by_place);
+                by_edge[i] += by_vector;
+                pair_by_own[i] += outer(t * (0.5 * w * w) - n * (u * w), by_place);
+            }
+        }
+        let both = pair_by_own[0] + pair_by_own[1];
+        own[0] += both;
+        own[1] -= both;
+        // Where one end stays, the other moves with the edge vector.
+        by_edge[0] += pair_by_edge + pair_by_own[1];
+        by_edge[1] += pair_by_own[0] - pair_by_edge;
+        OnEdge::new(force, own.map(Block::from), by_edge.map(Block::from))
+    }
 }
 
 impl Wake {
@@ -59,6 +135,27 @@ impl Wake {
 #[inline(always)]
 fn outer(a: Vector2<f64>, b: Vector2<f64>) -> Matrix2<f64> {
     a * b.transpose()
+}
+
+/// What a place-dependent density adds for one end: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the fluid that becomes heavier as the rod moves
+/// and the pull towards the lighter side, with its derivatives where the edge moves with the end and where it changes.
+#[inline(always)]
+fn crossing(
+    half: f64,
+    edge: &Edge,
+    normal: Vector2<f64>,
+    here: &Here,
+    velocity: Vector2<f64>,
+    Direction { q, v, .. }: Direction,
+) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
+    let (t, n, length, c) = (edge.t, edge.n(), edge.length, half * here.slope.density);
+    let (u, w, across) = (velocity.dot(&t), velocity.dot(&n), velocity.dot(&normal));
+    let shape = n * (across * w) - normal * (0.5 * w * w);
+    let by_velocity = outer(n * across - normal * w, n) + outer(n * w, normal);
+    let by_place = outer(shape, normal) * (half * here.bend * length * q);
+    // n turns by −t n·δe/ℓ, and w with it by −u.
+    let by_vector = outer(shape, t) + outer(normal * (u * w) - n * (across * u) - t * (across * w), n);
+    (shape * (c * length), by_velocity * (c * length * v) + by_place, by_vector * (c * q))
 }
 
 impl Force for Reactive {
@@ -79,53 +176,16 @@ impl Force for Reactive {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        let density = rod.fluid.density;
-        sums.each(edges, |k| {
-            let edge = &rod.edges[k];
-            let (t, n, length) = (edge.t, edge.n(), edge.length);
-            let opening = node(rod.v, k + 1) - node(rod.v, k);
-            let (stretching, lambda) = (opening.dot(&t), opening.dot(&n));
-            let c = self.halves[k].map(|half| density * half);
-            let motion = [0, 1].map(|i| {
-                let (v, a) = (rod.against_fluid(k + i), rod.accelerating_against_fluid(k + i));
-                ([v.dot(&t), v.dot(&n)], [a.dot(&t), a.dot(&n)])
-            });
-            let mut pair = Vector2::zeros();
-            let mut force = [0, 1].map(|i| {
-                let ([u, w], [_, an]) = motion[i];
-                pair += (t * (0.5 * w * w) - n * (u * w)) * c[i];
-                (n * (length * an + stretching * w - lambda * u) - t * (lambda * w)) * c[i]
-            });
-            force[0] += pair;
-            force[1] -= pair;
-            let Some(Direction { q, v, a }) = along else {
-                return OnEdge::new(force, [Block::ZERO; 2], [Block::ZERO; 2]);
-            };
-            let (nn, nt, tn) = (outer(n, n), outer(n, t), outer(t, n));
-            let per = edge.per_length;
-            let mut own = [Matrix2::zeros(); 2];
-            let mut by_edge = [Matrix2::zeros(); 2];
-            let mut pair_by_own = [Matrix2::zeros(); 2];
-            let mut pair_by_edge = Matrix2::zeros();
-            for i in 0..2 {
-                let ([u, w], [at, an]) = motion[i];
-                own[i] = (nn * (length * a + stretching * v) - (nt + tn) * (lambda * v)) * c[i];
-                let by_opening = (nt - tn) * w - nn * u;
-                let by_vector = (outer(t, n) * (2.0 * lambda * u - length * an) - nn * (length * at + lambda * w))
-                    .map(|x| x * per)
-                    + nt * an;
-                by_edge[i] = (by_opening * v + by_vector.map(|x| x * q)) * c[i];
-                pair_by_own[i] = ((tn - nt) * w - nn * u) * (c[i] * v);
-                pair_by_edge += nn * (c[i] * (u * u - 0.5 * w * w) * per * q);
+        match rod.throughout(&edges) {
+            Some(fluid) => sums.each(edges, |k| self.on_edge::<false>(rod, along, k, [fluid.into(); 2])),
+            None => {
+                let mut next = rod.here(edges.start);
+                sums.each(edges, |k| {
+                    let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
+                    self.on_edge::<true>(rod, along, k, ends)
+                });
             }
-            let both = pair_by_own[0] + pair_by_own[1];
-            own[0] += both;
-            own[1] -= both;
-            // Where one end stays, the other moves with the edge vector.
-            by_edge[0] += pair_by_edge + pair_by_own[1];
-            by_edge[1] += pair_by_own[0] - pair_by_edge;
-            OnEdge::new(force, own.map(Block::from), by_edge.map(Block::from))
-        });
+        }
     }
 
     fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
@@ -133,14 +193,16 @@ impl Force for Reactive {
         for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
             let (t, n) = (edge.t, edge.n());
             for (i, half) in halves.iter().enumerate() {
-                let c = rod.fluid.density * half;
-                let v = rod.against_fluid(k + i);
+                let here = rod.here(k + i);
+                let c = here.fluid.density * half;
+                let v = node(rod.v, k + i) - here.fluid.flow;
                 let (u, w) = (v.dot(&t), v.dot(&n));
                 energy += 0.5 * c * edge.length * w * w;
                 if let Some(Slopes { q, v, .. }) = &mut by {
                     let pair = (t * (0.5 * w * w) - n * (u * w)) * (c * factor);
                     add(q, k, -pair);
                     add(q, k + 1, pair);
+                    add(q, k + i, rod.normal() * (0.5 * half * here.slope.density * edge.length * w * w * factor));
                     add(v, k + i, n * (c * edge.length * w * factor));
                 }
             }
@@ -155,14 +217,16 @@ impl Force for Reactive {
             let (t, n) = (edge.t, edge.n());
             let (along, across) = (t.dot(&axis), n.dot(&axis));
             for (i, half) in halves.iter().enumerate() {
-                let c = rod.fluid.density * half;
-                let v = rod.against_fluid(k + i);
+                let here = rod.here(k + i);
+                let c = here.fluid.density * half;
+                let v = node(rod.v, k + i) - here.fluid.flow;
                 let (u, w) = (v.dot(&t), v.dot(&n));
                 momentum += c * edge.length * w * across;
                 if let Some(Slopes { q, v, .. }) = &mut by {
                     let pair = (t * (w * across) - n * (u * across + w * along)) * (c * factor);
                     add(q, k, -pair);
                     add(q, k + 1, pair);
+                    add(q, k + i, rod.normal() * (half * here.slope.density * edge.length * w * across * factor));
                     add(v, k + i, n * (c * edge.length * across * factor));
                 }
             }
@@ -175,13 +239,22 @@ impl Force for Reactive {
     }
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
-        if key != DENSITY {
-            return [0.0; 2];
+        let Some(property) = Property::of(key) else { return [0.0; 2] };
+        let mut energy = 0.0;
+        for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
+            // Linear in density and slope.
+            let ends = [0, 1].map(|i| {
+                let by = rod.by_property(property, k + i);
+                Here { fluid: Fluid { flow: rod.flow(k + i), ..by.fluid }, ..by }
+            });
+            let on = self.on_edge::<true>(rod, None, k, ends);
+            for i in 0..2 {
+                add(out, k + i, on.force(i));
+                let w = rod.against_fluid(k + i).dot(&edge.n());
+                energy += 0.5 * ends[i].fluid.density * halves[i] * edge.length * w * w;
+            }
         }
-        // Linear in the density.
-        let unit = Kinematics { fluid: super::Fluid { density: 1.0, ..rod.fluid }, ..*rod };
-        super::force::visit_alone(self, &unit, |k, force| add(out, k, force));
-        [self.energy(&unit, 0.0, None), 0.0]
+        [energy, 0.0]
     }
 }
 
@@ -247,9 +320,11 @@ impl Force for Wake {
 
     fn tip(&self, rod: &Kinematics<'_>, along: Option<Direction>) -> Option<OnTip> {
         let OnTip { force, own, edges } = Self::on_tip(rod)?;
-        let mass = -self.mass * rod.fluid.density; // it opposes
+        let Here { fluid, slope, .. } = rod.here(rod.edges.len());
+        let mass = -self.mass * fluid.density; // it opposes
         let Direction { q, v, .. } = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-        Some(OnTip { force: force * mass, own: own * (mass * v), edges: edges.map(|by| by * (mass * q)) })
+        let by_place = outer(force, rod.normal()) * (-self.mass * slope.density * q);
+        Some(OnTip { force: force * mass, own: own * (mass * v) + by_place, edges: edges.map(|by| by * (mass * q)) })
     }
 
     fn parameters(&self) -> &[Key] {
@@ -257,8 +332,9 @@ impl Force for Wake {
     }
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
-        if let (DENSITY, Some(tip)) = (key, Self::on_tip(rod)) {
-            add(out, rod.edges.len(), tip.force * -self.mass);
+        if let (Some(property), Some(tip)) = (Property::of(key), Self::on_tip(rod)) {
+            let by = rod.by_property(property, rod.edges.len()).fluid.density;
+            add(out, rod.edges.len(), tip.force * (-self.mass * by));
         }
         [0.0; 2]
     }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 use serde::{Deserialize, Serialize};
 
 use super::{Drive, Dynamics, Inputs, Model};
-use crate::fluid::Fluid;
+use crate::fluid::{Fluid, Layers};
 
 /// The highest derivative that a host may set.
 pub const HIGHEST_ORDER: usize = 3;
@@ -62,8 +62,8 @@ impl Course {
         inputs.phase_origin = [t, phase];
         inputs.fluid.acceleration = rate.fluid.flow;
         inputs.drive.frequency = inputs.drive.frequency.max(0.0);
-        inputs.fluid.viscosity = inputs.fluid.viscosity.max(0.0);
-        inputs.fluid.density = inputs.fluid.density.max(0.0);
+        inputs.fluid.clamp();
+        inputs.layers.iter_mut().flat_map(Layers::iter_mut).for_each(|layer| layer.fluid.clamp());
     }
 
     /// The first derivative at the time last asked for, in the places of the inputs.
@@ -119,6 +119,7 @@ impl Inputs {
         self.drive = Drive { amplitude: 0.0, frequency: 0.0 };
         (self.phase_offset, self.phase_origin) = (0.0, [0.0; 2]);
         (self.fluid, self.flow_taken) = (Fluid::NONE, false);
+        self.layers = self.layers.as_ref().map(Layers::none);
         self.head = None;
         [&mut self.natural, &mut self.force].into_iter().flatten().for_each(|values| values.fill(0.0));
     }
@@ -128,6 +129,7 @@ impl Inputs {
         self.drive = other.drive;
         self.phase_offset = other.phase_offset;
         self.fluid = other.fluid;
+        self.layers = other.layers;
         self.natural.clone_from(&other.natural);
         self.force.clone_from(&other.force);
     }
@@ -137,9 +139,10 @@ impl Inputs {
         self.drive.amplitude += factor * other.drive.amplitude;
         self.drive.frequency += factor * other.drive.frequency;
         self.phase_offset += factor * other.phase_offset;
-        self.fluid.viscosity += factor * other.fluid.viscosity;
-        self.fluid.density += factor * other.fluid.density;
-        self.fluid.flow += other.fluid.flow * factor;
+        self.fluid.add(&other.fluid, factor);
+        if let (Some(to), Some(from)) = (&mut self.layers, &other.layers) {
+            to.add(from, factor);
+        }
         for (to, from) in [(&mut self.natural, &other.natural), (&mut self.force, &other.force)] {
             let Some(from) = from else { continue };
             let to = to.get_or_insert_with(|| vec![0.0; from.len()]);

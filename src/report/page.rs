@@ -49,6 +49,49 @@ pub struct Motion {
     body: Option<Vec<[f64; 3]>>,
     /// Another rod at the same times.
     beside: Option<Vec<Vec<f64>>>,
+    /// The media behind the rod, where there are several.
+    media: Option<Media>,
+}
+
+/// Media behind parallel interfaces, for the picture behind the rod.
+#[derive(Debug, Clone, Serialize)]
+struct Media {
+    /// Direction across the interfaces.
+    normal: [f64; 2],
+    /// From where to where along the normal every interface blends, m, at the start.
+    edges: Vec<[f64; 2]>,
+    /// The same at every time, where interfaces move.
+    moved: Option<Vec<Vec<[f64; 2]>>>,
+    /// Every fluid in words.
+    names: Vec<String>,
+    /// Its tint, from 0 of the lightest to 4 of the densest.
+    tints: Vec<usize>,
+}
+
+impl Media {
+    fn of(frames: &[Frame]) -> Option<Self> {
+        let (first, layers) = frames.first()?.medium.as_ref()?;
+        let edges = |frame: &Frame| -> Vec<[f64; 2]> {
+            let layers = frame.medium.iter().flat_map(|(_, layers)| layers.iter());
+            layers.map(|layer| [-0.5, 0.5].map(|part| layer.offset + part * layer.thickness)).collect()
+        };
+        let all: Vec<_> = frames.iter().map(edges).collect();
+        let fluids: Vec<_> = std::iter::once(first)
+            .chain(layers.iter().map(|layer| &layer.fluid))
+            .map(|f| [f.density, f.viscosity])
+            .collect();
+        let lighter = |a: &[f64; 2], b: &[f64; 2]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).is_lt();
+        let rank = |own: &[f64; 2]| fluids.iter().filter(|other| lighter(other, own)).count();
+        let deepest = fluids.iter().map(rank).max().unwrap_or(0).max(1);
+        let name = |[density, viscosity]: &[f64; 2]| format!("{} kg/m³, {} Pa s", number(*density), number(*viscosity));
+        Some(Self {
+            normal: layers.normal.into(),
+            moved: all.iter().any(|edges| *edges != all[0]).then(|| all.clone()),
+            names: fluids.iter().map(name).collect(),
+            tints: fluids.iter().map(|own| rank(own) * 4 / deepest).collect(),
+            edges: all.into_iter().next()?,
+        })
+    }
 }
 
 /// Fills a page's template, which may include the style, a player with its `motion`, or the player and its script apart.
@@ -117,6 +160,7 @@ impl Motion {
                 .map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4]))
                 .collect(),
             beside: None,
+            media: Media::of(frames),
         }
     }
 

@@ -42,6 +42,7 @@ function play(wanted) {
   part("speed").value = String(usual);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
+  named(motion.media); if (motion.media) within(0);
   now = first; playing = motion.times.length > 1; part("play").textContent = playing ? "Pause" : "Play";
   show(0);
 }
@@ -59,6 +60,8 @@ function look(com) {
   const [wide, high] = [view.right - view.left, view.high - view.low].map((size) => 2 * size);
   for (let x = Math.ceil((view.left - wide) / square); x <= (view.right + wide) / square; x += 1) line(x * square, view.low - high, x * square, view.high + high);
   for (let y = Math.ceil((view.low - high) / square); y <= (view.high + high) / square; y += 1) line(view.left - wide, y * square, view.right + wide, y * square);
+  const behind = { x: view.left - wide, y: -view.high - high, width: 2 * wide + view.right - view.left, height: 2 * high + view.high - view.low };
+  for (const name in behind) part("media").setAttribute(name, behind[name]);
   let path = part("grid").firstChild;
   if (!path) {
     path = document.createElementNS("http://www.w3.org/2000/svg", "path");
@@ -67,9 +70,32 @@ function look(com) {
   path.setAttribute("d", lines.join(""));
   part("head").setAttribute("r", 0.011 * box.size); part("com").setAttribute("r", 0.008 * box.size);
 }
+// The media behind the rod: one rectangle over the window, whose gradient blends where the interfaces do.
+function within(k) {
+  const media = motion.media, edges = media.moved ? media.moved[k] : media.edges, [x, y] = media.normal;
+  const low = edges[0][0], high = edges[edges.length - 1][1], blend = part("blend");
+  for (const [name, value] of [["x1", x * low], ["y1", -y * low], ["x2", x * high], ["y2", -y * high]]) blend.setAttribute(name, value);
+  const stops = edges.flatMap((ends, j) => ends.map((end, side) => [(end - low) / (high - low), media.tints[j + side]]));
+  blend.replaceChildren(...stops.map(([offset, tint]) => {
+    const stop = document.createElementNS("http://www.w3.org/2000/svg", "stop");
+    stop.setAttribute("offset", offset); stop.setAttribute("style", "stop-color: var(--medium-" + tint + ")");
+    return stop;
+  }));
+}
+// What the tints mean, in the order of the media along the normal.
+function named(media) {
+  part("media").setAttribute("display", media ? "inline" : "none");
+  const swatches = !media ? [] : media.names.flatMap((name, i) => {
+    const swatch = document.createElement("span"), text = document.createElement("span");
+    swatch.className = "swatch"; swatch.style.background = "var(--medium-" + media.tints[i] + ")"; text.textContent = name;
+    return [swatch, text];
+  });
+  part("legend").replaceChildren(...(media ? ["Media:", ...swatches] : []));
+}
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   look(com);
+  if (motion.media && motion.media.moved) within(k);
   part("rod").setAttribute("points", pairs(frame));
   part("beside").setAttribute("points", motion.beside ? pairs(motion.beside[k]) : "");
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));

@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 use serde::{Deserialize, Serialize};
 
 use crate::error::Result;
+use crate::fluid::{Fluid, Layers};
 use crate::integrator::Pace;
 use crate::rod::{Rod, node};
 use crate::scene::Scene;
@@ -81,6 +82,9 @@ pub struct Frame {
     /// Semi-axes (m) and angle (rad) of the body around the first node, where there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub body: Option<[f64; 3]>,
+    /// The medium, where it has layers.
+    #[serde(default)]
+    pub medium: Option<(Fluid, Layers)>,
 }
 
 impl Frame {
@@ -102,11 +106,13 @@ impl Frame {
             let k = i * (nodes - 1) / (points - 1);
             [view.state.q[2 * k], view.state.q[2 * k + 1]]
         };
+        let inputs = &view.dynamics.inputs;
         Self {
             time: view.state.t,
             points: (0..points).map(point).collect(),
             com: view.meter.now.com.into(),
             body: Self::body(&view.dynamics.model.rod, &view.state.q),
+            medium: inputs.layers.filter(|layers| layers.iter().len() > 0).map(|layers| (inputs.fluid, layers)),
         }
     }
 }

@@ -8,12 +8,13 @@ use serde::de::{MapAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer};
 
 use super::document::Fault;
+use super::layers::{LayerTable, ShearTable};
 use super::value::{self, Along, Finite, NotNegative, Positive, VectorSignal, Wanted};
-use super::{HeadKind, NODES, Scene};
+use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::error::{Result as Read, nearest};
 use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
 use crate::fluid::reactive::Wake;
-use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive};
+use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::regime::{self, Regime};
 use crate::rod::Rod;
@@ -29,6 +30,13 @@ pub struct MediumTable {
     /// Uniform background velocity, m/s.
     #[serde(default = "still")]
     pub flow_m_s: VectorSignal,
+    /// What lies beyond an interface.
+    pub beyond: Option<LayerTable>,
+    /// What lies beyond several parallel ones, in their order.
+    #[serde(default)]
+    pub layers: Vec<LayerTable>,
+    /// How the flow grows across itself.
+    pub shear: Option<ShearTable>,
 }
 
 fn still() -> VectorSignal {
@@ -231,7 +239,9 @@ impl DragTable {
             wavelength: scene.wavelength(),
             frequency: scene.drive_frequency(),
             reynolds: if self.law_name() == laws::auto::LAW.name {
-                scene.regime(rod).map_or(0.0, |r| r.reynolds)
+                // Where there are layers, the largest of them all.
+                let thinner = scene.medium.as_ref().map_or(1.0, MediumTable::largest_inertia);
+                scene.regime(rod).map_or(0.0, |r| r.reynolds * thinner)
             } else {
                 0.0
             },
@@ -313,6 +323,9 @@ impl Scene {
                 return fault("loads.buoyancy", "found without [medium], which has the density; add it");
             }
         }
+        if let Some(medium) = &self.medium {
+            medium.check(self)?;
+        }
         self.drag.as_ref().map_or(Ok(()), |drag| drag.check(self))
     }
 
@@ -380,6 +393,14 @@ impl Scene {
             forces.push(Box::new(Wake::new(rod, reactive.shedding.get())));
             forces.extend(self.body_inertia());
             forces.push(Box::new(FroudeKrylov::new(rod)));
+        }
+        if self.medium.as_ref().is_some_and(|medium| medium.interfaces().next().is_some()) {
+            if self.reactive_on(rod).is_some() {
+                forces.push(Box::new(Spray::new(rod)));
+            }
+            if let Some(gravity) = self.loads.as_ref().and_then(LoadsTable::buoyed_by) {
+                forces.push(Box::new(Buoyancy::new(rod, gravity)));
+            }
         }
         Ok(Forces(forces))
     }

@@ -1,5 +1,6 @@
 //! `[loads]`: gravity, buoyancy and point loads.
 
+use nalgebra::Vector2;
 use serde::Deserialize;
 
 use super::document::Fault;
@@ -44,12 +45,15 @@ impl LoadsTable {
         Ok(())
     }
 
+    /// Gravity (m/s²) where there is any, and buoyancy with it.
+    pub(super) fn buoyed_by(&self) -> Option<Vector2<f64>> {
+        let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
+        (self.buoyancy && gravity != [0.0; 2]).then(|| gravity.into())
+    }
+
     /// Buoyancy in a fluid of density 1 kg/m³ (N), two entries per node: −V g with the volume V of every node.
     pub(super) fn buoyancy(&self, rod: &Rod) -> Option<Vec<f64>> {
-        let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
-        if !self.buoyancy || gravity == [0.0; 2] {
-            return None;
-        }
+        let gravity = self.buoyed_by()?;
         let mut force = vec![0.0; 2 * rod.nodes];
         if let Some(body) = rod.body {
             (0..2).for_each(|axis| force[axis] = -body.volume() * gravity[axis]);

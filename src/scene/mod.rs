@@ -7,6 +7,7 @@ mod failure;
 pub mod files;
 pub mod fluid;
 mod head;
+pub mod layers;
 mod loads;
 pub mod parameter;
 mod record;
@@ -28,6 +29,7 @@ pub use document::{Document, Fault};
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
+pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
 pub use record::{NodesTable, RecordTable};
 pub use rod::RodTable;
@@ -145,14 +147,18 @@ impl Scene {
         let rod = self.rod_on(self.rod.nodes.get());
         let loads = self.loads.as_ref();
         let (fluid, flow) = self.fluid()?;
+        let layers = self.medium.as_ref().and_then(MediumTable::stack);
+        // In layers buoyancy is a force that depends on the place.
+        let uniform = layers.is_none_or(|layers| layers.iter().len() == 0);
         Ok(Model {
             actuation: self.drive(&rod),
             start: self.start.build(),
             forces: self.forces(&rod).map_err(|Fault { key, problem }| self.error(&key, problem))?,
             fluid,
             flow,
+            layers,
             load: loads.and_then(|loads| loads.build(&rod)),
-            buoyancy: loads.and_then(|loads| loads.buoyancy(&rod)),
+            buoyancy: loads.filter(|_| uniform).and_then(|loads| loads.buoyancy(&rod)),
             head: self.head_motion()?,
             head_input: self.head.input.unwrap_or_default(),
             spin: self.start.spin_rad_s.map_or(0.0, Finite::get),

@@ -132,6 +132,15 @@ impl Scene {
             if let Some(flow) = medium.steady_flow() {
                 list.pair("medium.flow_m_s", "m/s", descriptions, flow.map(Finite::constant));
             }
+            if let Some(beyond) = &medium.beyond {
+                list.add("medium.beyond.offset_m", "m", "where the interface is along its normal", beyond.offset_m);
+                list.add("medium.beyond.thickness_m", "m", "thickness of the interface", beyond.thickness_m);
+                list.add("medium.beyond.viscosity_pa_s", "Pa s", "dynamic viscosity beyond", beyond.viscosity_pa_s);
+                list.add("medium.beyond.density_kg_m3", "kg/m^3", "density beyond", beyond.density_kg_m3);
+            }
+            if let Some(shear) = &medium.shear {
+                list.add("medium.shear.rate_per_s", "1/s", "shear rate of the flow", shear.rate_per_s);
+            }
         }
         if let Some(drag) = &self.drag {
             let numbers = [

@@ -161,6 +161,10 @@ impl Scene {
             );
             return fault("solver.model", problem);
         }
+        if let (Some(rung), Some(part)) = (rung.filter(|rung| rung.method.is_some()), self.only_whole()) {
+            let problem = format!("found {:?} with {part}, which only the whole model holds; remove one", rung.name);
+            return fault("solver.model", problem);
+        }
         let held = self.head.kind != HeadKind::Free;
         match &self.solver.accuracy_of {
             Some(measures) if !measures.iter().any(|measure| measure.exists(held)) => {
@@ -230,11 +234,20 @@ impl Scene {
         Ok(rung)
     }
 
+    /// What of its medium cheaper models cannot hold.
+    fn only_whole(&self) -> Option<&'static str> {
+        let stack = self.medium.as_ref().filter(|medium| medium.is_stacked())?;
+        Some(if stack.interfaces().next().is_some() { "an interface in [medium]" } else { "[medium.shear]" })
+    }
+
     /// How far the cheaper models of it are from the whole one; of a fine mesh, on a coarser one.
     ///
     /// # Errors
     /// Those of [`model`](Self::model) and [`integrator`](Self::integrator).
     pub fn estimates(&self) -> Result<Estimates> {
+        if self.only_whole().is_some() {
+            return Ok(Estimates::none("it cannot hold a medium that changes with the place"));
+        }
         let nodes = (self.rod.nodes.get() as u64).min(ESTIMATES_UP_TO);
         let step = self.typical_step();
         let (method, _) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;

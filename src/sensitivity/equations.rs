@@ -38,7 +38,7 @@ impl Equations {
         let nodes = model.rod.nodes;
         let matrix = BandMatrix::new(nodes);
         let of = |there: bool| there.then(|| matrix.clone());
-        let everywhere = model.forces.iter().all(Force::is_the_same_everywhere);
+        let everywhere = model.layers.is_none() && model.forces.iter().all(Force::is_the_same_everywhere);
         Ok(Self {
             direction: Direction::POSITIONS,
             held: of(model.head.is_some()),
@@ -70,9 +70,13 @@ impl Equations {
             place.fill(Matrix2::zeros());
             let bent = dynamics.shape(state)?;
             let (forces, edges) = (&bent.dynamics.model.forces, 0..bent.edges().len());
-            forces.on_edges(&bent.kinematics(), Some(Direction::POSITIONS), edges, |e, on| {
+            let moving = bent.kinematics();
+            forces.on_edges(&moving, Some(Direction::POSITIONS), edges, |e, on| {
                 (0..2).for_each(|i| place[e + i] += Matrix2::from(on.own(i)));
             });
+            for tip in forces.on_tip(&moving, Some(Direction::POSITIONS)) {
+                place[moving.edges.len()] += tip.own;
+            }
         }
         if let Some(held) = &mut self.held {
             held.clone_from(&self.matrix);

@@ -37,6 +37,8 @@ pub enum Quantity {
     ViscousPower,
     /// Power taken by the wake, W.
     WakePower,
+    /// Power taken by the spray, W.
+    SprayPower,
     /// Power of other forces, W.
     OtherPower,
     /// Energy that forces from outside store, J.
@@ -70,6 +72,8 @@ pub enum Work {
     Viscous,
     /// Taken by the wake.
     Wake,
+    /// Taken by the spray.
+    Spray,
     /// Of other forces.
     Other,
     /// Of the background flow.
@@ -102,7 +106,7 @@ impl From<Work> for Output {
 }
 
 /// The outputs by the names of the table of variables.
-const NAMES: [&str; 46] = [
+const NAMES: [&str; 48] = [
     "x_com_m",
     "y_com_m",
     "stretching_energy_j",
@@ -112,6 +116,7 @@ const NAMES: [&str; 46] = [
     "fluid_energy_j",
     "viscous_power_w",
     "wake_power_w",
+    "spray_power_w",
     "other_power_w",
     "load_power_w",
     "head_power_w",
@@ -144,6 +149,7 @@ const NAMES: [&str; 46] = [
     "actuation_work_j",
     "viscous_work_j",
     "wake_work_j",
+    "spray_work_j",
     "other_work_j",
     "load_work_j",
     "head_work_j",
@@ -176,6 +182,7 @@ impl Output {
             "fluid_energy_j" => Q::Fluid.into(),
             "viscous_power_w" => Q::ViscousPower.into(),
             "wake_power_w" => Q::WakePower.into(),
+            "spray_power_w" => Q::SprayPower.into(),
             "other_power_w" => Q::OtherPower.into(),
             "load_power_w" => Q::LoadPower.into(),
             "head_power_w" if model.head.is_some() => Q::HeadPower.into(),
@@ -209,6 +216,7 @@ impl Output {
             "actuation_work_j" => Work::Actuation.into(),
             "viscous_work_j" => Work::Viscous.into(),
             "wake_work_j" => Work::Wake.into(),
+            "spray_work_j" => Work::Spray.into(),
             "other_work_j" => Work::Other.into(),
             "load_work_j" => Self::from(Q::LoadPotential).since_start(),
             "head_work_j" if model.head.is_some() => Work::Head.into(),
@@ -221,6 +229,7 @@ impl Output {
                     (1.0, Work::Actuation),
                     (-1.0, Work::Viscous),
                     (-1.0, Work::Wake),
+                    (-1.0, Work::Spray),
                     (1.0, Work::Flow),
                     (1.0, Work::Other),
                 ];
@@ -382,12 +391,11 @@ impl At<'_> {
         g.natural[k] -= factor * stiffness;
     }
 
-    /// What the forces that take nothing store, J (`rate` 0), or put in by themselves, W (1); adds `factor` times its
-    /// derivatives.
-    fn stored(&self, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
+    /// What the forces of that `sink` store, J (`rate` 0), or put in by themselves, W (1); adds `factor` times its derivatives.
+    fn stored(&self, sink: Option<Sink>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut sum = 0.0;
-        for force in self.bent.dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
+        for force in self.bent.dynamics.model.forces.iter().filter(|force| force.sink() == sink) {
             sum += match rate {
                 0 => force.energy(&moving, factor, Some(g.slopes())),
                 _ => force.energy_by_time(&moving, factor, Some(g.slopes())),
@@ -406,14 +414,30 @@ impl At<'_> {
         let mut power = 0.0;
         for of_fluid in [true, false] {
             let chosen = |force: &dyn Force| force.sink() == Some(sink) && force.is_of_fluid() == of_fluid;
-            let flow = if of_fluid { moving.fluid.flow } else { Vector2::zeros() };
-            let against = |k: usize| node(&self.bent.state.v, k) - flow;
+            let flow = |k: usize| if of_fluid { moving.flow(k) } else { Vector2::zeros() };
+            let against = |k: usize| node(&self.bent.state.v, k) - flow(k);
             power += self.power_along(chosen, against, factor, g);
             for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
                 force::visit_alone(force, &moving, |k, force| add(&mut g.v, k, force * factor));
             }
+            if of_fluid {
+                self.add_by_flow(chosen, factor, g);
+            }
         }
         power
+    }
+
+    /// Adds `factor` times the derivatives of −Σ F·u by the place that the flow u is taken at, F of the `chosen` forces as it is.
+    fn add_by_flow(&self, chosen: impl Fn(&dyn Force) -> bool, factor: f64, g: &mut Gradient) {
+        let moving = self.bent.kinematics();
+        if moving.layers.is_none() {
+            return;
+        }
+        for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
+            force::visit_alone(force, &moving, |k, force| {
+                add(&mut g.q, k, moving.normal() * (-factor * force.dot(&moving.here(k).slope.flow)));
+            });
+        }
     }
 
     /// Σ F·w over the nodes, F of the `chosen` forces; adds `factor` times its derivatives with w as it is.
@@ -582,15 +606,20 @@ impl Quantity {
             }
             Self::ViscousPower => at.power_to(Sink::Drag, factor, g),
             Self::WakePower => at.power_to(Sink::Wake, factor, g),
-            Self::OtherPower => at.stored(1, factor, g) - at.power_to(Sink::Other, -factor, g),
+            Self::SprayPower => at.power_to(Sink::Spray, factor, g),
+            Self::OtherPower => at.stored(None, 1, factor, g) - at.power_to(Sink::Other, -factor, g),
             Self::FlowPower => {
-                let flow = dynamics.inputs.fluid.flow;
                 let of_fluid = |force: &dyn Force| force.is_of_fluid();
-                at.power_along(of_fluid, |_| -flow, factor, g) - at.power_to(Sink::Flow, -factor, g)
+                let moving = at.bent.kinematics();
+                let power = at.power_along(of_fluid, |k| -moving.flow(k), factor, g);
+                at.add_by_flow(of_fluid, factor, g);
+                power - at.power_to(Sink::Flow, -factor, g)
             }
-            Self::Fluid => at.stored(0, factor, g),
-            Self::LoadPower => at.along_loads(&state.v, factor, g, |g| &mut g.v),
-            Self::LoadPotential => at.along_loads(&state.q, factor, g, |g| &mut g.q),
+            Self::Fluid => at.stored(None, 0, factor, g),
+            Self::LoadPower => at.along_loads(&state.v, factor, g, |g| &mut g.v) - at.power_to(Sink::Load, -factor, g),
+            Self::LoadPotential => {
+                at.along_loads(&state.q, factor, g, |g| &mut g.q) - at.stored(Some(Sink::Load), 0, -factor, g)
+            }
             Self::HeadForce(i) => {
                 let inertia = dynamics.held.map_or(0.0, |pose| rod.mass[0] * pose[i].acceleration);
                 -inertia - at.push(axis(i), -factor, g)
@@ -650,6 +679,7 @@ impl Work {
         match self {
             Self::Viscous => half * Quantity::ViscousPower.add(at, half * factor, g),
             Self::Wake => half * Quantity::WakePower.add(at, half * factor, g),
+            Self::Spray => half * Quantity::SprayPower.add(at, half * factor, g),
             Self::Other => half * Quantity::OtherPower.add(at, half * factor, g),
             Self::Flow => half * Quantity::FlowPower.add(at, half * factor, g),
             Self::Actuation => {

@@ -11,7 +11,8 @@ use nalgebra::Vector2;
 use super::Stepper;
 use crate::error::Result;
 use crate::fluid::force::{self, Slopes};
-use crate::fluid::{DENSITY, Fluid, Sink, VISCOSITY};
+use crate::fluid::medium::{BEYOND, Property};
+use crate::fluid::{DENSITY, Fluid, Key, Layers, Sink, VISCOSITY};
 use crate::metrics::{Energy, Meter, Momentum, Power, Push, Reading, Totals};
 use crate::model::{Bent, Dynamics, Inputs};
 use crate::newton::Work;
@@ -32,6 +33,7 @@ pub(super) struct Tangent {
     natural_rate: Vec<f64>,
     force: Vec<f64>,
     fluid: Fluid,
+    layers: Option<Layers>,
     /// Change of what a force opposes the motion with.
     opposing: Vec<f64>,
     /// Change of the head's angle and of its spin.
@@ -58,6 +60,7 @@ impl Tangent {
             natural_rate: vec![0.0; nodes],
             force: zeros(),
             fluid: Fluid::NONE,
+            layers: None,
             opposing: zeros(),
             angle: [0.0; 2],
             inputs: Inputs::none(&dynamics.model),
@@ -72,7 +75,7 @@ impl Tangent {
         }
         self.natural.fill(0.0);
         self.natural_rate.fill(0.0);
-        (self.fluid, self.angle) = (Fluid::NONE, [0.0; 2]);
+        (self.fluid, self.layers, self.angle) = (Fluid::NONE, None, [0.0; 2]);
         self.inputs.clear();
     }
 
@@ -84,7 +87,7 @@ impl Tangent {
         if let Some(force) = &self.inputs.force {
             self.force.copy_from_slice(force);
         }
-        self.fluid = self.inputs.fluid;
+        (self.fluid, self.layers) = (self.inputs.fluid, self.inputs.layers);
         // The work of a change of κ̄ at once.
         let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]);
         let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
@@ -96,7 +99,7 @@ impl Tangent {
         let Bent { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
-        let Self { state: d, meter, natural, natural_rate, force, fluid, opposing, angle, .. } = self;
+        let Self { state: d, meter, natural, natural_rate, force, fluid, layers, opposing, angle, .. } = self;
         let now = &mut meter.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
         (now.push, now.momentum) = (Push::default(), Momentum::default());
@@ -134,7 +137,7 @@ impl Tangent {
             opposing.fill(0.0);
             force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
             let mut stored = [0.0; 2];
-            for (key, change) in [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)] {
+            for (key, change) in media(fluid, layers.as_ref()) {
                 if change != 0.0 {
                     let mut by = vec![0.0; opposing.len()];
                     let of_energy = own.add_by_parameter(key, &moving, &mut by);
@@ -142,19 +145,32 @@ impl Tangent {
                     opposing.iter_mut().zip(by).for_each(|(sum, by)| *sum += change * by);
                 }
             }
-            let (flow, drift) = if own.is_of_fluid() { (moving.fluid.flow, fluid.flow) } else { Default::default() };
+            // The flow at a node changes by itself and as the node moves through it.
+            let drift = |k: usize| match (own.is_of_fluid(), moving.layers) {
+                (false, _) => Vector2::zeros(),
+                (true, None) => fluid.flow,
+                (true, Some(_)) => {
+                    let by = |(key, change)| {
+                        let by = Property::of(key).map(|property| moving.by_property(property, k).fluid.flow);
+                        by.unwrap_or_default() * change
+                    };
+                    let by_place = moving.here(k).slope.flow * moving.normal().dot(&node(&d.q, k));
+                    fluid.flow + by_place + media(fluid, layers.as_ref()).map(by).sum::<Vector2<f64>>()
+                }
+            };
+            let flow = |k: usize| if own.is_of_fluid() { moving.flow(k) } else { Vector2::zeros() };
             let mut taken = 0.0;
             force::visit_alone(own, &moving, |k, now| {
-                taken += now.dot(&(node(&d.v, k) - drift));
-                power.flow -= now.dot(&drift);
+                taken += now.dot(&(node(&d.v, k) - drift(k)));
+                power.flow -= now.dot(&drift(k));
                 if k == 0 {
                     on_head[0] += now;
                 }
             });
             for k in 0..rod.nodes {
                 let change = node(opposing, k);
-                taken += change.dot(&(node(&state.v, k) - flow));
-                power.flow -= change.dot(&flow);
+                taken += change.dot(&(node(&state.v, k) - flow(k)));
+                power.flow -= change.dot(&flow(k));
             }
             on_head[1] += node(opposing, 0);
             *now.push.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
@@ -162,6 +178,8 @@ impl Tangent {
                 Some(Sink::Drag) => power.viscous += taken,
                 Some(Sink::Wake) => power.wake += taken,
                 Some(Sink::Flow) => power.flow -= taken,
+                Some(Sink::Spray) => power.spray += taken,
+                Some(Sink::Load) => power.load -= taken,
                 Some(Sink::Other) => power.other -= taken,
                 None => {
                     // The energy depends on velocities against the flow.
@@ -170,13 +188,13 @@ impl Tangent {
                     own.energy(&moving, 1.0, Some(Slopes { q, v, a }));
                     let along = |by: &[f64], d: &[f64]| by.iter().zip(d).map(|(x, y)| x * y).sum::<f64>();
                     energy.fluid += along(q, &d.q) + along(v, &d.v) + along(a, &d.a) + stored[0];
-                    energy.fluid -= (0..rod.nodes).map(|k| node(v, k).dot(&drift)).sum::<f64>();
+                    energy.fluid -= (0..rod.nodes).map(|k| node(v, k).dot(&drift(k))).sum::<f64>();
                     for (axis, change) in [Vector2::x(), Vector2::y()].into_iter().zip(now.momentum.fluid.iter_mut()) {
                         let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
                         let [q, v, a] = &mut by;
                         let momentum = own.momentum(&moving, axis, 1.0, Some(Slopes { q, v, a }));
                         *change += along(q, &d.q) + along(v, &d.v);
-                        *change -= (0..rod.nodes).map(|k| node(v, k).dot(&drift)).sum::<f64>();
+                        *change -= (0..rod.nodes).map(|k| node(v, k).dot(&drift(k))).sum::<f64>();
                         // Linear in the density.
                         *change += momentum * fluid.density / moving.fluid.density.max(f64::MIN_POSITIVE);
                     }
@@ -224,6 +242,15 @@ impl Tangent {
                 - moment * s * angle[1];
         }
     }
+}
+
+/// The changes of viscosities, densities and offsets, by their keys.
+fn media<'a>(fluid: &Fluid, layers: Option<&'a Layers>) -> impl Iterator<Item = (Key, f64)> + use<'a> {
+    let beyond =
+        layers.into_iter().flat_map(Layers::iter).zip(BEYOND).flat_map(|(layer, [viscosity, density, offset])| {
+            [(viscosity, layer.fluid.viscosity), (density, layer.fluid.density), (offset, layer.offset)]
+        });
+    [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)].into_iter().chain(beyond)
 }
 
 /// The first change of everything that is read, along some direction.
@@ -277,7 +304,7 @@ impl Stepper {
             if let Some(force) = &rate.force {
                 tangent.force.copy_from_slice(force);
             }
-            tangent.fluid = rate.fluid;
+            (tangent.fluid, tangent.layers) = (rate.fluid, rate.layers);
         }
         tangent.fluid.flow = self.dynamics.inputs.fluid.acceleration;
         tangent.read(&self.dynamics.shape(&self.state)?, true);

@@ -52,7 +52,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
     let rod = model.rod;
     let found = lowest(&rod, count)?;
-    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid)))?;
+    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid, model.layers)))?;
     let all = if rod.nodes <= ALL_UP_TO { Some(Modes::of(&rod)?) } else { None };
 
     let mut findings = Findings { subject: "natural modes", ..Findings::default() };

@@ -278,7 +278,8 @@ impl Trial {
                 stopped = interrupted.load(Ordering::Relaxed);
                 let meter = stepper.meter();
                 let work = meter.totals.work;
-                let parts = [work.actuation, work.viscous, work.wake, work.load, work.head, work.flow, work.other];
+                let parts =
+                    [work.actuation, work.viscous, work.wake, work.spray, work.load, work.head, work.flow, work.other];
                 scale = parts.iter().fold(scale, |max, x| max.max(x.abs()));
                 self.largest_work_in = self.largest_work_in.max(put_in(&work).abs());
                 let excess = -meter.numerical_dissipation();
