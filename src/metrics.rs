@@ -95,6 +95,7 @@ impl Power {
                     self.other += force.energy_by_time(rod, 0.0, None);
                     let along = |axis: Vector2<f64>| force.momentum(rod, axis, 0.0, None);
                     momentum += Vector2::new(along(Vector2::x()), along(Vector2::y()));
+                    push.other += force.pull(rod);
                 }
             }
         }
@@ -120,7 +121,7 @@ pub struct Push {
     pub load: Vector2<f64>,
     /// A held head.
     pub head: Vector2<f64>,
-    /// Other forces.
+    /// Other forces, and the pull towards the lighter side of an interface.
     pub other: Vector2<f64>,
 }
 

@@ -84,19 +84,26 @@ fn reference(name: &str) -> String {
 }
 
 #[test]
-fn the_energy_balance_closes_across_interfaces_with_the_spray_in_it() {
+fn the_balances_of_energy_and_momentum_close_across_interfaces_with_the_spray_in_them() {
     for name in ["dipping_plate_n9", "oil_over_water_n11"] {
         for method in METHODS.iter().filter(|method| method.implicit) {
             let text: String =
                 reference(name).lines().filter(|line| !line.starts_with("integrator")).collect::<Vec<_>>().join("\n");
             let integrator = format!("solver.integrator={}", method.name);
+            let mut momenta = Vec::new();
             let defects = [2e-3, 1e-3, 5e-4].map(|step| {
                 let changes = [&*integrator, &format!("solver.time_step_s={step}"), "solver.duration_s=0.6"];
                 let stepper = run(&scene(&text, &changes).unwrap());
                 let meter = stepper.meter();
                 assert!(meter.totals.work.spray > 0.0);
+                let impulse = meter.totals.impulse;
+                momenta.push(meter.momentum_defect().norm() / impulse.drag.norm());
                 meter.numerical_dissipation() / meter.totals.work.viscous
             });
+            let observed = order(momenta[1], momenta[2]);
+            println!("{name} {}: momentum {momenta:?}, order {observed}", method.name);
+            let wanted = f64::from((method.build)(&method.defaults()).order().min(2));
+            assert!(momenta[2] < 1e-6 || observed > wanted - 0.3, "{name} {}: {momenta:?}", method.name);
             let observed = order(defects[1], defects[2]);
             println!("{name} {}: {defects:?}, order {observed}", method.name);
             let wanted = f64::from((method.build)(&method.defaults()).order().min(2));

@@ -10,7 +10,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
 
-use super::medium::{Fluid, Here, Key, Layers, Property};
+use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -252,6 +252,20 @@ pub trait Force: std::fmt::Debug + Send + Sync {
     /// `factor` times its derivatives to `by`.
     fn momentum(&self, _rod: &Kinematics<'_>, _axis: Vector2<f64>, _factor: f64, _by: Option<Slopes<'_>>) -> f64 {
         0.0
+    }
+
+    /// What it gives to its momentum and the rod's together (N), beside being the rate of that: where the medium changes from
+    /// place to place.
+    fn pull(&self, _rod: &Kinematics<'_>) -> Vector2<f64> {
+        Vector2::zeros()
+    }
+
+    /// ∂/∂p of its [`momentum`](Self::momentum); that of a force in one fluid is linear in its density.
+    fn momentum_by_parameter(&self, key: Key, rod: &Kinematics<'_>, axis: Vector2<f64>) -> f64 {
+        if key != DENSITY || !self.parameters().contains(&DENSITY) {
+            return 0.0;
+        }
+        self.momentum(&Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, ..*rod }, axis, 0.0, None)
     }
 
     /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.

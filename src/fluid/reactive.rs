@@ -234,6 +234,33 @@ impl Force for Reactive {
         momentum
     }
 
+    /// ½ g ℓ w² ∇ρ of every end.
+    fn pull(&self, rod: &Kinematics<'_>) -> Vector2<f64> {
+        let mut pull = Vector2::zeros();
+        if rod.layers.is_some() {
+            for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
+                for (i, half) in halves.iter().enumerate() {
+                    let here = rod.here(k + i);
+                    let w = (node(rod.v, k + i) - here.fluid.flow).dot(&edge.n());
+                    pull += rod.normal() * (0.5 * half * here.slope.density * edge.length * w * w);
+                }
+            }
+        }
+        pull
+    }
+
+    fn momentum_by_parameter(&self, key: Key, rod: &Kinematics<'_>, axis: Vector2<f64>) -> f64 {
+        let Some(property) = Property::of(key) else { return 0.0 };
+        let mut momentum = 0.0;
+        for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
+            for (i, half) in halves.iter().enumerate() {
+                let c = rod.by_property(property, k + i).fluid.density * half;
+                momentum += c * edge.length * rod.against_fluid(k + i).dot(&edge.n()) * edge.n().dot(&axis);
+            }
+        }
+        momentum
+    }
+
     fn parameters(&self) -> &[Key] {
         &[DENSITY]
     }

@@ -652,9 +652,7 @@ impl Quantity {
                     momentum += own;
                     for (key, by) in &mut g.keys {
                         // Linear in the density, and in nothing else.
-                        if *key == DENSITY && force.parameters().contains(&DENSITY) {
-                            *by += factor * own / moving.fluid.density;
-                        }
+                        *by += factor * force.momentum_by_parameter(key, &moving, axis(i));
                     }
                 }
                 momentum

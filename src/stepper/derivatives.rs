@@ -192,11 +192,12 @@ impl Tangent {
                     for (axis, change) in [Vector2::x(), Vector2::y()].into_iter().zip(now.momentum.fluid.iter_mut()) {
                         let mut by = [vec![0.0; d.q.len()], vec![0.0; d.q.len()], vec![0.0; d.q.len()]];
                         let [q, v, a] = &mut by;
-                        let momentum = own.momentum(&moving, axis, 1.0, Some(Slopes { q, v, a }));
+                        own.momentum(&moving, axis, 1.0, Some(Slopes { q, v, a }));
                         *change += along(q, &d.q) + along(v, &d.v);
                         *change -= (0..rod.nodes).map(|k| node(v, k).dot(&drift(k))).sum::<f64>();
-                        // Linear in the density.
-                        *change += momentum * fluid.density / moving.fluid.density.max(f64::MIN_POSITIVE);
+                        for (key, by) in media(fluid, layers.as_ref()).filter(|(_, by)| *by != 0.0) {
+                            *change += own.momentum_by_parameter(key, &moving, axis) * by;
+                        }
                     }
                     if by_time {
                         energy.fluid += own.energy_by_time(&moving, 0.0, None);
