@@ -47,7 +47,7 @@ fn scenes() -> Vec<(String, Document)> {
 #[test]
 fn every_scene_ends_at_the_same_place_with_each_linear_solver() {
     let scenes = scenes();
-    assert_eq!(scenes.len(), 30);
+    assert_eq!(scenes.len(), 32);
     for (name, document) in scenes {
         let mut scene = document.scene().unwrap();
         assert_eq!(scene.solver.linear, Choice::Auto);
