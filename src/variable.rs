@@ -97,8 +97,29 @@ pub struct Feed {
     pub input: &'static str,
     /// Which of its entries.
     pub reach: Reach,
-    /// Only where positions are the unknowns: in the chain form an edge's force is one itself, and waits for the step.
-    pub in_positions_only: bool,
+    /// Where it does.
+    pub only: Only,
+}
+
+/// Where an output follows an input at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Only {
+    /// Everywhere.
+    Always,
+    /// Where positions are the unknowns: in the chain form an edge's force is one itself, and waits for the step.
+    InPositions,
+    /// Where the rod is buoyant.
+    WithBuoyancy,
+}
+
+impl Only {
+    fn holds(self, model: &Model, form: Form) -> bool {
+        match self {
+            Self::Always => true,
+            Self::InPositions => form != Form::Chain,
+            Self::WithBuoyancy => model.buoyancy.is_some(),
+        }
+    }
 }
 
 /// Which entries of an input an entry of an output follows.
@@ -113,11 +134,15 @@ pub enum Reach {
 }
 
 const fn feed(input: &'static str, reach: Reach) -> Feed {
-    Feed { input, reach, in_positions_only: false }
+    Feed { input, reach, only: Only::Always }
 }
 
 const fn bent(input: &'static str, reach: Reach) -> Feed {
-    Feed { input, reach, in_positions_only: true }
+    Feed { input, reach, only: Only::InPositions }
+}
+
+const fn afloat(input: &'static str) -> Feed {
+    Feed { input, reach: Reach::All, only: Only::WithBuoyancy }
 }
 
 /// `a`, then `b`: `N` in all.
@@ -155,7 +180,20 @@ const NATURAL_RATE: &[Feed] = &[NATURAL[0], NATURAL[1], NATURAL[2], feed("actuat
 const OWN_NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::Own)];
 const HEAD_NATURAL: &[Feed] = &[WAVE[0], WAVE[1], feed("natural_curvature_1_m", Reach::First(1))];
 const FORCES: &[Feed] = &[feed("force_x_n", Reach::All), feed("force_y_n", Reach::All)];
-const LOADS: [Feed; 18] = join(&FLUID, FORCES); // buoyancy
+const LOADS: [Feed; 11] = join(
+    &[
+        afloat("density_kg_m3"),
+        afloat("interface_1_offset_m"),
+        afloat("beyond_1_density_kg_m3"),
+        afloat("interface_2_offset_m"),
+        afloat("beyond_2_density_kg_m3"),
+        afloat("interface_3_offset_m"),
+        afloat("beyond_3_density_kg_m3"),
+        afloat("interface_4_offset_m"),
+        afloat("beyond_4_density_kg_m3"),
+    ],
+    FORCES,
+);
 const HEAD: [Feed; 19] = join(
     &FLUID,
     &[
@@ -290,12 +328,11 @@ impl Variable {
     pub fn follows(&self, k: usize, input: &Self, model: &Model, form: Form) -> std::ops::Range<usize> {
         let entries = input.entries(model);
         let feeds = self.feeds.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));
-        let reach =
-            feeds.filter(|feed| !(feed.in_positions_only && form == Form::Chain)).map(|feed| match feed.reach {
-                Reach::Own => k..k + 1,
-                Reach::First(count) if input.size != Size::Scalar => 0..count,
-                Reach::All | Reach::First(_) => entries.clone(),
-            });
+        let reach = feeds.filter(|feed| feed.only.holds(model, form)).map(|feed| match feed.reach {
+            Reach::Own => k..k + 1,
+            Reach::First(count) if input.size != Size::Scalar => 0..count,
+            Reach::All | Reach::First(_) => entries.clone(),
+        });
         let reach = reach.max_by_key(std::ops::Range::len).unwrap_or(0..0);
         reach.start.max(entries.start)..reach.end.min(entries.end).max(entries.start.max(reach.start))
     }

@@ -312,7 +312,7 @@ fn where_there_is_no_whole_cycle_it_is_said_why() {
     let mut tail = Stepper::of(&held(&[common])).unwrap();
     tail.do_step(1.0).unwrap();
     assert_eq!(tail.cycles().whole(1.0).len(), 1);
-    tail.set("head_y_m", &[0.01]).unwrap();
+    tail.set("head_y_m", &[0.02]).unwrap(); // at this time the scene's own would be 0.01
     tail.do_step(2.0).unwrap();
     assert_eq!(tail.cycles().whole(3.0).len(), 1);
 }
