@@ -39,7 +39,7 @@ def test_the_trajectory_is_the_command_s_to_the_bit(scene, command, tmp_path, re
         np.testing.assert_array_equal(result["x_m"][:, k], nodes[f"x{k}_m"])
         np.testing.assert_array_equal(result["y_m"][:, k], nodes[f"y{k}_m"])
     for key, value in read_summary(tmp_path / "out").items():
-        if key not in ("name", "wall_s"):
+        if key not in ("name", "scene_file", "wall_s"):
             assert result.summary[key] == value, key
 
 

@@ -56,7 +56,7 @@ def study(
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     found = caudal.study("modes", "models/baseline.toml", count=3, out=folder)
     >>> found
-    <caudal.Findings on natural modes: 2 tables, 2 figures>
+    <caudal.Findings on natural modes: 3 tables, 3 figures>
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     return Findings(_study(scene, {kind: asked}, out, progress))
