@@ -113,9 +113,9 @@ impl Design {
                 series.push(Series::new(label, vec![(xi[0], bound), (xi[xi.len() - 1], bound)], Mark::Line));
             }
         }
-        let bars = if deviations.is_empty() { "" } else { ", bars: one standard deviation" };
-        let title = format!("stiffness along the rod{bars}");
-        ("profile.svg", self.chart(&title, "s/L", "EI over EI of the scene", Scale::Linear, series))
+        // Longer titles are cut.
+        let title = if deviations.is_empty() { "stiffness along the rod" } else { "stiffness ± one deviation" };
+        ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
     fn actuation_figures(&self, rod: &Rod) -> Vec<Drawn> {
