@@ -247,7 +247,7 @@ impl Journal {
         Ok(())
     }
 
-    /// Adds the result in a `line` that another program made by [`line`]; returns its index, and false where the result of
+    /// Adds the result in a `line` that another program made by [`line()`]; returns its index, and false where the result of
     /// that index is there already, which stays.
     ///
     /// # Errors

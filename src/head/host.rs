@@ -324,12 +324,12 @@ pub struct HostHead {
 }
 
 impl HostHead {
-    /// Takes over the derivative of `order` of coordinate `i`; see [`Axis::say`].
+    /// Takes over the derivative of `order` of coordinate `i`; see `Axis::say`.
     pub fn say(&mut self, t: f64, i: usize, now: Sample, order: usize, value: f64, derivative: bool) {
         self.axes[i].get_or_insert_with(|| Axis::new(t, now)).say(t, now, order.min(HIGHEST), value, derivative);
     }
 
-    /// Finds the motion of every coordinate over a step; see [`Axis::aim`].
+    /// Finds the motion of every coordinate over a step; see `Axis::aim`.
     pub fn aim(&mut self, span: [f64; 2], now: &[Sample; 3], input: HeadInput, before: &[Signal; 3], begins: bool) {
         for ((axis, now), before) in self.axes.iter_mut().zip(now).zip(before) {
             if let Some(axis) = axis {

@@ -370,7 +370,7 @@ impl Scene {
     /// Its integrator.
     ///
     /// # Errors
-    /// [`Error::Scene`]; none for a scene that was read by [`Document::scene`].
+    /// `Error::Scene`; none for a scene that was read by `Document::scene`.
     pub fn integrator(&self) -> Result<Box<dyn Integrator>> {
         let (method, values) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;
         Ok((method.build)(&values))
