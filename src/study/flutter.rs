@@ -228,13 +228,12 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
         Ok(columns) => columns,
         Err(interrupted) => return Ok(interrupted),
     };
-    let report = Report { scene, asked, tail: &tail, own_speed, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
+    let report = Report { scene, tail: &tail, own_speed, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
     Ok(Studied::Complete(report.findings()))
 }
 
 struct Report<'a> {
     scene: &'a Scene,
-    asked: &'a Stability,
     tail: &'a Tail,
     own_speed: f64,
     nodes: usize,
@@ -391,7 +390,6 @@ impl Report<'_> {
                 ]
             })
         });
-        let _ = self.asked;
         Table {
             file: "stability.csv",
             title: "Map",
