@@ -7,11 +7,14 @@ use std::sync::Arc;
 use caudal::fluid::medium::BEYOND;
 use caudal::fluid::{DENSITY, VISCOSITY};
 use caudal::integrator::METHODS;
+use caudal::linear_stability::SteadyState;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::{Output, Parameter, Problem};
-use caudal::system::System;
+use caudal::start::Start;
+use caudal::stepper::Stepper;
+use caudal::system::{Direction, State, System};
 use caudal::variable::VARIABLES;
 use common::{Dice, SOFT, largest, order, run, scene_of};
 
@@ -117,7 +120,7 @@ fn the_balances_of_energy_and_momentum_close_across_interfaces_with_the_spray_in
 }
 
 /// A scene that crosses an interface, with and without buoyancy, by a method.
-fn crossing(method: &str, head: &str) -> Scene {
+fn crossing(method: &str, head: &str, more: &[&str]) -> Scene {
     let bare = SOFT.replace("ratio = 5.0\n", "");
     let changes = [
         &format!("solver.integrator={method}"),
@@ -131,7 +134,7 @@ fn crossing(method: &str, head: &str) -> Scene {
         "solver.duration_s=0.245",
         "solver.time_step_s=0.01",
     ];
-    scene_of(&bare, &changes)
+    scene_of(&bare, &[&changes, more].concat())
 }
 
 /// The scene's value of `key` moved by `by`.
@@ -156,7 +159,7 @@ fn sensitivities_to_the_properties_on_either_side_and_the_place_of_the_interface
     let sizes = [(VISCOSITY, 5.0), (DENSITY, 1260.0), (BEYOND[0][0], 0.5), (BEYOND[0][1], 300.0), (BEYOND[0][2], 0.02)];
     let (mut worst, mut apart): (f64, f64) = (0.0, 0.0);
     for (head, method) in heads.iter().flat_map(|head| [(head, "newmark"), (head, "implicit-euler")]) {
-        let scene = crossing(method, head);
+        let scene = crossing(method, head, &[]);
         let mut problem = Problem::of(&scene).unwrap();
         let recorded = VARIABLES.iter().filter(|v| v.recorded && v.name != "time_s" && v.exists_in(problem.model()));
         let outputs: Vec<Output> = recorded.map(|v| Output::named(v.name, problem.model()).unwrap()).collect();
@@ -291,8 +294,137 @@ fn what_layers_cannot_be_is_refused_with_its_key_and_a_remedy() {
 fn auto_takes_the_whole_model_in_layers_and_says_why() {
     let beyond = "medium.beyond={ normal = [0.0, 1.0], offset_m = 0.0, thickness_m = 0.1, viscosity_pa_s = 1.0, density_kg_m3 = 1.0 }";
     let scene = scene(SOFT, &[beyond, "solver.model=auto"]).unwrap();
-    let stepper = caudal::stepper::Stepper::of(&scene).unwrap();
+    let stepper = Stepper::of(&scene).unwrap();
     let choice = stepper.choice().unwrap();
     assert_eq!(choice.rung.name, "full");
     assert!(choice.reason.as_ref().unwrap().contains("a medium that changes with the place"), "{:?}", choice.reason);
+}
+
+/// A light oil.
+const OIL: &str = "viscosity_pa_s = 0.2, density_kg_m3 = 600.0";
+
+/// Next to nothing.
+const AIR: &str = "viscosity_pa_s = 1e-2, density_kg_m3 = 1.2";
+
+/// A held, damped beam that sags under its weight by `method` in `medium`, with `beyond` below a height of `-offset` (m).
+fn sagging(method: &str, medium: &str, beyond: Option<(f64, &str)>) -> Scene {
+    let bare = SOFT.replace("ratio = 5.0\n", "");
+    let beyond = beyond.map(|(offset, fluid)| {
+        format!("medium.beyond={{ normal = [0.0, -1.0], offset_m = {offset}, thickness_m = 0.02, {fluid} }}")
+    });
+    let (integrator, medium) = (format!("solver.integrator={method}"), format!("medium={{ {medium} }}"));
+    let own = [
+        "rod.nodes=17",
+        "head.kind=clamped",
+        "drag.law=cox",
+        "reactive.shedding=0.5",
+        "loads={ gravity_m_s2 = [0.0, -0.5], buoyancy = true }",
+        "solver.newton_tolerance=1e-13",
+        &integrator,
+        &medium,
+    ];
+    scene_of(&bare, &own.into_iter().chain(beyond.as_deref()).collect::<Vec<_>>())
+}
+
+/// `scene` at rest but for what `change` makes of its state, after `steps` steps of `step` (s).
+fn from_rest(scene: &Scene, rest: &[f64], step: f64, steps: usize, change: impl Fn(&mut State)) -> Vec<f64> {
+    let mut model = scene.model().unwrap();
+    (model.actuation, model.start) = (None, Start::Jump);
+    let mut dynamics = Dynamics::new(Arc::new(model));
+    let mut from = dynamics.first_state();
+    from.q.copy_from_slice(rest);
+    change(&mut from);
+    let mut integrator = scene.integrator().unwrap();
+    let mut newton = Newton::new(dynamics.nodes(), 1e-13).unwrap();
+    newton.solve(&mut dynamics, &mut from, Direction::ACCELERATIONS).unwrap();
+    integrator.begin(&mut from);
+    let mut to = from.clone();
+    for k in 1..=steps {
+        to.t = k as f64 * step;
+        integrator.step(&mut dynamics, &mut newton, &from, step, &mut to).unwrap();
+        std::mem::swap(&mut from, &mut to);
+    }
+    from.q
+}
+
+#[test]
+fn a_beam_rests_across_an_interface_where_time_leaves_it_and_swings_as_its_eigenmodes_say() {
+    let scene = sagging("newmark", AIR, Some((0.01, OIL)));
+    let mut rest = SteadyState::of(scene.model().unwrap()).unwrap();
+    let positions = rest.positions().to_vec();
+    let tip = positions[positions.len() - 1];
+    println!("the tip hangs at {tip} m");
+    assert!(tip < -0.02, "it hangs through the interface: {tip}");
+    let slow = sagging("implicit-euler", AIR, Some((0.01, OIL)));
+    let straight = Dynamics::new(Arc::new(slow.model().unwrap())).first_state().q;
+    let found = from_rest(&slow, &straight, 0.5, 400, |_| {});
+    let off = largest(found.iter().zip(&positions).map(|(a, b)| a - b));
+    println!("rest in time and from statics differ by {off:e} m");
+    assert!(off < 1e-13, "{off:e}"); // measured: 1.1e-16
+
+    let mode = rest.eigenmodes().unwrap().into_iter().find(|mode| mode.frequency > 0.0).unwrap();
+    let period = std::f64::consts::TAU / mode.frequency;
+    let (small, steps) = (1e-7, 800);
+    let swung = |phase: f64, part: f64, rate: bool| -> Vec<f64> {
+        let growth = small * (mode.growth * part * period).exp();
+        let (sin, cos) = phase.sin_cos();
+        let [real, imaginary] = if rate { [mode.growth, mode.frequency] } else { [1.0, 0.0] };
+        let of =
+            |[re, im]: [f64; 2]| growth * ((real * re - imaginary * im) * cos - (real * im + imaginary * re) * sin);
+        mode.shape.iter().flat_map(|[re, im]| [of([re[0], im[0]]), of([re[1], im[1]])]).collect()
+    };
+    let found = from_rest(&scene, &positions, period / steps as f64, steps, |state| {
+        state.q.iter_mut().zip(swung(0.0, 0.0, false)).for_each(|(q, d)| *q += d);
+        state.v.copy_from_slice(&swung(0.0, 0.0, true));
+    });
+    let expected = swung(std::f64::consts::TAU, 1.0, false);
+    let size = largest(expected.iter().copied());
+    let off = largest(found.iter().zip(&positions).zip(&expected).map(|((q, rest), d)| q - rest - d)) / size;
+    println!("λ = {} + {}i; after a period {off:e} of {size:e} m", mode.growth, mode.frequency);
+    assert!(off < 1e-5, "{off:e}"); // measured: 1.1e-6
+}
+
+#[test]
+fn far_from_the_interface_a_beam_swings_as_in_the_fluid_that_is_there() {
+    let eigenvalues = |medium: &str, beyond: Option<(f64, &str)>| {
+        let model = sagging("newmark", medium, beyond).model().unwrap();
+        let mut found = SteadyState::of(model).unwrap().eigenvalues().unwrap();
+        found.sort_by(|a, b| a.im.total_cmp(&b.im).then(a.re.total_cmp(&b.re)));
+        found
+    };
+    for (offset, there) in [(-1e3, OIL), (1e3, AIR)] {
+        let (layered, uniform) = (eigenvalues(AIR, Some((offset, OIL))), eigenvalues(there, None));
+        assert_eq!(layered.len(), uniform.len());
+        let highest = uniform.iter().map(|z| z.norm()).fold(0.0, f64::max);
+        let off = layered.iter().zip(&uniform).map(|(a, b)| (a - b).norm()).fold(0.0, f64::max) / highest;
+        println!("{offset}: {off:e}");
+        assert!(off < 1e-11, "{offset}: {off:e}"); // measured: 2.7e-14
+    }
+}
+
+#[test]
+fn what_a_host_says_of_the_media_is_what_a_scene_says_of_them() {
+    let scene = crossing("newmark", "head.kind=free", &[]);
+    let said = [
+        ("viscosity_pa_s", "medium.viscosity_pa_s", 3.0),
+        ("interface_1_offset_m", "medium.beyond.offset_m", 0.04),
+        ("beyond_1_viscosity_pa_s", "medium.beyond.viscosity_pa_s", 1.5),
+        ("beyond_1_density_kg_m3", "medium.beyond.density_kg_m3", 700.0),
+    ];
+    let changes = said.map(|(_, key, value)| format!("{key}={value}"));
+    let other = crossing("newmark", "head.kind=free", &changes.each_ref().map(String::as_str));
+    let (mut own, mut host) = (Stepper::of(&other).unwrap(), Stepper::of(&scene).unwrap());
+    for (name, _, value) in said {
+        host.set(name, &[value]).unwrap();
+        assert_eq!(host.get(name).unwrap(), [value]);
+    }
+    for _ in 0..5 {
+        own.do_step(0.0333).unwrap();
+        host.do_step(0.0333).unwrap();
+    }
+    for name in ["x_m", "vy_m_s", "spray_work_j"] {
+        let (own, host) = (own.get(name).unwrap(), host.get(name).unwrap());
+        let off = largest(own.iter().zip(&host).map(|(a, b)| a - b)) / largest(own);
+        assert!(off < 1e-12, "{name}: {off:e}"); // measured: 1e-15
+    }
 }

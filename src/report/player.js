@@ -87,7 +87,7 @@ function named(media) {
   part("media").setAttribute("display", media ? "inline" : "none");
   const swatches = !media ? [] : media.names.flatMap((name, i) => {
     const swatch = document.createElement("span"), text = document.createElement("span");
-    swatch.className = "swatch"; swatch.style.background = "var(--medium-" + media.tints[i] + ")"; text.textContent = name;
+    swatch.className = "swatch"; swatch.style.background = "var(--medium-" + media.tints[i] + ")"; text.textContent = name.replaceAll(" ", "\u00a0");
     return [swatch, text];
   });
   part("legend").replaceChildren(...(media ? ["Media:", ...swatches] : []));

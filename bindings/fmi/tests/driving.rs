@@ -7,6 +7,7 @@ use std::f64::consts::TAU;
 use std::ffi::{c_int, c_void};
 
 use caudal::fmu::{Choice, Fmu, Standard};
+use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use common::{Fmi2, Fmi3, Unpacked, document, reference, references2};
 
@@ -27,36 +28,52 @@ fn pose(t: f64) -> [f64; 6] {
     ]
 }
 
+/// Asserts that FMUs of both versions, told at every step what `said` makes of the time for each of `inputs`, give `outputs` as the stepper does.
+fn told_in_both_versions(document: &Document, inputs: &[&str], said: impl Fn(f64) -> Vec<f64>, outputs: &[&str]) {
+    let (two, three) = (Unpacked::of(document, Standard::Fmi2), Unpacked::of(document, Standard::Fmi3));
+    let (fmi2, fmi3) = (Fmi2::of(&two), Fmi3::of(&three));
+    let (a, b) = (fmi2.start(&two), fmi3.start());
+    let mut stepper = Stepper::of(&document.scene().unwrap()).unwrap();
+    for step in 0..40 {
+        let (t, h) = (stepper.time(), if step % 3 == 0 { 4e-3 } else { 1e-2 });
+        for (name, value) in inputs.iter().zip(said(t)) {
+            stepper.set(name, &[value]).unwrap();
+            assert_eq!(fmi3.write(b, name, &[value]), 0);
+            assert_eq!(unsafe { (fmi2.set)(a, references2(name, 0..1).as_ptr(), 1, &value) }, 0);
+        }
+        stepper.do_step(h).unwrap();
+        assert_eq!(fmi3.advance(b, t, h).0, 0);
+        assert_eq!(unsafe { (fmi2.step)(a, t, h, 1) }, 0);
+        for name in outputs {
+            let mut found = f64::NAN;
+            assert_eq!(unsafe { (fmi2.get)(a, references2(name, 0..1).as_ptr(), 1, &mut found) }, 0);
+            assert_eq!(stepper.get(name).unwrap(), [found], "{name}");
+            assert_eq!(fmi3.read(b, name, 1), [found], "{name}");
+        }
+    }
+    unsafe {
+        (fmi2.free)(a);
+        (fmi3.free)(b);
+    }
+}
+
 #[test]
 fn a_driven_head_moves_as_the_stepper_s_to_the_bit_in_both_versions_whatever_is_said_of_it() {
     for (said, input) in [(2, "now"), (4, "now"), (6, "now"), (4, "at-end")] {
         let document = document("driven-head", &["rod.nodes=9", &format!("head.input={input}")]);
-        let (two, three) = (Unpacked::of(&document, Standard::Fmi2), Unpacked::of(&document, Standard::Fmi3));
-        let (fmi2, fmi3) = (Fmi2::of(&two), Fmi3::of(&three));
-        let (a, b) = (fmi2.start(&two), fmi3.start());
-        let mut stepper = Stepper::of(&document.scene().unwrap()).unwrap();
-        for step in 0..40 {
-            let (t, h) = (stepper.time(), if step % 3 == 0 { 4e-3 } else { 1e-2 });
-            let values = &pose(t)[..said];
-            for (name, value) in HEAD.iter().zip(values) {
-                stepper.set(name, &[*value]).unwrap();
-                assert_eq!(fmi3.write(b, name, &[*value]), 0);
-                assert_eq!(unsafe { (fmi2.set)(a, references2(name, 0..1).as_ptr(), 1, value) }, 0);
-            }
-            stepper.do_step(h).unwrap();
-            assert_eq!(fmi3.advance(b, t, h).0, 0);
-            assert_eq!(unsafe { (fmi2.step)(a, t, h, 1) }, 0);
-            for name in ["head_moment_n_m", "tip_y_m", "pose_angle_rad", "pose_vy_m_s", "tip_spin_rad_s"] {
-                let mut found = f64::NAN;
-                assert_eq!(unsafe { (fmi2.get)(a, references2(name, 0..1).as_ptr(), 1, &mut found) }, 0);
-                assert_eq!(stepper.get(name).unwrap(), [found], "{name}");
-                assert_eq!(fmi3.read(b, name, 1), [found], "{name}");
-            }
-        }
-        unsafe {
-            (fmi2.free)(a);
-            (fmi3.free)(b);
-        }
+        let outputs = ["head_moment_n_m", "tip_y_m", "pose_angle_rad", "pose_vy_m_s", "tip_spin_rad_s"];
+        told_in_both_versions(&document, &HEAD, |t| pose(t)[..said].to_vec(), &outputs);
+    }
+}
+
+#[test]
+fn a_host_raises_the_water_and_salts_it_in_both_versions() {
+    let inputs = ["interface_1_offset_m", "beyond_1_viscosity_pa_s", "beyond_1_density_kg_m3", "density_kg_m3"];
+    let tide = |t: f64| vec![0.06 - 0.2 * t, 1e-3 * (1.0 + t), 1000.0 + 100.0 * t, 1.2 - t];
+    let outputs = ["tip_y_m", "head_force_y_n", "spray_work_j", "interface_1_offset_m"];
+    for form in ["positions", "chain"] {
+        let document = document("dipping-tail", &["rod.nodes=9", &format!("solver.form={form}")]);
+        told_in_both_versions(&document, &inputs, tide, &outputs);
     }
 }
 

@@ -15,7 +15,7 @@ use common::{Dice, Fmi2, Fmi3, MESSAGES, NO_CALLBACKS, Unpacked, document, refer
 
 /// All models, some with other methods.
 fn scenes() -> Vec<Document> {
-    let changes: [(&str, &[&str]); 7] = [
+    let changes: [(&str, &[&str]); 8] = [
         ("baseline", &[]),
         ("driven-head", &[]),
         ("cantilever", &["solver.integrator=generalized-alpha"]),
@@ -23,6 +23,7 @@ fn scenes() -> Vec<Document> {
         ("newmark-compare-newmark", &[]),
         ("baseline-smooth", &["solver.form=chain"]),
         ("sperm", &[]),
+        ("dipping-tail", &[]),
     ];
     changes.map(|(model, changes)| document(model, changes)).into()
 }

@@ -157,6 +157,18 @@ def test_an_input_goes_on_along_its_derivatives():
             tail.set_derivative("flow_x_m_s", order, 2.0)
 
 
+def test_what_a_host_says_of_the_media_is_what_a_scene_says_of_them():
+    said = {"interface_1_offset_m": 0.02, "beyond_1_viscosity_pa_s": 0.1, "beyond_1_density_kg_m3": 900.0}
+    keys = {"medium.beyond.offset_m": 0.02, "medium.beyond.viscosity_pa_s": 0.1, "medium.beyond.density_kg_m3": 900.0}
+    told = caudal.Stepper("models/dipping-tail.toml")
+    own = caudal.Stepper(caudal.load("models/dipping-tail.toml", set=keys))
+    told.set_all(said)
+    for tail in told, own:
+        tail.do_step(0.1)
+    assert told.get("spray_work_j") > 0.0
+    np.testing.assert_allclose(told.get("y_m"), own.get("y_m"), rtol=1e-12)  # measured: equal
+
+
 def test_arrays_that_are_given_are_filled_and_returned():
     tail = caudal.Stepper("models/glycerol.toml")
     room = np.empty(9)
