@@ -285,6 +285,33 @@ fn energies_have_the_slopes_that_they_say_and_their_rate_is_the_power_against_th
 }
 
 #[test]
+fn the_momentum_of_the_fluid_gains_what_opposes_the_rod_and_the_pull_and_its_energy_the_power() {
+    // By their exact slopes. Measured: 3.1e-15 (reactive), 6.0e-15 (inertia of a head body).
+    worst("momentum and energy", 1e-12, |force, case, _| {
+        if force.sink().is_some() {
+            return 0.0;
+        }
+        case.with(|rod| {
+            let rate = |of: &dyn Fn(Slopes<'_>) -> f64| {
+                let [mut q, mut v, mut a] = [(); 3].map(|()| vec![0.0; 2 * NODES]);
+                of(Slopes { q: &mut q, v: &mut v, a: &mut a });
+                // In the frame of the fluid: the motion against it, and no slope by accelerations.
+                assert!(largest(a) == 0.0, "{}", force.name());
+                (0..NODES)
+                    .map(|k| node(&q, k).dot(&node(rod.v, k)) + node(&v, k).dot(&rod.accelerating_against_fluid(k)))
+                    .sum::<f64>()
+            };
+            let sum = force::resultant(force, rod) + force.pull(rod);
+            let found = [Vector2::x(), Vector2::y()].map(|axis| rate(&|by| force.momentum(rod, axis, 1.0, Some(by))));
+            let momentum = (Vector2::from(found) - sum).norm() / sum.norm();
+            let power = force::powers(force, rod).against_fluid;
+            let energy = (rate(&|by| force.energy(rod, 1.0, Some(by))) - power).abs() / power.abs();
+            momentum.max(energy)
+        })
+    });
+}
+
+#[test]
 fn drag_takes_energy_whatever_the_motion_and_vanishes_with_it() {
     let rod = rod();
     for force in all(&rod).into_iter().filter(|force| force.sink() != Some(Sink::Load)) {
