@@ -12,6 +12,7 @@
 //! rod to its head's front, and U the mean velocity against the flow, of the centre of mass or of a held head. Each is averaged
 //! over the cycles; its spread is their standard deviation, Σ(x − x̄)²/(n − 1) under the root.
 
+mod means;
 pub mod slopes;
 
 use nalgebra::{SVector, Vector2};
@@ -23,6 +24,7 @@ use crate::metrics::{Meter, Power, Reading};
 use crate::model::{Dynamics, Model};
 use crate::rod::node;
 use crate::system::State;
+pub use means::Means;
 
 /// How many cycles are kept, and averaged at most.
 pub const KEPT: usize = 4;
@@ -274,6 +276,16 @@ impl Cycle {
     /// Mean force (N) of the tail on a held head, and the mean of its modulus.
     pub fn mean_head_force(&self) -> (Vector2<f64>, f64) {
         (self.mean_vector(place::FORCE), self.mean(place::FORCE_MODULUS))
+    }
+
+    /// Mean modulus of the velocity, of the centre of mass or of a held head, m/s.
+    pub fn mean_path_speed(&self) -> f64 {
+        self.mean(place::PATH)
+    }
+
+    /// Mean power that goes into the fluid: into drag, wake and spray, W.
+    pub fn mean_power_into_fluid(&self) -> f64 {
+        [1, 5, 7].map(|i| self.power(i)).iter().sum()
     }
 
     /// Mean power, W.

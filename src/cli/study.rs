@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use caudal::error::Error;
-use caudal::study::{self, Accuracy, Desk, Scaling, Spectrum, Stability, Studied, Vary};
+use caudal::study::{self, Accuracy, Desk, Fluid, Scaling, Spectrum, Stability, Studied, Vary};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -46,6 +46,11 @@ pub enum Study {
         /// Tolerances of adaptive methods and cheaper models, separated by commas [default: 1e-2 … 1e-7]
         #[arg(long, value_delimiter = ',')]
         tolerances: Vec<f64>,
+    },
+    /// The same motion under every law of the fluid that can hold: speed, power, cost, and which law the scene needs
+    Fluid {
+        #[command(flatten)]
+        common: Common,
     },
     /// What every method does at every step, over a parameter: accurate, wrong, growing, failing; with --vary flow, where a
     /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory
@@ -104,6 +109,7 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
         Study::Accuracy { common, nodes, steps, tolerances } => {
             (common, study::Study::Accuracy(Accuracy { nodes, steps, tolerances }))
         }
+        Study::Fluid { common } => (common, study::Study::Fluid(Fluid::default())),
         Study::Stability { common, vary, range, steps, points, accurate } => {
             (common, study::Study::Stability(Stability { vary, range, steps, points, accurate }))
         }

@@ -487,7 +487,7 @@ impl Design {
         };
         let before_is = self.before();
         let shown = format!("In grey: the same with {before_is}.");
-        Some((Motion::of(&frames(after)).beside(&frames(before)), shown))
+        Some((Motion::of(&frames(after)).beside("", &frames(before)), shown))
     }
 }
 

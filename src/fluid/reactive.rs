@@ -14,6 +14,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validity};
+use super::laws::{Published, Uncertainty};
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
 use crate::linear::Block;
 use crate::rod::{Alike, Edge, Rod, add, node};
@@ -32,6 +33,21 @@ pub struct Wake {
     /// χ m(L)/ρ, m².
     mass: f64,
 }
+
+/// What leaving out the reactive force changes of a round free swimmer, found by simulation with cross-flow; of thrust no more is
+/// known than of speed.
+pub static OMITTED: Published = Published {
+    table: &[
+        Uncertainty::at(5e-4, [0.001, 0.001, 0.001]),
+        Uncertainty::at(0.016, [0.008, 0.008, 0.003]),
+        Uncertainty::at(0.26, [0.04, 0.04, 0.01]),
+        Uncertainty::at(3.1, [0.09, 0.09, 0.03]),
+        Uncertainty::at(3e2, [0.11, 0.11, 0.03]),
+        Uncertainty::at(3e3, [0.11, 0.11, 0.17]),
+        Uncertainty::at(3e4, [0.11, 0.11, 0.45]),
+    ],
+    source: "a round free swimmer by cross-flow",
+};
 
 /// The range of both.
 const VALIDITY: Validity = Validity {

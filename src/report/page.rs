@@ -47,10 +47,17 @@ pub struct Motion {
     /// Semi-axes and angle of the body around the first node.
     #[serde(skip_serializing_if = "Option::is_none")]
     body: Option<Vec<[f64; 3]>>,
-    /// Another rod at the same times.
-    beside: Option<Vec<Vec<f64>>>,
+    /// Other rods at the same times, by their names.
+    beside: Vec<Beside>,
     /// The media behind the rod, where there are several.
     media: Option<Media>,
+}
+
+/// A rod beside the one that is played.
+#[derive(Debug, Clone, Serialize)]
+struct Beside {
+    name: String,
+    points: Vec<Vec<f64>>,
 }
 
 /// Media behind parallel interfaces, for the picture behind the rod.
@@ -159,13 +166,15 @@ impl Motion {
                 .iter()
                 .map(|frame| frame.body.map(|[a, b, turn]| [a, b, (turn * 1e4).round() / 1e4]))
                 .collect(),
-            beside: None,
+            beside: Vec::new(),
             media: Media::of(frames),
         }
     }
 
-    /// The same with another rod, whose frames are at the same times, in the background.
-    pub fn beside(self, frames: &[Frame]) -> Self {
-        Self { beside: Some(Self::of(frames).points), ..self }
+    /// The same with another rod, whose frames are at the same times: in the background, or with a colour of its own where it
+    /// has a name.
+    pub fn beside(mut self, name: &str, frames: &[Frame]) -> Self {
+        self.beside.push(Beside { name: name.to_string(), points: Self::of(frames).points });
+        self
     }
 }

@@ -1,6 +1,5 @@
 // Plays a motion: { times, points: flat x, y of the nodes at each time, com, body: semi-axes and angle of a body around the first node,
-// if any, beside: points of another rod, if any }. Call start
-// once, play for every motion.
+// if any, beside: [{ name, points }] of other rods }. Call start once, play for every motion.
 let motion = null, playing = true, now = 0, last = null, world = null, near = null;
 const part = (id) => document.getElementById(id);
 const pairs = (flat) => { let text = ""; for (let i = 0; i < flat.length; i += 2) text += flat[i] + "," + -flat[i + 1] + " "; return text; };
@@ -24,7 +23,7 @@ function play(wanted) {
   // What holds every frame, y upwards; and what holds each about its centre of mass.
   world = empty(); near = empty();
   motion.points.forEach((frame, k) => {
-    for (const points of motion.beside ? [frame, motion.beside[k]] : [frame]) for (let i = 0; i < points.length; i += 2) {
+    for (const points of [frame, ...motion.beside.map((other) => other.points[k])]) for (let i = 0; i < points.length; i += 2) {
       widen(world, points[i], points[i + 1]); widen(near, points[i] - motion.com[k][0], points[i + 1] - motion.com[k][1]);
     }
     if (motion.body) for (const reach of [-1, 1]) {
@@ -42,6 +41,12 @@ function play(wanted) {
   part("speed").value = String(usual);
   part("time").max = motion.times.length - 1;
   part("stage").dataset.frames = motion.times.length;
+  const lines = motion.beside.map((other, i) => {
+    const line = document.createElementNS("http://www.w3.org/2000/svg", "polyline");
+    line.setAttribute("vector-effect", "non-scaling-stroke"); if (other.name) line.setAttribute("style", "stroke: " + coloured(i));
+    return line;
+  });
+  part("beside").replaceChildren(...lines);
   named(motion.media); if (motion.media) within(0);
   now = first; playing = motion.times.length > 1; part("play").textContent = playing ? "Pause" : "Play";
   show(0);
@@ -85,19 +90,23 @@ function within(k) {
 // What the tints mean, in the order of the media along the normal.
 function named(media) {
   part("media").setAttribute("display", media ? "inline" : "none");
-  const swatches = !media ? [] : media.names.flatMap((name, i) => {
+  const entry = (name, colour) => {
     const swatch = document.createElement("span"), text = document.createElement("span");
-    swatch.className = "swatch"; swatch.style.background = "var(--medium-" + media.tints[i] + ")"; text.textContent = name.replaceAll(" ", "\u00a0");
+    swatch.className = "swatch"; swatch.style.background = colour; text.textContent = name.replaceAll(" ", "\u00a0");
     return [swatch, text];
-  });
-  part("legend").replaceChildren(...(media ? ["Media:", ...swatches] : []));
+  };
+  const layers = media ? ["Media:", ...media.names.flatMap((name, i) => entry(name, "var(--medium-" + media.tints[i] + ")"))] : [];
+  const beside = motion.beside.flatMap((other, i) => other.name ? entry(other.name, coloured(i)) : []);
+  part("legend").replaceChildren(...layers, ...(beside.length ? [" Beside it, from above:", ...beside] : []));
 }
+// Colours that are neither the rod's nor its centre's, as charts have them.
+function coloured(i) { return ["#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#8a8a8a", "#b34700", "#6a5acd", "#7f7f00"][i % 8]; }
 function show(k) {
   const frame = motion.points[k], com = motion.com[k];
   look(com);
   if (motion.media && motion.media.moved) within(k);
   part("rod").setAttribute("points", pairs(frame));
-  part("beside").setAttribute("points", motion.beside ? pairs(motion.beside[k]) : "");
+  motion.beside.forEach((other, i) => part("beside").children[i].setAttribute("points", pairs(other.points[k])));
   part("trace").setAttribute("points", pairs(motion.com.slice(0, k + 1).flat()));
   part("head").style.display = motion.body ? "none" : ""; part("body").style.display = motion.body ? "" : "none";
   if (motion.body) {

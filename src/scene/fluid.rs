@@ -12,8 +12,8 @@ use super::layers::{LayerTable, ShearTable};
 use super::value::{self, Along, Finite, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, DragLaw, LAWS, Recipe, SLENDER};
-use crate::fluid::reactive::Wake;
+use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Recipe, SLENDER, Uncertainty};
+use crate::fluid::reactive::{OMITTED, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::regime::{self, Regime};
@@ -263,6 +263,39 @@ impl DragTable {
         })
     }
 
+    /// The same with another law, and the keys that it has no use for.
+    pub(super) fn with_law(&self, law: &'static DragLaw) -> (Self, usize) {
+        let mut table = Self { law: Some(law.name.to_string()), ..self.clone() };
+        let before = table.given().count();
+        // What the scene's own law needs to know of its surroundings goes on as the viscous part of a law that has one.
+        let own = self.law().ok().filter(|own| !own.needs.is_empty() && !own.uncertainty.table.is_empty());
+        if let Some(own) = own.filter(|own| law.keys.contains(&"viscous") && own.resistance.is_some()) {
+            table.viscous = Some(own.name.to_string());
+        }
+        if !law.keys.contains(&"viscous") {
+            table.viscous = None;
+        }
+        // What its viscous part takes is its own, so far as that can be told.
+        let allowed = table.allowed().unwrap_or_else(|_| law.keys.to_vec());
+        let keep = |key: &str| allowed.contains(&key);
+        macro_rules! drop_others {
+            ($($key:ident),*) => { $(if !keep(stringify!($key)) { table.$key = None; })* };
+        }
+        drop_others!(
+            ratio,
+            slender_length_m,
+            along_n_s_m2,
+            across_n_s_m2,
+            height_m,
+            form_drag,
+            thinning,
+            skin_friction,
+            turbulent_friction
+        );
+        let dropped = before.saturating_sub(table.given().count());
+        (table, dropped)
+    }
+
     fn build(&self, scene: &Scene, rod: &Rod) -> Result<Box<dyn Force>, Fault> {
         Ok((self.law()?.build)(&self.recipe(scene, rod)?))
     }
@@ -300,6 +333,63 @@ impl Scene {
             .filter(|reactive| !reactive.auto)
             .unwrap_or(ReactiveTable { shedding: sharp(), auto: false });
         Self { reactive: reactive.then_some(own), ..self.clone() }
+    }
+
+    /// The same scene with drag by `law`, with the water that the rod accelerates or without, by the whole model where it leaves
+    /// the model to the program; and how many of the keys of `[drag]` that law cannot hold. `Err` says why there is no such scene.
+    ///
+    /// # Errors
+    /// What is wrong with that scene, in words.
+    pub fn with_fluid(&self, law: &'static DragLaw, reactive: bool) -> Result<(Self, usize), String> {
+        let mut scene = self.with_reactive(reactive).named_model();
+        let (drag, dropped) = self.drag.clone().unwrap_or_default().with_law(law);
+        scene.drag = Some(drag);
+        scene.check().map_err(|Fault { key, problem }| format!("{key}: {problem}"))?;
+        Ok((scene, dropped))
+    }
+
+    /// Its law of drag, the one that `auto` takes where it says so, and whether it has the water that the rod accelerates.
+    pub fn fluid_model(&self, rod: &Rod) -> (Option<&'static DragLaw>, bool) {
+        let law = self.drag.as_ref().and_then(|drag| {
+            let law = drag.law().ok()?;
+            if law != &laws::auto::LAW { Some(law) } else { Some(laws::auto::taken(&drag.recipe(self, rod).ok()?)) }
+        });
+        (law, self.reactive_on(rod).is_some())
+    }
+
+    /// Forces whose sum is that of its fluid on `rod`, by what they come from; `Err` as for the scene itself.
+    ///
+    /// # Errors
+    /// Those of [`model`](Self::model).
+    pub fn parts_of_fluid(&self, rod: &Rod) -> Read<Causes> {
+        let parts = || -> Result<Causes, Fault> {
+            let mut parts = Causes::new();
+            let mut others = self.forces(rod)?.0;
+            if let Some(drag) = &self.drag {
+                parts = drag.law()?.parts(&drag.recipe(self, rod)?);
+                others.remove(0);
+            }
+            parts.extend(others.into_iter().map(|force| {
+                let name = match force.name() {
+                    "reactive" => "added mass",
+                    "wake" => "shedding",
+                    other => other,
+                };
+                (name, force)
+            }));
+            Ok(parts)
+        };
+        parts().map_err(|Fault { key, problem }| self.error(&key, problem))
+    }
+
+    /// How far its results may be from the truth for what its fluid leaves out: what is published of its law at its own Reynolds
+    /// number, and of what it does without; none where nothing is known.
+    pub fn uncertainty(&self, rod: &Rod) -> Option<Uncertainty> {
+        let reynolds = self.regime(rod)?.reynolds;
+        let (law, reactive) = self.fluid_model(rod);
+        let drag = law.and_then(|law| law.uncertainty.at(reynolds).filter(|_| reynolds <= law.reynolds))?;
+        let omitted = if reactive { None } else { OMITTED.at(reynolds) };
+        Some(omitted.map_or(drag, |omitted| drag.with(omitted)))
     }
 
     /// The same scene with the rod's density times `factor`.

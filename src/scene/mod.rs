@@ -135,7 +135,7 @@ impl Scene {
         Ok(())
     }
 
-    fn error(&self, key: &str, problem: String) -> Error {
+    pub(crate) fn error(&self, key: &str, problem: String) -> Error {
         Error::Scene { place: self.file.display().to_string(), key: key.to_string(), problem }
     }
 

@@ -78,6 +78,14 @@ impl Scene {
         scene
     }
 
+    /// The same scene by the whole model, where it leaves the model to the program.
+    pub(super) fn named_model(mut self) -> Self {
+        if Rung::named(&self.solver.model).is_none() {
+            self.solver.model = full();
+        }
+        self
+    }
+
     /// The same scene as its run takes it by `choice`: a cheaper model that `auto` takes has steps of its own, and solves as
     /// well as what it is compared with.
     pub fn taken(&self, choice: &Choice) -> Self {

@@ -5,6 +5,7 @@
 
 mod accuracy;
 mod beam;
+mod fluid;
 mod flutter;
 mod modes;
 mod scaling;
@@ -24,6 +25,7 @@ use crate::jobs::{self, Job, Journal};
 use crate::report::{Findings, Folder, Kept};
 use crate::scene::{Document, NODES, Scene};
 pub use accuracy::Accuracy;
+pub use fluid::Fluid;
 pub use modes::Spectrum;
 pub use scaling::Scaling;
 pub use stability::{Stability, Vary};
@@ -43,6 +45,8 @@ pub enum Study {
     Accuracy(Accuracy),
     /// What methods do over the step and a parameter.
     Stability(Stability),
+    /// The same motion under every law of the fluid.
+    Fluid(Fluid),
 }
 
 impl Study {
@@ -53,6 +57,7 @@ impl Study {
             Self::Scaling(_) => "scaling",
             Self::Accuracy(_) => "accuracy",
             Self::Stability(_) => "stability",
+            Self::Fluid(_) => "fluid",
         }
     }
 
@@ -75,12 +80,14 @@ impl Study {
             Self::Scaling(asked) => scaling::scaling(scene, asked, desk),
             Self::Accuracy(asked) => accuracy::accuracy(scene, asked, desk),
             Self::Stability(asked) => stability::stability(scene, asked, desk),
+            Self::Fluid(asked) => fluid::fluid(scene, asked, desk),
         }
     }
 
     /// What of the question is not allowed.
     fn refused(&self) -> Option<String> {
         match self {
+            Self::Fluid(_) => None,
             Self::Modes(asked) => outside("count", &[asked.count as u64], [1, 500]),
             Self::Scaling(asked) => {
                 outside("nodes", &asked.nodes, NODES).or_else(|| outside("steps", &[asked.steps], [1, u64::MAX]))

@@ -1,6 +1,6 @@
 //! The law that fits the flow that a scene makes: slender-body theory where the fluid has no inertia, cross-flow where it has.
 
-use super::{DragLaw, cox, cross_flow};
+use super::{DragLaw, Published, Recipe, cox, cross_flow};
 use crate::fluid::force::Validity;
 
 /// Re_d from which a fluid's inertia counts: viscous drag alone is off by 10 % in speed at 0.016 (a round swimmer).
@@ -12,12 +12,19 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "cox below a Reynolds number of 1e-2 of the depth, cross-flow above",
     validity: Validity { range: "that of the law it takes", source: "of the law it takes" },
     reynolds: cross_flow::LAW.reynolds,
+    uncertainty: Published::NOTHING,
     keys: cross_flow::LAW.keys,
     needs: &[],
     resistance: None,
     slender: Some(|recipe| recipe.slender()),
-    build: |recipe| {
-        let law = if recipe.reynolds < INERTIA { &cox::LAW } else { &cross_flow::LAW };
-        (law.build)(recipe)
-    },
+    build: |recipe| (taken(recipe).build)(recipe),
+    parts: Some(|recipe| taken(recipe).parts(recipe)),
 };
+
+/// The laws that it takes one of, the cheapest first.
+pub static CANDIDATES: [&DragLaw; 2] = [&cox::LAW, &cross_flow::LAW];
+
+/// The law that the scene's own motion was found to need, or the one of its Reynolds number where that is not known.
+pub fn taken(recipe: &Recipe<'_>) -> &'static DragLaw {
+    recipe.taken.unwrap_or(if recipe.reynolds < INERTIA { &cox::LAW } else { &cross_flow::LAW })
+}

@@ -1,7 +1,7 @@
 //! Resistance as an experiment gives it: ξ∥ and ξ⊥ along the rod, whatever the fluid.
 
-use super::DragLaw;
 use super::resistance::{ACROSS, ALONG, Resistance};
+use super::{DragLaw, Published};
 use crate::fluid::force::Validity;
 
 /// What is known of it.
@@ -10,9 +10,11 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag that the scene gives, along and across",
     validity: Validity { range: "that of the measurement", source: "the scene" },
     reynolds: f64::INFINITY,
+    uncertainty: Published::NOTHING,
     keys: &["along_n_s_m2", "across_n_s_m2"],
     needs: &["along_n_s_m2", "across_n_s_m2"],
     resistance: None,
     slender: None,
     build: |recipe| Resistance::given(&LAW, recipe, &[ALONG, ACROSS]),
+    parts: None,
 };

@@ -3,7 +3,7 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -16,11 +16,21 @@ pub static LAW: DragLaw = DragLaw {
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",
     },
     reynolds: CREEPING,
+    uncertainty: Published {
+        table: &[
+            Uncertainty::at(5e-4, [0.102, 0.20, 0.42]),
+            Uncertainty::at(0.016, [0.14, 0.22, 0.42]),
+            Uncertainty::at(0.26, [0.14, 0.22, 0.48]),
+            Uncertainty::at(3.1, [0.36, 0.40, 0.77]),
+        ],
+        source: "nonlocal slender-body theory by regularised Stokeslets on prescribed waves and driven tails of sperm number 1.5 to 3, radius over length up to 0.01; growth with inertia: a round swimmer against cross-flow",
+    },
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
     slender: Some(|recipe| recipe.slender()),
     build: |recipe| Resistance::viscous(&LAW, recipe),
+    parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.

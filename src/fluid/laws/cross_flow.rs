@@ -8,8 +8,8 @@
 
 use std::f64::consts::PI;
 
-use super::{DragLaw, Recipe};
-use crate::fluid::force::Validity;
+use super::{Causes, DragLaw, Published, Recipe, Uncertainty};
+use crate::fluid::force::{Force, Validity};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::rod::Half;
@@ -23,12 +23,33 @@ pub static LAW: DragLaw = DragLaw {
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
     reynolds: 1e5,
+    uncertainty: Published {
+        table: &[
+            Uncertainty::at(1e-3, [0.10, 0.20, 0.42]),
+            Uncertainty::at(0.26, [0.13, 0.21, 0.42]),
+            Uncertainty::at(3.0, [0.30, 0.30, 0.30]),
+        ],
+        source: "S. Kern & P. Koumoutsakos, J. Exp. Biol. 209 (2006), and others on the same eel, for speed; C. Sucker & H. Brauer (1975) for a cylinder's drag; at low Reynolds numbers that of cox",
+    },
     keys: &["slender_length_m", "viscous", "form_drag", "thinning", "skin_friction", "turbulent_friction"],
     needs: &[],
     resistance: None,
     slender: Some(|recipe| recipe.viscous.slender.map_or(f64::INFINITY, |slender| slender(recipe))),
     build: |recipe| Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |half| Coefficients::of(recipe, half))),
+    parts: Some(parts),
 };
+
+/// The law as three of its kind: each has what one cause does, and nothing of the others.
+fn parts(recipe: &Recipe<'_>) -> Causes {
+    let only = |keep: fn(Coefficients) -> Coefficients| -> Box<dyn Force> {
+        Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |half| keep(Coefficients::of(recipe, half))))
+    };
+    vec![
+        ("viscous", only(|c| Coefficients { viscous: c.viscous, ..Coefficients::default() })),
+        ("boundary layer", only(|c| Coefficients { viscous: [0.0; 2], form: 0.0, form_unit: 0.0, ..c })),
+        ("form drag", only(|c| Coefficients { form: c.form, form_unit: c.form_unit, ..Coefficients::default() })),
+    ]
+}
 
 /// The key of the form drag C_d.
 pub const FORM_DRAG: Key = "drag.form_drag";

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -16,11 +16,16 @@ pub static LAW: DragLaw = DragLaw {
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
     reynolds: CREEPING,
+    uncertainty: Published {
+        table: &[Uncertainty::at(1.0, [0.68, 0.48, 0.46])],
+        source: "nonlocal slender-body theory on prescribed waves and driven tails",
+    },
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
     slender: Some(|recipe| 2.0 * recipe.slender()),
     build: |recipe| Resistance::viscous(&LAW, recipe),
+    parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -16,11 +16,16 @@ pub static LAW: DragLaw = DragLaw {
         source: "M. J. Lighthill, SIAM Review 18 (1976)",
     },
     reynolds: CREEPING,
+    uncertainty: Published {
+        table: &[Uncertainty::at(1.0, [0.31, 0.57, 0.20])],
+        source: "nonlocal slender-body theory on prescribed waves, with and without a head, and driven tails",
+    },
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
     slender: Some(|recipe| 0.18 * wave(recipe)),
     build: |recipe| Resistance::viscous(&LAW, recipe),
+    parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.

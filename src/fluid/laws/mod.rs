@@ -50,6 +50,8 @@ pub struct DragLaw {
     pub validity: Validity,
     /// Reynolds number of the depth up to which it holds.
     pub reynolds: f64,
+    /// How far it is known to be from the truth.
+    pub uncertainty: Published,
     /// The keys of `[drag]` that it takes beside those of every law.
     pub keys: &'static [&'static str],
     /// Those of them that it cannot do without.
@@ -60,6 +62,82 @@ pub struct DragLaw {
     pub slender: Option<fn(&Recipe<'_>) -> f64>,
     /// The force.
     pub build: fn(&Recipe<'_>) -> Box<dyn Force>,
+    /// Forces whose sum it is, by what they come from; none where it has one cause, viscosity.
+    pub parts: Option<Parts>,
+}
+
+/// Forces, each with what it comes from.
+pub type Causes = Vec<(&'static str, Box<dyn Force>)>;
+
+/// Forces whose sum is a law's.
+pub type Parts = fn(&Recipe<'_>) -> Causes;
+
+/// What is known of how far results are from the truth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Published {
+    /// At rising Reynolds numbers; empty where nothing is known.
+    pub table: &'static [Uncertainty],
+    /// Who says so, or what it was found by.
+    pub source: &'static str,
+}
+
+impl Published {
+    /// Nothing.
+    pub const NOTHING: Self = Self { table: &[], source: "" };
+
+    /// What it says at a Reynolds number, linear in its logarithm; beyond the ends of the table that of the end.
+    pub fn at(&self, reynolds: f64) -> Option<Uncertainty> {
+        Uncertainty::of(self.table, reynolds)
+    }
+}
+
+/// How far results may be from the truth at a Reynolds number, relative.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uncertainty {
+    /// Reynolds number of the depth.
+    pub reynolds: f64,
+    /// Of the speed of a free swimmer.
+    pub speed: f64,
+    /// Of the thrust on a held head.
+    pub thrust: f64,
+    /// Of the power that goes into the fluid.
+    pub power: f64,
+}
+
+impl Uncertainty {
+    /// An entry of a table.
+    pub const fn at(reynolds: f64, [speed, thrust, power]: [f64; 3]) -> Self {
+        Self { reynolds, speed, thrust, power }
+    }
+
+    fn of(table: &[Self], reynolds: f64) -> Option<Self> {
+        let after = table.partition_point(|entry| entry.reynolds <= reynolds);
+        let (before, next) = (table.get(after.wrapping_sub(1)), table.get(after));
+        let (Some(from), Some(to)) = (before, next) else { return before.or(next).copied() };
+        let part = (reynolds / from.reynolds).ln() / (to.reynolds / from.reynolds).ln();
+        let between = |a: f64, b: f64| a + part * (b - a);
+        Some(Self {
+            reynolds,
+            speed: between(from.speed, to.speed),
+            thrust: between(from.thrust, to.thrust),
+            power: between(from.power, to.power),
+        })
+    }
+
+    /// That of two independent causes.
+    pub fn with(self, other: Self) -> Self {
+        Self {
+            speed: self.speed.hypot(other.speed),
+            thrust: self.thrust.hypot(other.thrust),
+            power: self.power.hypot(other.power),
+            ..self
+        }
+    }
+
+    /// Of speed or, of a held head, thrust, and of power.
+    pub fn measured(&self, held: bool) -> [f64; 2] {
+        [if held { self.thrust } else { self.speed }, self.power]
+    }
 }
 
 impl PartialEq for DragLaw {
@@ -72,6 +150,14 @@ impl DragLaw {
     /// The law of this name.
     pub fn named(name: &str) -> Option<&'static Self> {
         LAWS.iter().copied().find(|law| law.name == name)
+    }
+
+    /// Forces whose sum it is, by what they come from.
+    pub fn parts(&self, recipe: &Recipe<'_>) -> Causes {
+        match self.parts {
+            Some(parts) => parts(recipe),
+            None => vec![("viscous", (self.build)(recipe))],
+        }
     }
 }
 
@@ -88,6 +174,8 @@ pub struct Recipe<'a> {
     pub reynolds: f64,
     /// The drag on the head.
     pub head: HeadWeight,
+    /// The law that `auto` is to be.
+    pub taken: Option<&'static DragLaw>,
     /// The law of the viscous part.
     pub viscous: &'static DragLaw,
     /// `slender_length_m`.
@@ -119,6 +207,7 @@ impl<'a> Recipe<'a> {
             frequency: None,
             reynolds: 0.0,
             head: HeadWeight::NONE,
+            taken: None,
             viscous: DEFAULT,
             slender_length: None,
             ratio: 1.0,

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Recipe};
+use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -16,11 +16,16 @@ pub static LAW: DragLaw = DragLaw {
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
     reynolds: CREEPING,
+    uncertainty: Published {
+        table: &[Uncertainty::at(1.0, [0.15, 0.25, 0.45])],
+        source: "that of cox, and what the drag of a cylinder along itself differs by",
+    },
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
     slender: Some(|recipe| recipe.slender()),
     build: |recipe| Resistance::viscous(&LAW, recipe),
+    parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.

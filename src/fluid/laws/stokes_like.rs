@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::{RATIO, Resistance};
-use super::{DragLaw, Recipe};
+use super::{DragLaw, Published, Recipe};
 use crate::fluid::force::Validity;
 use crate::fluid::medium::VISCOSITY;
 use crate::rod::Half;
@@ -20,11 +20,13 @@ pub static LAW: DragLaw = DragLaw {
         source: "the source study",
     },
     reynolds: 0.0,
+    uncertainty: Published::NOTHING,
     keys: &["ratio"],
     needs: &["ratio"],
     resistance: Some(resistance),
     slender: None,
     build: |recipe| Resistance::scaled(&LAW, recipe, &[VISCOSITY, RATIO]),
+    parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ, over a metre.

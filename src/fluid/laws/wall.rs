@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Recipe, cox};
+use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty, cox};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -16,11 +16,16 @@ pub static LAW: DragLaw = DragLaw {
         source: "D. J. Jeffrey & Y. Onishi, Q. J. Mech. Appl. Math. 34 (1981); D. F. Katz & J. R. Blake (1975)",
     },
     reynolds: CREEPING,
+    uncertainty: Published {
+        table: &[Uncertainty::at(1.0, [0.19, 0.19, 0.19])],
+        source: "drag of a straight rod against nonlocal theory with Blake's images, height over length 0.03 to 2",
+    },
     keys: &["slender_length_m", "height_m"],
     needs: &["height_m"],
     resistance: Some(resistance),
     slender: Some(|recipe| recipe.slender()),
     build: |recipe| Resistance::viscous(&LAW, recipe),
+    parts: None,
 };
 
 /// ξ∥/μ and ξ⊥/μ.

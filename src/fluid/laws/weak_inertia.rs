@@ -6,7 +6,7 @@
 
 use std::f64::consts::{LN_2, PI, TAU};
 
-use super::{DragLaw, SLENDER};
+use super::{DragLaw, Published, SLENDER, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
@@ -20,6 +20,10 @@ pub static LAW: DragLaw = DragLaw {
         source: "H. Lamb (1911); S. Kaplun, J. Math. Mech. 6 (1957); R. E. Khayat & R. G. Cox, J. Fluid Mech. 209 (1989)",
     },
     reynolds: 0.5,
+    uncertainty: Published {
+        table: &[Uncertainty::at(1e-3, [0.101, 0.20, 0.42]), Uncertainty::at(0.5, [0.15, 0.22, 0.44])],
+        source: "that of cox, and the measured drag of a cylinder up to a Reynolds number of 1",
+    },
     keys: &["slender_length_m"],
     needs: &[],
     resistance: None,
@@ -31,6 +35,7 @@ pub static LAW: DragLaw = DragLaw {
         };
         Box::new(LocalDrag::new(law, recipe.rod, recipe.head, |half| half.radius))
     },
+    parts: None,
 };
 
 /// ℒ|V|/ν of Lamb's cylinder, ℒ √(ω/ν) of Stokes's.

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def study(
-    kind: Literal["accuracy", "modes", "scaling", "stability"],
+    kind: Literal["accuracy", "fluid", "modes", "scaling", "stability"],
     scene: Source,
     *,
     out: Optional[Union[str, os.PathLike[str]]] = None,
@@ -27,8 +27,8 @@ def study(
 
     Parameters
     ----------
-    kind : {"accuracy", "modes", "scaling", "stability"}
-        Error against cost of every method, step and mesh; natural frequencies and mode shapes; time, memory and error of
+    kind : {"accuracy", "fluid", "modes", "scaling", "stability"}
+        Error against cost of every method, step and mesh; the same motion under every law of the fluid that can hold; natural frequencies and mode shapes; time, memory and error of
         meshes from coarse to fine; what every method does at every step over a parameter.
     scene : Scene, str, os.PathLike or dict
         The scene, or what `load` makes one from.

@@ -1,0 +1,53 @@
+//! Motion and power of a run, by which two fluids are compared.
+
+use serde::{Deserialize, Serialize};
+
+use super::{Cycle, Cycles, FORWARD_SPEED, Measure, SPEED, THRUST};
+use crate::model::Dynamics;
+
+/// A mean is compared with no less than this part of the mean modulus.
+const CANCELLED: f64 = 0.01;
+
+/// What a motion comes to over its last whole cycles, or over all of it where it has none.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Means {
+    /// Forward speed of a free swimmer, speed of a free rod that nothing bends (m/s), or thrust on a held head (N).
+    pub motion: f64,
+    /// Mean modulus of the velocity (m/s), or of the force on the head (N).
+    pub modulus: f64,
+    /// Power that goes into the fluid, W.
+    pub power: f64,
+}
+
+impl Means {
+    /// What of a run's motion is compared.
+    pub fn measure(dynamics: &Dynamics) -> Measure {
+        match (&dynamics.model.head, &dynamics.model.actuation) {
+            (Some(_), _) => THRUST,
+            (None, Some(_)) => FORWARD_SPEED,
+            (None, None) => SPEED,
+        }
+    }
+
+    /// Those of the `cycles` of a run; none before its first step.
+    pub fn of(cycles: &Cycles, dynamics: &Dynamics) -> Option<Self> {
+        let (whole, all) = (cycles.whole(f64::INFINITY), cycles.since_start());
+        let cycles = if whole.is_empty() { all.as_slice() } else { whole };
+        let mean = |of: &dyn Fn(&Cycle) -> f64| cycles.iter().map(of).sum::<f64>() / cycles.len() as f64;
+        let held = dynamics.model.head.is_some();
+        Some(Self {
+            motion: Self::measure(dynamics).mean(cycles, dynamics).filter(|_| !cycles.is_empty())?,
+            modulus: mean(&|cycle| if held { cycle.mean_head_force().1 } else { cycle.mean_path_speed() }),
+            power: mean(&Cycle::mean_power_into_fluid),
+        })
+    }
+
+    /// Relative differences of motion and power from `reference`.
+    pub fn differences(&self, reference: &Self) -> [f64; 2] {
+        let relative = |a: f64, b: f64, scale: f64| if a == b { 0.0 } else { (a - b) / scale };
+        [
+            relative(self.motion, reference.motion, reference.motion.abs().max(CANCELLED * reference.modulus)),
+            relative(self.power, reference.power, reference.power.abs()),
+        ]
+    }
+}

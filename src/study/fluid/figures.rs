@@ -1,0 +1,137 @@
+//! Error against cost, forces by what they come from, and the swimmers side by side.
+
+use super::swim::{PHASES, Part};
+use super::words::{Report, Row, percent};
+use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
+use crate::report::{Findings, Frame, Motion};
+
+/// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
+const LANE: f64 = 1.15;
+const NARROWEST: f64 = 0.2;
+
+impl Report<'_> {
+    pub(super) fn charts(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let Some(reference) = rows.iter().find(|row| row.is_reference) else { return };
+        let uncertain = reference.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
+        for (i, what) in [self.motion(), "power"].into_iter().enumerate() {
+            let shown = rows.iter().filter_map(|row| {
+                let error = row.differences?[i].abs();
+                (!row.is_reference && error > 0.0).then(|| (row.rung.to_string(), row.swim.trial.processor_s, error))
+            });
+            let mut series: Vec<Series> =
+                shown.map(|(name, cost, error)| Series::new(name, vec![(cost, error)], Mark::Dots)).collect();
+            if series.is_empty() {
+                continue;
+            }
+            if let Some(level) = uncertain.map(|both| both[i]) {
+                let costs = || rows.iter().map(|row| row.swim.trial.processor_s).filter(|cost| *cost > 0.0);
+                let (low, high) = (0.7 * costs().fold(f64::INFINITY, f64::min), 1.4 * costs().fold(0.0, f64::max));
+                series.push(Series::new(
+                    reference.rung.to_string(),
+                    vec![(reference.swim.trial.processor_s, level)],
+                    Mark::Dots,
+                ));
+                let name = format!("published uncertainty ±{}", percent(level));
+                let points = vec![(low, level), (high, level), (high, level)];
+                series.push(Series::new(name, points, Mark::Level));
+            }
+            let chart = Chart::new(
+                format!("{}: {what} under every law", self.scene.name),
+                "processor time (s)",
+                format!("relative difference of the {what}"),
+                Scale::LogLog,
+                series,
+            );
+            let caption = format!(
+                "Difference of the {what} from {} against the time that the run takes, one dot per law; {} itself stands at what it is uncertain by. Dots below the level differ by less than that.",
+                reference.rung, reference.rung
+            );
+            findings.figures.push(Figure::new(format!("{what}-time.svg"), caption, chart.svg()));
+        }
+        let own = rows.iter().find(|row| row.rung.own && !row.is_reference && !row.swim.parts.is_empty());
+        for (row, file) in [(Some(reference), "reference"), (own, "own")] {
+            let Some(row) = row else { continue };
+            self.forces(row, file, findings);
+        }
+    }
+
+    /// Forces of a row by what they come from.
+    fn forces(&self, row: &Row<'_>, file: &str, findings: &mut Findings) {
+        let whose = if row.rung.own { format!("{}, the scene's own", row.rung) } else { row.rung.to_string() };
+        let mut figure =
+            |name: &str, title: &str, x: &str, y: &str, caption: &str, of: &dyn Fn(&Part) -> Vec<(f64, f64)>| {
+                let mut series: Vec<Series> =
+                    row.swim.parts.iter().map(|part| Series::new(part.name.clone(), of(part), Mark::Line)).collect();
+                series.retain(|series| series.points.iter().any(|point| point.1 != 0.0));
+                if series.is_empty() {
+                    return;
+                }
+                let chart = Chart::new(format!("{title}: {whose}"), x, y, Scale::Linear, series);
+                findings.figures.push(Figure::new(
+                    format!("{name}-{file}.svg"),
+                    format!("{caption} ({whose})."),
+                    chart.svg(),
+                ));
+            };
+        let at = |values: &[f64]| -> Vec<(f64, f64)> {
+            let last = values.len().saturating_sub(1).max(1) as f64;
+            values.iter().enumerate().map(|(k, y)| (k as f64 / last, *y)).collect()
+        };
+        figure(
+            "along-body",
+            "Force along the way",
+            "place on the rod, from head to tip",
+            "mean force per length ahead (N/m)",
+            "Which cause pushes the rod ahead where, and which brakes it: mean of a period; a force on the tip alone is spread over its half cell",
+            &|part| at(&part.along),
+        );
+        figure(
+            "across-body",
+            "Force across the way",
+            "place on the rod, from head to tip",
+            "rms force per length (N/m)",
+            "How strongly every cause acts across the way in which the head looks: root mean square of a period",
+            &|part| at(&part.across),
+        );
+        figure(
+            "over-cycle",
+            "Force over a period",
+            "phase of the period",
+            "force on the rod ahead (N)",
+            "Which cause pushes the whole rod ahead when, over the last period",
+            &|part| part.cycle.iter().enumerate().map(|(i, y)| ((i as f64 + 0.5) / PHASES as f64, *y)).collect(),
+        );
+    }
+
+    /// All swimmers that came to their end, each on a lane of its own.
+    pub(super) fn motions(rows: &[Row<'_>]) -> Option<Box<(Motion, String)>> {
+        let mut swam: Vec<&Row<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
+        swam.sort_by_key(|row| !row.is_reference);
+        let frames = swam.iter().map(|row| row.swim.frames.len()).min()?;
+        let heights = |row: &&&Row<'_>| {
+            let ys = || row.swim.frames.iter().flat_map(|frame| &frame.points).map(|point| point[1]);
+            ys().fold(f64::NEG_INFINITY, f64::max) - ys().fold(f64::INFINITY, f64::min)
+        };
+        let first = &swam.first()?.swim.frames[0].points;
+        let length: f64 = first.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum();
+        let lane = swam.iter().map(|row| heights(&row)).fold(NARROWEST * length, f64::max) * LANE;
+        let on_lane = |i: usize, row: &Row<'_>| -> Vec<Frame> {
+            let down = i as f64 * lane;
+            let mut frames = row.swim.frames[..frames].to_vec();
+            for frame in &mut frames {
+                frame.points.iter_mut().for_each(|point| point[1] -= down);
+                frame.com[1] -= down;
+            }
+            frames
+        };
+        let names: Vec<String> = swam.iter().map(|row| row.rung.to_string()).collect();
+        let motion = Motion::of(&on_lane(0, swam[0]));
+        let motion =
+            swam.iter().enumerate().skip(1).fold(motion, |motion, (i, row)| motion.beside(&names[i], &on_lane(i, row)));
+        let shown = format!(
+            "The same rod under every law, one lane each, from above: {}. All start at the same place.",
+            names.join(", ")
+        );
+        Some(Box::new((motion, shown)))
+    }
+}

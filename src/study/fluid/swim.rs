@@ -1,0 +1,219 @@
+//! One run under one law: what it comes to, what every cause does along the rod and over a cycle, and frames to play.
+
+use std::ops::ControlFlow;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use nalgebra::Vector2;
+use serde::{Deserialize, Serialize};
+
+use crate::cycle::{ACTUATION_POWER, EFFICIENCY, Means};
+use crate::error::{Error, Result};
+use crate::fluid::force::visit_alone;
+use crate::fluid::{Force, body};
+use crate::report::Frame;
+use crate::rod::{Edge, Rod, node};
+use crate::scene::Scene;
+use crate::stepper::Stepper;
+use crate::study::trial::{Manner, Trial};
+use crate::variable::View;
+
+/// Phases of the last period at which forces are looked at.
+pub const PHASES: usize = 48;
+/// Periods from the start that are played, and frames of each; of a scene without a period, frames in all.
+const PLAYED: f64 = 8.0;
+const FRAMES: f64 = 30.0;
+/// Most points of a frame.
+const POINTS: usize = 40;
+
+/// A short run is repeated for its time.
+const MANNER: Manner = Manner { samples: 8, push: None, halving: true, timed: true };
+
+/// What one cause does to the rod, along the way in which its head looks.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Part {
+    /// The cause.
+    pub name: String,
+    /// Mean force per length over the last period at every node of the rod, N/m.
+    pub along: Vec<f64>,
+    /// Root mean square of the force per length across that way, N/m.
+    pub across: Vec<f64>,
+    /// Force on the whole rod at each of [`PHASES`] equal parts of the last period, N.
+    pub cycle: Vec<f64>,
+}
+
+/// A run under one law.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct Swim {
+    /// Its cost, and how it failed.
+    pub trial: Trial,
+    /// Motion and power.
+    pub means: Option<Means>,
+    /// Mean power of the actuation (W) and efficiency.
+    pub actuation_power: Option<f64>,
+    pub efficiency: Option<f64>,
+    /// By what the forces come from.
+    pub parts: Vec<Part>,
+    pub frames: Vec<Frame>,
+}
+
+/// Times, from first to last in equal parts.
+struct Times {
+    next: usize,
+    count: usize,
+    from: f64,
+    by: f64,
+}
+
+impl Times {
+    /// The next one, where it is over by `now`.
+    fn pass(&mut self, now: f64) -> Option<f64> {
+        let t = self.from + self.by * self.next as f64;
+        (self.next < self.count && t <= now).then(|| {
+            self.next += 1;
+            t
+        })
+    }
+}
+
+impl Swim {
+    /// Runs `scene`; `None` if it was interrupted.
+    pub fn of(scene: &Scene, interrupted: &AtomicBool) -> Option<Self> {
+        let trial = Trial::of(scene, MANNER, interrupted)?;
+        let mut swim =
+            Self { trial, means: None, actuation_power: None, efficiency: None, parts: Vec::new(), frames: Vec::new() };
+        if swim.is_complete()
+            && let Err(error) = swim.follow(scene, interrupted)
+        {
+            swim.trial.failure = Some((crate::study::trial::Failure::Step, 0.0, error.to_string()));
+        }
+        (!interrupted.load(Ordering::Relaxed)).then_some(swim)
+    }
+
+    /// True if it reached its end.
+    pub fn is_complete(&self) -> bool {
+        self.trial.is_complete(MANNER)
+    }
+
+    fn follow(&mut self, scene: &Scene, interrupted: &AtomicBool) -> Result<()> {
+        let mut stepper = Stepper::of(scene)?;
+        let duration = scene.solver.duration_s.get();
+        let period = scene.drive_frequency().filter(|f| *f > 0.0).map(f64::recip).filter(|period| *period < duration);
+        let last = period.unwrap_or(duration);
+        let mut phases = Times {
+            next: 0,
+            count: PHASES,
+            from: duration - last * (1.0 - 0.5 / PHASES as f64),
+            by: last / PHASES as f64,
+        };
+        let played = period.map_or(duration, |period| duration.min(PLAYED * period));
+        let count = (FRAMES * period.map_or(PLAYED, |period| played / period)).round().max(2.0);
+        let mut shown = Times { next: 1, count: count as usize + 1, from: 0.0, by: played / count };
+        let causes = scene.parts_of_fluid(&stepper.model().rod)?;
+        let mut forces = Forces::new(causes.iter().map(|(_, force)| &**force).collect());
+        let mut frames = vec![frame(&stepper.view())];
+        let mut failed = None;
+        for span in scene.spans() {
+            let whole = stepper.march(span, |stepper| {
+                if interrupted.load(Ordering::Relaxed) {
+                    return ControlFlow::Break(());
+                }
+                // The end itself may be a rounding before the last time.
+                let now = stepper.time() + 1e-9 * duration;
+                while let Some(t) = shown.pass(now) {
+                    match at(stepper, t, frame) {
+                        Ok(frame) => frames.push(frame),
+                        Err(error) => failed = Some(error),
+                    }
+                }
+                while let Some(t) = phases.pass(now) {
+                    if let Err(error) = at(stepper, t, |view| forces.look(view)) {
+                        failed = Some(error);
+                    }
+                }
+                if failed.is_some() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            })?;
+            if !whole {
+                break;
+            }
+        }
+        if let Some(error) = failed {
+            return Err(error);
+        }
+        let dynamics = stepper.view().dynamics;
+        self.means = Means::of(stepper.cycles(), dynamics);
+        let averages = stepper.cycles().averages(dynamics);
+        (self.actuation_power, self.efficiency) = (averages.mean(&ACTUATION_POWER), averages.mean(&EFFICIENCY));
+        self.frames = frames;
+        let names = causes.iter().map(|(name, _)| *name);
+        self.parts = names.enumerate().map(|(i, name)| forces.part(&stepper.model().rod, i, name)).collect();
+        Ok(())
+    }
+}
+
+/// What `look` sees at time `t`; inside the first part of a halved step nothing is kept, and its end has to do.
+fn at<T>(stepper: &mut Stepper, t: f64, mut look: impl FnMut(&View<'_>) -> T) -> Result<T> {
+    match stepper.at(t, &mut look) {
+        Err(Error::OutsideStep { .. }) => Ok(look(&stepper.view())),
+        outcome => outcome,
+    }
+}
+
+fn frame(view: &View<'_>) -> Frame {
+    let mut frame = Frame::of(view);
+    let last = frame.points.len() - 1;
+    if last >= POINTS {
+        frame.points = (0..POINTS).map(|i| frame.points[i * last / (POINTS - 1)]).collect();
+    }
+    frame
+}
+
+/// The forces of every cause on every node, at every time looked at.
+struct Forces<'a> {
+    causes: Vec<&'a dyn Force>,
+    /// For every time and cause, what it gives every node, N.
+    seen: Vec<Vec<Vec<Vector2<f64>>>>,
+    /// Sum of where the head looks.
+    ahead: Vector2<f64>,
+}
+
+impl<'a> Forces<'a> {
+    fn new(causes: Vec<&'a dyn Force>) -> Self {
+        Self { causes, seen: Vec::with_capacity(PHASES), ahead: Vector2::zeros() }
+    }
+
+    fn look(&mut self, view: &View<'_>) {
+        let state = view.state;
+        let nodes = state.q.len() / 2;
+        let edges: Vec<Edge> = (1..nodes).map(|k| Edge::new(node(&state.q, k) - node(&state.q, k - 1))).collect();
+        let moving = view.dynamics.kinematics_of(state.t, &edges, [&state.q, &state.v, &state.a]);
+        self.ahead -= edges[0].t;
+        let of = |force: &&dyn Force| {
+            let mut given = vec![Vector2::zeros(); nodes];
+            visit_alone(*force, &moving, |k, opposing| given[k] -= opposing);
+            given
+        };
+        self.seen.push(self.causes.iter().map(of).collect());
+    }
+
+    /// What cause `i` does.
+    fn part(&self, rod: &Rod, i: usize, name: &str) -> Part {
+        let ahead = self.ahead.try_normalize(0.0).unwrap_or(Vector2::x());
+        let times = self.seen.len().max(1) as f64;
+        let first = usize::from(rod.body.is_some());
+        // What holds a body before the rod acts on the link between them, and not along the rod.
+        let spread = if [body::DRAG, body::INERTIA].contains(&name) { 0.0 } else { 1.0 };
+        let per_length = |k: usize| {
+            let ends = k == first || k + 1 == rod.nodes;
+            spread / (times * rod.spacing * if ends { 0.5 } else { 1.0 })
+        };
+        let sum = |k: usize, of: &dyn Fn(Vector2<f64>) -> f64| self.seen.iter().map(|at| of(at[i][k])).sum::<f64>();
+        Part {
+            name: name.to_string(),
+            along: (first..rod.nodes).map(|k| sum(k, &|force| force.dot(&ahead)) * per_length(k)).collect(),
+            across: (first..rod.nodes)
+                .map(|k| (sum(k, &|force| force.perp(&ahead).powi(2)) / times).sqrt() * times * per_length(k))
+                .collect(),
+            cycle: self.seen.iter().map(|at| at[i].iter().map(|force| force.dot(&ahead)).sum()).collect(),
+        }
+    }
+}
