@@ -18,6 +18,7 @@ pub use course::Course;
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
+use crate::fluid::medium::Here;
 use crate::fluid::{Fluid, Forces, Kinematics, Layers, Sink};
 use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
 use crate::rod::around::{OnEdge, TOGETHER};
@@ -204,6 +205,8 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
+    /// The fluid along the rod as it was last bent, see [`Kinematics::here`]; empty in a uniform medium.
+    here: Vec<Here>,
     /// Room for forces and loads.
     applied: Vec<f64>,
     room: Vec<OnEdge>,
@@ -223,6 +226,7 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
+            here: Vec::with_capacity(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
             room: vec![OnEdge::ZERO; TOGETHER],
             model,
@@ -371,6 +375,7 @@ impl Dynamics {
     }
 
     fn bend(&mut self, state: &State) -> Result<()> {
+        self.look_around(&state.q);
         if state.links.is_empty() {
             self.shape_edges(&state.q, state.t)?;
             return self.shape_joints(state.t);
@@ -378,6 +383,19 @@ impl Dynamics {
         self.shape_edges_of(&state.links, state.t)?;
         self.kappa.iter_mut().zip(&state.links).for_each(|(kappa, link)| *kappa = link.curvature);
         Ok(())
+    }
+
+    /// Finds the fluid along a rod at `q`.
+    fn look_around(&mut self, q: &[f64]) {
+        self.here.clear();
+        let Inputs { layers: Some(layers), fluid, .. } = &self.inputs else { return };
+        match layers.throughout(*fluid, q) {
+            Some(everywhere) => self.here.push(everywhere.into()),
+            None => {
+                let places = q.as_chunks().0.iter().map(|x| layers.height(Vector2::from(*x)));
+                self.here.extend(places.map(|h| layers.at(*fluid, h)));
+            }
+        }
     }
 
     fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
@@ -476,7 +494,12 @@ impl Dynamics {
 
     /// How a rod of these `edges` moves at time `t` (s) with positions, velocities and accelerations `motion`.
     pub fn kinematics_of<'a>(&'a self, t: f64, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Kinematics<'a> {
-        Kinematics { t, edges, q, v, a, fluid: self.inputs.fluid, layers: self.inputs.layers.as_ref() }
+        Kinematics { t, edges, q, v, a, fluid: self.inputs.fluid, layers: self.inputs.layers.as_ref(), here: &[] }
+    }
+
+    /// How the rod moves in `state`, as which it was bent last.
+    fn moving<'a>(&'a self, State { t, q, v, a, .. }: &'a State) -> Kinematics<'a> {
+        Kinematics { here: &self.here, ..self.kinematics_of(*t, &self.edges, [q, v, a]) }
     }
 
     /// The flow (m/s) at the place `x`.
@@ -558,10 +581,10 @@ impl Dynamics {
         jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.bend(state)?;
-        let Self { model, edges, joints, inputs, room, .. } = self;
+        let Self { model, edges, joints, inputs, room, here, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
-        let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid, layers: inputs.layers.as_ref() };
+        let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid, layers: inputs.layers.as_ref(), here };
         forces.assemble(Deformed { rod, edges, joints, a }, moving, room, residual, jacobian);
         self.subtract_loads(residual);
         Ok(())

@@ -137,7 +137,7 @@ impl Case {
 
     fn with<T>(&self, look: impl FnOnce(&Kinematics<'_>) -> T) -> T {
         let ([q, v, a], edges) = (&self.parts, self.edges());
-        look(&Kinematics { t: 0.3, edges: &edges, q, v, a, fluid: self.fluid, layers: self.layers.as_ref() })
+        look(&Kinematics { t: 0.3, edges: &edges, q, v, a, fluid: self.fluid, layers: self.layers.as_ref(), here: &[] })
     }
 
     /// What a force opposes every node with.

@@ -33,22 +33,26 @@ pub struct Kinematics<'a> {
     pub fluid: Fluid,
     /// What lies beyond it; `None` where the medium is uniform.
     pub layers: Option<&'a Layers>,
+    /// The fluid at every node, or one entry where it is the same at all of them; none where nobody has looked yet.
+    pub here: &'a [Here],
 }
 
 impl Kinematics<'_> {
     /// The fluid at node `k`, and how it changes from there.
     #[inline(always)]
     pub fn here(&self, k: usize) -> Here {
-        match self.layers {
-            None => self.fluid.into(),
-            Some(layers) => layers.at(self.fluid, layers.height(node(self.q, k))),
+        match (self.here, self.layers) {
+            ([], None) => self.fluid.into(),
+            ([], Some(layers)) => layers.at(self.fluid, layers.height(node(self.q, k))),
+            ([everywhere], _) => *everywhere,
+            (all, _) => all[k],
         }
     }
 
     /// The flow (m/s) at node `k`.
     #[inline(always)]
     pub fn flow(&self, k: usize) -> Vector2<f64> {
-        if self.layers.is_some() { self.here(k).fluid.flow } else { self.fluid.flow }
+        self.here(k).fluid.flow
     }
 
     /// Velocity (m/s) of node `k` against the fluid.
@@ -57,12 +61,22 @@ impl Kinematics<'_> {
         node(self.v, k) - self.flow(k)
     }
 
+    /// The fluid where it is known to be the same along the whole rod.
+    #[inline(always)]
+    pub fn everywhere(&self) -> Option<Fluid> {
+        match (self.here, self.layers) {
+            ([everywhere], _) => Some(everywhere.fluid),
+            (_, None) => Some(self.fluid),
+            _ => None,
+        }
+    }
+
     /// The fluid where it is the same along all of `edges`.
     #[inline(always)]
     pub fn throughout(&self, edges: &Range<usize>) -> Option<Fluid> {
-        match self.layers {
-            None => Some(self.fluid),
-            Some(layers) => layers.throughout(self.fluid, &self.q[2 * edges.start..2 * edges.end + 2]),
+        match (self.everywhere(), self.layers) {
+            (None, Some(layers)) => layers.throughout(self.fluid, &self.q[2 * edges.start..2 * edges.end + 2]),
+            (everywhere, _) => everywhere,
         }
     }
 
@@ -198,8 +212,8 @@ pub trait InPass {
         jacobian: Option<Linearisation<'_>>,
     );
 
-    /// Its [`powers`] in the motion `rod`.
-    fn powers(&self, rod: &Kinematics<'_>) -> Powers;
+    /// Its [`powers`] in the motion `rod` through `fluid`, the same along all of it.
+    fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers;
 }
 
 /// A force on the rod.
@@ -265,7 +279,7 @@ pub trait Force: std::fmt::Debug + Send + Sync {
         if key != DENSITY || !self.parameters().contains(&DENSITY) {
             return 0.0;
         }
-        self.momentum(&Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, ..*rod }, axis, 0.0, None)
+        self.momentum(&Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, here: &[], ..*rod }, axis, 0.0, None)
     }
 
     /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.
@@ -467,7 +481,7 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
     let q: Vec<f64> = (0..rod.nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
     let (v, a) = (velocity.repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
     let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
-    look(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid, layers: None })
+    look(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid, layers: None, here: &[] })
 }
 
 /// Sums what `forces` do on `edges` in `room`.
@@ -522,8 +536,8 @@ pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
 
 /// The powers of `force`, W; those of one that is not a fluid's are against the ground.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
-    if let Some(force) = force.in_pass().filter(|_| rod.layers.is_none()) {
-        return force.powers(rod);
+    if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
+        return force.powers(rod, fluid);
     }
     let mut powers = Powers::default();
     visit_alone(force, rod, |k, opposing| {

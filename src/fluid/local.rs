@@ -85,6 +85,8 @@ impl HeadWeight {
 #[derive(Debug)]
 pub struct LocalDrag<L: Law> {
     law: L,
+    /// Whether the law depends on viscosity and density.
+    depends: [bool; 2],
     /// For both halves of every edge: its weighted length, m, and what the law knows of it.
     halves: Alike<[(f64, L::Half); 2]>,
 }
@@ -98,15 +100,12 @@ impl<L: Law> LocalDrag<L> {
             (h.length + (head.weight - 1.0) * inside, half(h))
         };
         let halves: Vec<_> = rod.halves().map(|both| both.map(|h| weighted(&h))).collect();
-        Self { law, halves: halves.into() }
-    }
-
-    /// True where the law depends on viscosity and density.
-    fn depends(&self) -> [bool; 2] {
-        [VISCOSITY, DENSITY].map(|key| self.law.parameters().contains(&key))
+        let depends = [VISCOSITY, DENSITY].map(|key| law.parameters().contains(&key));
+        Self { law, depends, halves: halves.into() }
     }
 
     /// The change (N) of what opposes an end that moves at `w` (m/s) against `fluid`, where that fluid changes by `change`.
+    #[inline(always)]
     fn by_fluid(
         &self,
         (length, half): &(f64, L::Half),
@@ -119,7 +118,7 @@ impl<L: Law> LocalDrag<L> {
         let (u, v) = (w.dot(&t), w.dot(&n));
         let mut sum = Vector2::zeros();
         let changes = [(VISCOSITY, change.viscosity), (DENSITY, change.density)];
-        for ((key, change), depends) in changes.into_iter().zip(self.depends()) {
+        for ((key, change), depends) in changes.into_iter().zip(self.depends) {
             if depends && change != 0.0 {
                 let by = self.law.by_parameter(key, half, fluid, u, v);
                 sum += (t * by.along + n * by.across) * change;
@@ -164,11 +163,7 @@ impl<L: Law> LocalDrag<L> {
                 on_edge(&self.law, halves, fluid, edge, [against(&v[0]), against(&v[1])], direction)
             }),
             None => sums.each(here, |((halves, edge), v)| {
-                let force = |i: usize| {
-                    let ((length, half), w) = (&halves[i], against(&v[i]));
-                    let Traction { along, across } = self.law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
-                    lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
-                };
+                let force = |i: usize| push(&self.law, &halves[i], fluid, edge, against(&v[i]));
                 OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
             }),
         }
@@ -182,11 +177,18 @@ impl<L: Law> LocalDrag<L> {
         edges: Range<usize>,
         sums: &mut Tally<'_>,
     ) {
-        let (normal, direction) = (lanes(rod.normal()), along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 }));
+        let normal = lanes(rod.normal());
         let mut next = self.place(rod, edges.start);
         sums.each(edges, |e| {
             let ends = [std::mem::replace(&mut next, self.place(rod, e + 1)), next];
-            self.on_edge_at([&ends[0], &ends[1]], &self.halves[e], &rod.edges[e], normal, direction)
+            let (halves, edge) = (&self.halves[e], &rod.edges[e]);
+            match along {
+                Some(direction) => self.on_edge_at([&ends[0], &ends[1]], halves, edge, normal, direction),
+                None => {
+                    let force = |i: usize| push(&self.law, &halves[i], ends[i].fluid, edge, ends[i].against);
+                    OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
+                }
+            }
         });
     }
 
@@ -228,6 +230,19 @@ struct Place<F> {
     fluid: F,
     /// The node's velocity against it, m/s.
     against: Vector2<f64>,
+}
+
+/// What a law opposes an end of `edge` with that moves at `w` (m/s) against the fluid, N.
+#[inline(always)]
+fn push<L: Law>(
+    law: &L,
+    (length, half): &(f64, L::Half),
+    fluid: L::Fluid,
+    edge: &Edge,
+    w: Vector2<f64>,
+) -> f64x2 {
+    let Traction { along, across } = law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
+    lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
 }
 
 /// What a law does to an end of `edge` that moves at `w` (m/s) against the fluid: force (N), and its derivatives along
@@ -283,10 +298,10 @@ impl<L: Law> InPass for LocalDrag<L> {
         residual: &mut [f64],
         jacobian: Option<Linearisation<'_>>,
     ) {
-        let (Self { law, halves }, Kinematics { edges, v, fluid, .. }) = (self, others.rod);
-        let (flow, fluid, alone) = (fluid.flow, law.in_fluid(fluid), others.are_none());
+        let (Self { law, halves, .. }, Kinematics { edges, v, .. }) = (self, others.rod);
+        let alone = others.are_none();
         let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-        if others.rod.layers.is_some() {
+        let Some(fluid) = others.rod.everywhere() else {
             let (medium, normal) = (others.rod, lanes(others.rod.normal()));
             // Edges that are looked at together lie in one fluid, or every node of them at its own place.
             let (mut one, mut next) = (None, self.place(&medium, 0));
@@ -314,7 +329,8 @@ impl<L: Law> InPass for LocalDrag<L> {
                 Some(on)
             });
             return rod.assemble(around, residual, jacobian);
-        }
+        };
+        let (flow, fluid) = (fluid.flow, law.in_fluid(fluid));
         let ends = v.as_chunks::<2>().0.windows(2);
         let around = edges.iter().zip(ends).enumerate().map(|(e, (edge, v))| {
             let w = [Vector2::from(v[0]) - flow, Vector2::from(v[1]) - flow];
@@ -327,8 +343,8 @@ impl<L: Law> InPass for LocalDrag<L> {
         rod.assemble(around, residual, jacobian);
     }
 
-    fn powers(&self, rod: &Kinematics<'_>) -> Powers {
-        let (law, flow, fluid) = (&self.law, rod.fluid.flow, self.law.in_fluid(rod.fluid));
+    fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers {
+        let (law, flow, fluid) = (&self.law, fluid.flow, self.law.in_fluid(fluid));
         let (mut opposing, mut against_fluid) = (f64x2::ZERO, 0.0);
         let ends = rod.v.as_chunks::<2>().0.windows(2);
         for (e, (edge, v)) in rod.edges.iter().zip(ends).enumerate() {

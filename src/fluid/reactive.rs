@@ -87,14 +87,15 @@ impl Reactive {
             pair += (t * (0.5 * w * w) - n * (u * w)) * c[i];
             (n * (length * an + stretching * w - lambda * u) - t * (lambda * w)) * c[i]
         });
-        let crossing = |i: usize, along: Direction| {
-            let v = node(rod.v, k + i) - ends[i].fluid.flow;
-            crossing(self.halves[k][i], edge, rod.normal(), &ends[i], v, along)
-        };
-        if VARIES {
-            for (i, force) in force.iter_mut().enumerate() {
-                *force += crossing(i, Direction { q: 0.0, v: 0.0, a: 0.0 }).0;
-            }
+        let place = VARIES.then(|| {
+            [0, 1].map(|i| {
+                let v = node(rod.v, k + i) - ends[i].fluid.flow;
+                let along = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
+                crossing(self.halves[k][i], edge, rod.normal(), &ends[i], v, along)
+            })
+        });
+        for (force, (more, ..)) in force.iter_mut().zip(place.iter().flatten()) {
+            *force += more;
         }
         force[0] += pair;
         force[1] -= pair;
@@ -118,10 +119,9 @@ impl Reactive {
             pair_by_own[i] = ((tn - nt) * w - nn * u) * (c[i] * v);
             pair_by_edge += nn * (c[i] * (u * u - 0.5 * w * w) * per * q);
         }
-        if VARIES {
-            for i in 0..2 {
+        if let Some(place) = place {
+            for (i, (_, by_own, by_vector)) in place.into_iter().enumerate() {
                 let ([u, w], [_, an]) = motion[i];
-                let (_, by_own, by_vector) = crossing(i, Direction { q, v, a });
                 // c changes with the place.
                 let by_place = rod.normal() * (self.halves[k][i] * ends[i].slope.density * q);
                 let unit = n * (length * an + stretching * w - lambda * u) - t * (lambda * w);

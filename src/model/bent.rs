@@ -41,8 +41,7 @@ impl<'a> Bent<'a> {
 
     /// How it moves, and in which fluid.
     pub fn kinematics(&self) -> Kinematics<'a> {
-        let State { t, q, v, a, .. } = self.state;
-        self.dynamics.kinematics_of(*t, self.edges(), [q, v, a])
+        self.dynamics.moving(self.state)
     }
 
     /// The force (N) that its first edge carries.

@@ -126,6 +126,7 @@ impl Dynamics {
     ) -> Result<()> {
         let links = &state.links;
         self.shape_edges_of(links, state.t)?;
+        self.look_around(&state.q);
         let rows = matrix.rows_mut();
         let rod = &self.model.rod;
         let (nodes, joints) = (rod.nodes, rod.joints());
@@ -195,7 +196,7 @@ impl Dynamics {
             // Forces join the rows while they are in the cache: those of an edge, once the rows of both its nodes are there.
             // What a force changes with the stretch of an edge is left out of the matrix: it is as small as the stretch.
             let edges = first.saturating_sub(1)..last - 1;
-            let moving = self.kinematics_of(state.t, &self.edges, [&state.q, &state.v, &state.a]);
+            let moving = self.moving(state);
             self.model.forces.on_edges(&moving, Some(direction), edges, |e, on| {
                 let edge = &moving.edges[e];
                 for (i, k) in [e, e + 1].into_iter().enumerate() {
@@ -218,7 +219,7 @@ impl Dynamics {
                 }
             });
         }
-        let moving = self.kinematics_of(state.t, &self.edges, [&state.q, &state.v, &state.a]);
+        let moving = self.moving(state);
         for tip in self.model.forces.on_tip(&moving, Some(direction)) {
             let row = 6 * (nodes - 1);
             residual[row] += tip.force.x;

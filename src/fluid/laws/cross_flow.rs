@@ -182,6 +182,7 @@ impl Law for CrossFlow {
         &[VISCOSITY, DENSITY, FORM_DRAG, SKIN_FRICTION]
     }
 
+    #[inline(always)] // which settles the key when it is compiled
     fn by_parameter(&self, key: Key, c: &Coefficients, fluid: Fluid, u: f64, w: f64) -> Traction {
         let [_, sweep] = c.sweep(u, w);
         let root = (fluid.density * fluid.viscosity).sqrt();

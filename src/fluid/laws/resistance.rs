@@ -80,6 +80,7 @@ impl Law for Resistance {
         self.parameters
     }
 
+    #[inline(always)] // which settles the key when it is compiled
     fn by_parameter(&self, key: Key, &[along, across]: &[f64; 2], fluid: Fluid, u: f64, w: f64) -> Traction {
         match key {
             VISCOSITY => Traction { along: along * u, across: across * w },

@@ -142,6 +142,7 @@ impl Law for WeakInertia {
         &[VISCOSITY, DENSITY]
     }
 
+    #[inline(always)] // which settles the key when it is compiled
     fn by_parameter(&self, key: Key, radius: &f64, fluid: Fluid, u: f64, w: f64) -> Traction {
         let (viscosity, rest, growth) = self.in_fluid(fluid);
         let speed = u.hypot(w);
