@@ -627,16 +627,16 @@ impl Cycles {
 
     /// Ends the cycles that are over by `now`.
     fn turn(&mut self, now: &Sample) {
-        let from = self.last;
         let mut passed = 0.0;
-        match (from.phase, now.phase) {
+        match (self.last.phase, now.phase) {
             (Some(before), Some(after)) => {
                 let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
                 // Of more than are kept the first need not be known.
                 for phase in first.max(last.saturating_sub(KEPT as i64))..=last {
                     let z = ((phase as f64 - before) / (after - before)).min(1.0);
                     self.reach(now, [passed, z]);
-                    self.complete(from.time + z * (now.time - from.time), between(&from, now, z));
+                    let from = &self.last;
+                    self.complete(from.time + z * (now.time - from.time), between(from, now, z));
                     passed = z;
                     self.range = [f64::INFINITY, f64::NEG_INFINITY];
                 }

@@ -653,31 +653,32 @@ impl System for Dynamics {
         }
         let (mut moved, mut mean) = (Vector2::zeros(), Vector2::zeros());
         let (mut old, mut guessed) = (node(&from.q, 0), node(&to.q, 0));
-        for (k, mass) in rod.mass.iter().enumerate().skip(1) {
+        let beyond = from.q.as_chunks().0.iter().zip(to.nodes_mut()).zip(&rod.mass).skip(1);
+        for ((next_old, next), mass) in beyond {
             let (old_before, before) = (old, guessed);
-            (old, guessed) = (node(&from.q, k), node(&to.q, k));
+            (old, guessed) = (Vector2::from(*next_old), Vector2::from(*next[0]));
             let edge = guessed - before;
             let ratio = ((old - old_before).norm_squared() / edge.norm_squared()).sqrt();
             if ratio.is_finite() {
                 moved += edge * (ratio - 1.0);
             }
             mean += moved * *mass;
-            to.move_node(k, direction, moved / direction.q);
+            direction.move_node(next, moved / direction.q);
         }
         if self.held.is_none() {
             // The centre of mass stays.
             let mean = mean / (rod.total_mass() * direction.q);
-            (0..rod.nodes).for_each(|k| to.move_node(k, direction, -mean));
+            to.nodes_mut().for_each(|node| direction.move_node(node, -mean));
         }
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
-        let rod = &self.model.rod;
         let wall = self.wall().unwrap_or_default();
         let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], [wall; 2]];
         let mut folded = None;
-        for k in 0..rod.nodes - 1 {
-            let next = [node(&before.q, k + 1), node(&after.q, k + 1)];
+        let beyond = before.q.as_chunks().0.iter().zip(after.q.as_chunks().0).skip(1);
+        for (k, (old, new)) in beyond.enumerate() {
+            let next = [Vector2::from(*old), Vector2::from(*new)];
             let [old, new] = [next[0] - nodes[0], next[1] - nodes[1]];
             let turned = old.dot(&new);
             if turned < 0.0 && turned < REVERSED * old.norm() * new.norm() {

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, Choice, Chosen};
+use crate::linear::{BandMatrix, Choice, Chosen, Solution};
 use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System, chain_unknowns};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
@@ -50,8 +50,15 @@ pub struct Newton {
 /// The matrix and its solver.
 #[derive(Debug)]
 enum Equations {
-    Positions { jacobian: BandMatrix, solver: Box<Chosen> },
-    Chain { matrix: ChainMatrix },
+    Positions {
+        jacobian: BandMatrix,
+        solver: Box<Chosen>,
+    },
+    /// With the node of the largest residual.
+    Chain {
+        matrix: ChainMatrix,
+        worst: usize,
+    },
 }
 
 impl Newton {
@@ -79,7 +86,7 @@ impl Newton {
             }
             Form::Chain => {
                 let unknowns = chain_unknowns(nodes);
-                (Equations::Chain { matrix: ChainMatrix::new(unknowns) }, unknowns)
+                (Equations::Chain { matrix: ChainMatrix::new(unknowns), worst: 0 }, unknowns)
             }
         };
         Ok(Self { tolerance, equations, increment: vec![0.0; unknowns], work: Work::default() })
@@ -114,12 +121,12 @@ impl Newton {
     ) -> Result<Increments> {
         let length = system.length();
         let mut increments = Increments::default();
-        let (mut residual, mut node) = (0.0, 0);
+        let mut residual = 0.0;
         for _ in 0..MAX_ITERATIONS {
             let previous = increments.last();
             let step = self.iterate(system, state, direction)?;
             increments.push(step.increment);
-            (residual, node) = (step.residual, step.node);
+            residual = step.residual;
             let rate = step.increment / previous; // 0 in the first iteration
             let gain = if rate > 0.0 && rate <= FAST { rate.sqrt() } else { 1.0 };
             if gain * step.increment <= self.tolerance * length {
@@ -145,8 +152,18 @@ impl Newton {
             iterations: increments.count,
             increment_m: increments.last(),
             residual_n: residual,
-            node,
+            node: self.worst(residual),
         })
+    }
+
+    /// The node of the `residual` (N) that was the largest one of the last iteration.
+    fn worst(&self, residual: f64) -> usize {
+        match &self.equations {
+            Equations::Positions { solver, .. } => {
+                solver.rhs().iter().position(|force| force.abs() == residual).unwrap_or(0) / 2
+            }
+            Equations::Chain { worst, .. } => *worst,
+        }
     }
 
     /// One iteration: assemble, factor, solve, move.
@@ -161,17 +178,23 @@ impl Newton {
             Equations::Positions { jacobian, solver } => {
                 let linearisation = Linearisation { matrix: &mut *jacobian, direction };
                 system.assemble(state, increment, Some(linearisation))?;
-                let (worst, residual) = largest(increment, 2, t, "force")?; // here its node is still known
-                let fallback = solver.solve(jacobian, increment)?;
+                let Solution { fallback, sizes } = solver.solve(jacobian, increment)?;
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);
-                let (_, size) = largest(increment, 2, t, "Newton's increment")?;
+                let [size, residual] = match sizes {
+                    Some(sizes) => sizes,
+                    None => {
+                        let residual = largest(solver.rhs(), 2, t, "force")?.1;
+                        [largest(increment, 2, t, "Newton's increment")?.1, residual]
+                    }
+                };
                 state.move_all_back(direction, increment);
-                Ok(Iteration { increment: direction.q * size, residual, node: worst })
+                Ok(Iteration { increment: direction.q * size, residual })
             }
-            Equations::Chain { matrix } => {
+            Equations::Chain { matrix, worst: unsettled } => {
                 system.assemble_chain(state, direction, increment, matrix)?;
-                let (worst, residual) = largest(increment, 6, t, "force")?;
+                let (worst, residual) = largest(increment, 6, t, "force")?; // here its node is still known
+                *unsettled = worst;
                 self.work.factorisations += 1;
                 matrix.factor_and_solve(increment);
                 largest(increment, 6, t, "Newton's increment")?;
@@ -184,7 +207,7 @@ impl Newton {
                     size = of_node.get(5).map_or(size, |turn| size.max((length * turn).abs()));
                 }
                 system.move_links(increment, state);
-                Ok(Iteration { increment: size, residual, node: worst })
+                Ok(Iteration { increment: size, residual })
             }
         }
     }
@@ -206,8 +229,6 @@ pub struct Iteration {
     pub increment: f64,
     /// Largest residual before the iteration, N.
     pub residual: f64,
-    /// Node of that residual.
-    pub node: usize,
 }
 
 /// The displacement increments (m) of the iterations of one solve, in order.

@@ -92,12 +92,10 @@ impl State {
         }
     }
 
-    /// Moves node `k` by `d` along `direction`.
-    #[inline]
-    pub(crate) fn move_node(&mut self, k: usize, direction: Direction, d: Vector2<f64>) {
-        for i in 0..2 {
-            self.move_back(2 * k + i, direction, -d[i]);
-        }
+    /// Position, velocity and acceleration of every node.
+    pub(crate) fn nodes_mut(&mut self) -> impl Iterator<Item = [&mut [f64; 2]; 3]> {
+        let [q, v, a] = [&mut self.q, &mut self.v, &mut self.a].map(|values| values.as_chunks_mut().0.iter_mut());
+        q.zip(v).zip(a).map(|((q, v), a)| [q, v, a])
     }
 
     /// Guesses the links from those of `from`: forces and moments stay, every edge turns as its nodes do on their way
@@ -131,6 +129,16 @@ pub struct Direction {
 }
 
 impl Direction {
+    /// Moves a node, given by position, velocity and acceleration, by `d`.
+    #[inline]
+    pub(crate) fn move_node(self, [q, v, a]: [&mut [f64; 2]; 3], d: Vector2<f64>) {
+        for i in 0..2 {
+            q[i] += self.q * d[i];
+            v[i] += self.v * d[i];
+            a[i] += self.a * d[i];
+        }
+    }
+
     /// Moves positions alone.
     pub const POSITIONS: Self = Self { q: 1.0, v: 0.0, a: 0.0 };
     /// Moves velocities alone.

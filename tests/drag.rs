@@ -66,7 +66,16 @@ fn on_the_study_s_mesh_the_head_s_weight_is_all_on_the_head_node() {
         let edges = [Edge::new(Vector2::new(0.125, 0.0)); 8];
         let (v, zeros) = ([0.2, -0.1].repeat(9), [0.0; 18]);
         let mut force = vec![0.0; 18];
-        let rod = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid: model.fluid, layers: None, here: &[] };
+        let rod = Kinematics {
+            t: 0.0,
+            edges: &edges,
+            q: &zeros,
+            v: &v,
+            a: &zeros,
+            fluid: model.fluid,
+            layers: None,
+            here: &[],
+        };
         model.forces.add(&rod, &mut force);
         force
     };

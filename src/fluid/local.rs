@@ -234,13 +234,7 @@ struct Place<F> {
 
 /// What a law opposes an end of `edge` with that moves at `w` (m/s) against the fluid, N.
 #[inline(always)]
-fn push<L: Law>(
-    law: &L,
-    (length, half): &(f64, L::Half),
-    fluid: L::Fluid,
-    edge: &Edge,
-    w: Vector2<f64>,
-) -> f64x2 {
+fn push<L: Law>(law: &L, (length, half): &(f64, L::Half), fluid: L::Fluid, edge: &Edge, w: Vector2<f64>) -> f64x2 {
     let Traction { along, across } = law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
     lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
 }

@@ -223,10 +223,12 @@ pub struct Memory {
 
 impl Rule {
     fn step(self, system: &mut dyn System, newton: &mut Newton, from: &State, h: f64, to: &mut State) -> Result<()> {
-        let memory = self.memory.map(|memory| (memory, &from.memory[..]));
+        let unknowns = from.q.len();
+        let (v, a) = (&from.v[..unknowns], &from.a[..unknowns]);
+        let memory = self.memory.map(|memory| (memory, &from.memory[..unknowns]));
         let stage = Stage { new: Direction { q: self.q_new, v: self.v_new, a: 1.0 }, h };
         stage.solve(system, newton, from, to, |i| {
-            let (v, a) = (from.v[i], from.a[i]);
+            let (v, a) = (v[i], a[i]);
             let (q_w, v_w) = memory.map_or((0.0, 0.0), |(memory, w)| (memory.q * w[i], memory.v * w[i]));
             Foot { dq: h * v + self.q_old * a + q_w, v: v + self.v_old * a + v_w, guess: a }
         })?;
@@ -298,15 +300,16 @@ impl Stage {
     ) -> Result<()> {
         let time = to.t;
         let mut from_guess = |guess: Guess, patience: Patience| {
-            for i in 0..from.q.len() {
+            let guessed = to.q.iter_mut().zip(&mut to.v).zip(&mut to.a);
+            for (i, (((to_q, to_v), to_a), q)) in guessed.zip(&from.q).enumerate() {
                 let Foot { dq, v, guess: u } = foot(i);
                 let u = match guess {
                     Guess::Method => u,
                     Guess::Positions => -dq / self.new.q,
                 };
-                to.q[i] = from.q[i] + dq + self.new.q * u;
-                to.v[i] = v + self.new.v * u;
-                to.a[i] = self.new.a * u;
+                *to_q = q + dq + self.new.q * u;
+                *to_v = v + self.new.v * u;
+                *to_a = self.new.a * u;
             }
             system.move_to(time, to);
             system.better_guess(from, self.new, to);

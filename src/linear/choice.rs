@@ -26,6 +26,15 @@ pub enum Choice {
     BlockBand,
 }
 
+/// What is known of a solution.
+#[derive(Debug, Clone, Copy)]
+pub struct Solution {
+    /// True if the fast solver failed the check, so that there was a second factorisation.
+    pub fallback: bool,
+    /// The largest moduli of the solution and of the right-hand side, from the check: all their values are finite then.
+    pub sizes: Option<[f64; 2]>,
+}
+
 /// The solver or solvers of a choice, for one system at a time.
 #[derive(Debug)]
 pub struct Chosen {
@@ -50,29 +59,38 @@ impl Chosen {
         Ok(Self { choice, band: BlockBand::analyse(matrix)?, lu, rhs: vec![0.0; matrix.unknowns()] })
     }
 
-    /// Replaces `rhs` by A⁻¹ rhs, values that are not finite where A is singular. True if the fast solver failed the
-    /// check, so that there was a second factorisation.
+    /// Replaces `rhs` by A⁻¹ rhs, values that are not finite where A is singular.
     ///
     /// # Errors
     /// Those of [`LinearSolver::analyse`] and [`LinearSolver::factor`].
-    pub fn solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<bool> {
+    pub fn solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<Solution> {
+        self.rhs.copy_from_slice(rhs);
         if matches!(self.choice, Choice::Auto | Choice::BlockBand) {
-            self.rhs.copy_from_slice(rhs);
             self.band.factor_and_solve(matrix, rhs)?;
-            if matrix.backward_error(rhs, &self.rhs) <= BACKWARD_ERROR {
-                return Ok(false);
+            let checked = matrix.checked(rhs, &self.rhs);
+            if checked.error <= BACKWARD_ERROR {
+                return Ok(Solution { fallback: false, sizes: Some([checked.x, checked.b]) });
             }
             if self.choice == Choice::BlockBand {
                 rhs.fill(f64::NAN);
-                return Ok(false);
+                return Ok(Solution { fallback: false, sizes: None });
             }
             rhs.copy_from_slice(&self.rhs);
+        }
+        if !rhs.iter().all(|b| b.is_finite()) {
+            rhs.fill(f64::NAN);
+            return Ok(Solution { fallback: false, sizes: None });
         }
         let lu = match &mut self.lu {
             Some(lu) => lu,
             none => none.insert(Box::new(PivotedLu::analyse(matrix)?)),
         };
         lu.factor_and_solve(matrix, rhs)?;
-        Ok(self.choice == Choice::Auto)
+        Ok(Solution { fallback: self.choice == Choice::Auto, sizes: None })
+    }
+
+    /// The right-hand side of the last system.
+    pub(crate) fn rhs(&self) -> &[f64] {
+        &self.rhs
     }
 }

@@ -13,7 +13,7 @@ use wide::f64x2;
 use crate::error::Result;
 pub use block::{Block, lanes};
 pub use block_band::BlockBand;
-pub use choice::{Choice, Chosen};
+pub use choice::{Choice, Chosen, Solution};
 #[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
 pub use pivoted_band::{PivotedBand, PivotedLu};
@@ -114,6 +114,11 @@ impl BandMatrix {
     /// ‖A x − b‖∞ / (max |aₖₖ| ‖x‖∞ + ‖b‖∞), NaN where anything is not finite: at least the normwise backward error of
     /// x as a solution of A x = b (Rigal and Gaches, J. ACM 14, 1967), as the largest |aₖₖ| is at most ‖A‖∞.
     pub fn backward_error(&self, x: &[f64], b: &[f64]) -> f64 {
+        self.checked(x, b).error
+    }
+
+    /// The [backward error](Self::backward_error), with the largest moduli of x and b, which are right where it is a number.
+    pub(crate) fn checked(&self, x: &[f64], b: &[f64]) -> Checked {
         let (x, b) = (x.as_chunks().0, b.as_chunks().0);
         let mut sizes = Sizes::default();
         let inner = self.rows.len().saturating_sub(2 * REACH);
@@ -129,8 +134,19 @@ impl BandMatrix {
         {
             sizes.add(row, near, *b);
         }
-        sizes.error()
+        sizes.checked()
     }
+}
+
+/// A solution of A x = b, checked.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Checked {
+    /// Its backward error.
+    pub error: f64,
+    /// Largest modulus of x.
+    pub x: f64,
+    /// Largest modulus of b.
+    pub b: f64,
 }
 
 /// Largest moduli of parts of A x − b, and a sum that is not finite where anything in A x − b is not.
@@ -163,18 +179,19 @@ impl Sizes {
         self.b = self.b.fast_max(b.abs());
     }
 
-    fn error(&self) -> f64 {
+    fn checked(&self) -> Checked {
         let [residual, diagonal, x, b] = [self.residual, self.diagonal, self.x, self.b].map(|sizes| {
             let [a, b] = sizes.to_array();
             a.max(b)
         });
-        if !self.sum.reduce_add().is_finite() {
+        let error = if !self.sum.reduce_add().is_finite() {
             f64::NAN
         } else if residual == 0.0 {
             0.0
         } else {
             residual / (diagonal * x + b)
-        }
+        };
+        Checked { error, x, b }
     }
 }
 

@@ -75,7 +75,16 @@ impl Chain {
     fn of_fluid(&mut self, dynamics: &Dynamics, own: f64, motion: [f64; 3], flow: Vector2<f64>) -> Vector3<f64> {
         self.move_by(own, motion);
         let (edges, q, v, a) = (&self.edges[..], &self.x[..], &self.moving[..], &self.still[..]);
-        let rod = Kinematics { t: 0.0, edges, q, v, a, fluid: Fluid { flow, ..dynamics.inputs.fluid }, layers: None, here: &[] };
+        let rod = Kinematics {
+            t: 0.0,
+            edges,
+            q,
+            v,
+            a,
+            fluid: Fluid { flow, ..dynamics.inputs.fluid },
+            layers: None,
+            here: &[],
+        };
         momenta(dynamics, &rod, &mut self.momentum, &mut self.unused)
     }
 
@@ -255,8 +264,16 @@ impl Chain {
             // M a + F(a) = 0 in all, linear in the rigid part of a with the same inertias.
             self.move_by(1.0, [vx, vy, 0.0]);
             let fluid = dynamics.inputs.fluid;
-            let moving =
-                Kinematics { t: 0.0, edges: &self.edges, q: &self.x, v: &self.moving, a: &self.a, fluid, layers: None, here: &[] };
+            let moving = Kinematics {
+                t: 0.0,
+                edges: &self.edges,
+                q: &self.x,
+                v: &self.moving,
+                a: &self.a,
+                fluid,
+                layers: None,
+                here: &[],
+            };
             dynamics.write_applied(&moving, &mut self.force);
             let mut left = Vector3::new(0.0, 0.0, change);
             for k in 0..rod.nodes {
@@ -310,8 +327,16 @@ impl Chain {
             let edges: Vec<Edge> =
                 (0..rod.nodes - 1).map(|k| Edge::new(node(&state.q, k + 1) - node(&state.q, k))).collect();
             let State { t, q, v, .. } = state;
-            let moving =
-                Kinematics { t: *t, edges: &edges, q, v, a: &self.still, fluid: dynamics.inputs.fluid, layers: None, here: &[] };
+            let moving = Kinematics {
+                t: *t,
+                edges: &edges,
+                q,
+                v,
+                a: &self.still,
+                fluid: dynamics.inputs.fluid,
+                layers: None,
+                here: &[],
+            };
             let of_fluid = momenta(dynamics, &moving, &mut self.momentum, &mut self.unused);
             given += of_fluid.xy() / self.mass;
             momentum += of_fluid.z - x.perp(&of_fluid.xy());
