@@ -12,7 +12,7 @@ use super::identify::{Identified, Verdict, identify};
 use super::markers::{LEAST, Markers};
 use super::search::{Found, FoundNumber, Iteration, Objective, Search};
 use super::shape::{Resting, rest};
-use super::table::{Goal, Table, Variable};
+use super::table::{Goal, Number, Table, Variable, keys_with};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
@@ -122,7 +122,7 @@ impl Design {
         };
         let mut lines = Vec::new();
         let mut evidence = Evidence { numbers: dimensionless(&scene), ..Evidence::default() };
-        let (answer, profile) = match table.goal {
+        let (mut answer, profile) = match table.goal {
             Goal::Identify if !table.is_searched() => {
                 let markers = data(LEAST)?.unwrap_or_default();
                 let found = identify(&mut dynamics, &markers, &table)?;
@@ -151,7 +151,7 @@ impl Design {
                 let profile = Profile::of(found.stiffness_n_m2.clone());
                 let own = Problem::of(&scene).map(|problem| Profile::of(problem.stiffness()))?;
                 for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
-                    let designed = resting(document, &scene, profile, &markers.positions[0]);
+                    let designed = resting(document, profile, &markers.positions[0]);
                     let check = Check { simulation: simulation.into(), designed, before: None, gain_percent: None };
                     evidence.checks.push(check);
                 }
@@ -209,8 +209,16 @@ impl Design {
             };
             lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
         }
-        let designed = designed(document, &scene, &profile)?;
-        let stiffness = profile.stiffness_n_m2;
+        let designed = designed(document, &scene, &table.numbers, &profile)?;
+        let stiffness = if profile.stiffness_n_m2.is_empty() {
+            let rod = profile.numbers_in(document, &table.numbers)?.model()?.rod;
+            rod.joints().map(|k| rod.joint_stiffness(k)).collect()
+        } else {
+            profile.stiffness_n_m2
+        };
+        if let Answer::Found(found) = &mut answer {
+            found.profile.stiffness_n_m2.clone_from(&stiffness);
+        }
         Ok(Self { table, answer, stiffness, lines, evidence, scene, document: document.clone(), designed })
     }
 
@@ -476,14 +484,15 @@ fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
     ]
 }
 
-/// The scene of `document` with `changes` and a profile of the joints of `scene`.
-fn changed(document: &Document, scene: &Scene, changes: &[String], profile: &Profile) -> Result<Scene> {
+/// The scene of `document` with `changes` and a profile of its joints and `numbers`.
+fn changed(document: &Document, numbers: &[Number], changes: &[String], profile: &Profile) -> Result<Scene> {
+    let keys = keys(document, numbers, profile)?;
     let mut document = document.clone();
     for change in changes {
         document.set(change)?;
     }
-    for ([table, key], value) in keys(scene, profile)? {
-        document.put("the design", &format!("{table}.{key}"), &value);
+    for (key, value) in keys {
+        document.put("the design", &key, &value);
     }
     document.scene()
 }
@@ -497,7 +506,7 @@ fn verify(
     profile: &Profile,
 ) -> Vec<Check> {
     let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
-        let scene = changed(document, scene, changes, profile).ok()?;
+        let scene = changed(document, &table.numbers, changes, profile).ok()?;
         let mut problem = Problem::of(&scene).ok()?;
         let own = Profile::of(problem.stiffness());
         let objective = Objective::new(table, &problem, target).ok()?;
@@ -521,7 +530,7 @@ fn verify(
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.
 fn replay(document: &Document, scene: &Scene, table: &Table, markers: &Markers, profile: &Profile) -> Vec<Check> {
     let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
-        let changed = changed(document, scene, changes, profile).ok()?;
+        let changed = changed(document, &table.numbers, changes, profile).ok()?;
         let trajectory = Problem::of(&changed).ok()?.simulate().ok()?;
         let finer = (changed.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
         distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
@@ -556,8 +565,8 @@ pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize
 }
 
 /// How far (m, root mean square) the rod of a profile rests from `positions`; none where no equilibrium is found from there.
-fn resting(document: &Document, scene: &Scene, profile: &Profile, positions: &[f64]) -> Option<f64> {
-    let scene = changed(document, scene, &[], profile).ok()?;
+fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<f64> {
+    let scene = changed(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
     let mut newton = Newton::new(dynamics.nodes(), scene.solver.newton_tolerance.get()).ok()?;
     let mut state = dynamics.first_state();
@@ -567,8 +576,9 @@ fn resting(document: &Document, scene: &Scene, profile: &Profile, positions: &[f
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
 }
 
-/// The keys of a scene that make it have `profile`, with their tables.
-fn keys<'a>(scene: &Scene, profile: &'a Profile) -> Result<Vec<([&'a str; 2], toml::Value)>> {
+/// The keys that make the scene of `document` have `profile`.
+fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Vec<(String, toml::Value)>> {
+    let scene = profile.numbers_in(document, numbers)?;
     let rod = scene.model()?.rod;
     let list = |values: &dyn Fn(usize, f64) -> f64| {
         let points = rod.joints().enumerate().map(|(i, k)| {
@@ -581,29 +591,26 @@ fn keys<'a>(scene: &Scene, profile: &'a Profile) -> Result<Vec<([&'a str; 2], to
     let along = |points: &[[f64; 2]], default: f64, xi: f64| {
         rod::Profile::through(points.to_vec()).map_or(default, |profile| profile.at(xi))
     };
-    let mut keys: Vec<([&str; 2], toml::Value)> = Vec::new();
-    for (key, value) in &profile.numbers {
-        if let Some(parts) = key.split_once('.') {
-            keys.push(([parts.0, parts.1], toml::Value::Float(*value)));
-        }
+    let mut keys = keys_with(numbers, &profile.numbers);
+    if !profile.stiffness_n_m2.is_empty() {
+        keys.push(("rod.stiffness_profile".into(), list(&|i, _| profile.stiffness_n_m2[i] / sections[i])));
     }
-    keys.push((["rod", "stiffness_profile"], list(&|i, _| profile.stiffness_n_m2[i] / sections[i])));
     if let Some(actuation) = &scene.actuation {
         let [amplitude, phase] = actuation.profiles();
         if profile.amplitude.iter().any(|factor| *factor != 1.0) {
             let own = |xi: f64| along(&amplitude, 1.0, xi);
-            keys.push((["actuation", "amplitude_profile"], list(&|i, xi| own(xi) * profile.amplitude[i])));
+            keys.push(("actuation.amplitude_profile".into(), list(&|i, xi| own(xi) * profile.amplitude[i])));
         }
         if profile.phase_rad.iter().any(|phase| *phase != 0.0) {
             let own = |xi: f64| along(&phase, 0.0, xi);
-            keys.push((["actuation", "phase_profile_rad"], list(&|i, xi| own(xi) + profile.phase_rad[i])));
+            keys.push(("actuation.phase_profile_rad".into(), list(&|i, xi| own(xi) + profile.phase_rad[i])));
         }
     }
     Ok(keys)
 }
 
 /// The scene with the designed profile and without `[design]`; files that it names are found from anywhere.
-fn designed(document: &Document, scene: &Scene, profile: &Profile) -> Result<Document> {
+fn designed(document: &Document, scene: &Scene, numbers: &[Number], profile: &Profile) -> Result<Document> {
     let failed = |reason: String| Error::Page { reason };
     let mut table: toml::Table = document.text().parse().map_err(|e: toml::de::Error| failed(e.to_string()))?;
     for change in document.overrides() {
@@ -612,9 +619,13 @@ fn designed(document: &Document, scene: &Scene, profile: &Profile) -> Result<Doc
     }
     table.remove("design");
     table.insert("name".to_string(), toml::Value::String(format!("{}-designed", scene.name)));
-    for ([part, key], value) in keys(scene, profile)? {
-        if let Some(toml::Value::Table(part)) = table.get_mut(part) {
-            part.remove("stiffness_gradient");
+    for (key, value) in keys(document, numbers, profile)? {
+        let (tables, key) = key.rsplit_once('.').unwrap_or(("", &key));
+        let part = tables.split('.').try_fold(&mut table, |part, name| part.get_mut(name)?.as_table_mut());
+        if let Some(part) = part {
+            if key == "stiffness_profile" {
+                part.remove("stiffness_gradient");
+            }
             part.insert(key.to_string(), value);
         }
     }

@@ -18,8 +18,8 @@ use serde::Serialize;
 use super::identify::Verdict;
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Goal, Table, Variable};
-use super::unknowns::{NOTHING, Profile, Unknowns, WIDE};
+use super::table::{Goal, Number, Table, Variable, moved};
+use super::unknowns::{NOTHING, Profile, Unknowns};
 use crate::cycle::{MEASURES, Measure};
 use crate::error::{Error, Result};
 use crate::scene::Document;
@@ -76,6 +76,7 @@ pub struct Objective {
     fits: bool,
     /// The scene, where numbers of it are unknown.
     document: Option<Document>,
+    numbers: Vec<Number>,
 }
 
 /// The objective at one profile.
@@ -132,7 +133,17 @@ impl Objective {
         };
         let every = target.iter().fold(0, |all, (n, _)| gcd(all, *n)).max(1);
         let length = problem.model().rod.length;
-        Ok(Self { goal: table.goal, sign, target, every, outputs, length, fits, document: None })
+        Ok(Self {
+            goal: table.goal,
+            sign,
+            target,
+            every,
+            outputs,
+            length,
+            fits,
+            document: None,
+            numbers: table.numbers.clone(),
+        })
     }
 
     /// The measure whose mean over the cycles it is.
@@ -198,17 +209,27 @@ impl Objective {
 
     /// Gives `problem` a profile.
     pub(super) fn set(&self, problem: &mut Problem, profile: &Profile) -> Result<()> {
+        self.set_with(problem, profile, &[])
+    }
+
+    /// The same, ready to be differentiated by `parameters`.
+    fn set_with(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Result<()> {
         if let Some(document) = &self.document {
-            *problem = Problem::of(&profile.numbers_in(document)?)?;
+            *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
+            if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
+                problem.moved = moved(document, &self.numbers, &profile.numbers)?;
+            }
         }
-        problem.set_stiffness(&profile.stiffness_n_m2)?;
+        if !profile.stiffness_n_m2.is_empty() {
+            problem.set_stiffness(&profile.stiffness_n_m2)?;
+        }
         problem.set_actuation(&profile.amplitude, &profile.phase_rad)
     }
 
     /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
     /// simulation fails.
     fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
-        self.set(problem, profile).ok()?;
+        self.set_with(problem, profile, parameters).ok()?;
         let value = if self.fits {
             self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
         } else if let Some(measure) = self.measured() {
@@ -429,8 +450,8 @@ impl Search<'_> {
                     |variable: &Variable| unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), noise);
                 deviations = of(&Variable::Stiffness);
                 confused = confusions(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
-                for number in &self.table.numbers {
-                    of_numbers.extend(of(&Variable::Number(number.key.clone())));
+                for variable in self.table.variables.iter().filter(|v| matches!(v, Variable::Number(_))) {
+                    of_numbers.extend(of(variable));
                 }
             }
         }
@@ -438,7 +459,7 @@ impl Search<'_> {
         let values = profile.numbers.iter().zip(&self.table.numbers).enumerate();
         let numbers = values.map(|(i, ((key, value), number))| {
             let deviation = of_numbers.get(i).copied();
-            let [low, high] = self.table.number_bounds.unwrap_or(WIDE);
+            let [low, high] = self.table.bounds_of(&number.key);
             let bound = [low, high].iter().any(|bound| (value / number.own / bound - 1.0).abs() < 1e-6);
             let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
             let verdict = match deviation {
@@ -450,7 +471,7 @@ impl Search<'_> {
             };
             let deviation =
                 deviation.map(|deviation| deviation * value.abs()).filter(|deviation| deviation.is_finite());
-            let (key, unit, own) = (key.clone(), number.unit, number.own);
+            let (key, unit, own) = (number.words(), number.unit, number.own);
             FoundNumber { key, unit, own, value: *value, deviation, verdict }
         });
         let numbers = numbers.collect();

@@ -1,13 +1,17 @@
 //! `[design]`: what a user asks for.
 
+use std::collections::BTreeMap;
+
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::unknowns::{WIDE, parameter};
 use crate::cycle::slopes;
-use crate::error::nearest;
+use crate::error::{Result, nearest};
+use crate::fluid::DENSITY;
 use crate::rod::Rod;
-use crate::scene::{Fault, Scene};
+use crate::scene::{Document, Fault, Scene};
+use crate::sensitivity::{Moved, Parameter};
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -116,10 +120,78 @@ impl From<Variable> for String {
 pub struct Number {
     /// Its key.
     pub key: String,
+    /// Where it is in the value of that key: nowhere, a component's place, or that of a point [ξ, value].
+    place: Vec<usize>,
+    /// ξ of a point.
+    pub xi: Option<f64>,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
     /// What it is in the scene.
     pub own: f64,
+    /// The whole value of the key in the scene.
+    whole: toml::Value,
+    /// What a simulation is differentiated by.
+    pub by: Parameter,
+}
+
+impl Number {
+    /// The key, with the number's place in its value.
+    pub fn words(&self) -> String {
+        match (self.xi, self.place.first()) {
+            (Some(xi), _) => format!("{} at xi = {xi}", self.key),
+            (None, Some(i)) => format!("{}[{i}]", self.key),
+            (None, None) => self.key.clone(),
+        }
+    }
+}
+
+/// The keys of a scene with `values` for the first of `numbers`, all others as they are.
+pub fn keys_with(numbers: &[Number], values: &[(String, f64)]) -> Vec<(String, toml::Value)> {
+    let mut keys: Vec<(String, toml::Value)> = Vec::new();
+    for (number, (_, value)) in numbers.iter().zip(values) {
+        let at = keys.iter().position(|(key, _)| *key == number.key).unwrap_or_else(|| {
+            keys.push((number.key.clone(), number.whole.clone()));
+            keys.len() - 1
+        });
+        let to = number.place.iter().try_fold(&mut keys[at].1, |to, i| to.get_mut(*i));
+        if let Some(to) = to {
+            *to = toml::Value::Float(*value);
+        }
+    }
+    keys
+}
+
+/// The scene of `document`, with `numbers` of these `values`, with each number moved that has no other derivative.
+///
+/// # Errors
+/// Those of [`Document::scene`] and of the model.
+pub fn moved(document: &Document, numbers: &[Number], values: &[(String, f64)]) -> Result<Vec<Moved>> {
+    let of_scene = (0..numbers.len()).filter(|i| matches!(numbers[*i].by, Parameter::OfScene(_)));
+    let mut values = values.to_vec();
+    of_scene
+        .map(|i| {
+            let own = values[i].1;
+            let moved = Moved::of(own, |value| {
+                values[i].1 = value;
+                let mut document = document.clone();
+                keys_with(numbers, &values).iter().for_each(|(key, value)| document.put("the design", key, value));
+                let scene = document.scene()?;
+                Ok([scene.model()?, scene.model()?])
+            });
+            values[i].1 = own;
+            moved
+        })
+        .collect()
+}
+
+/// Least and largest of what is unknown, over what it is in the scene: of all alike, or by keys.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged)]
+pub enum Bounds {
+    /// Of all.
+    All([f64; 2]),
+    /// By keys.
+    Each(BTreeMap<String, [f64; 2]>),
 }
 
 /// `[design]`.
@@ -152,7 +224,7 @@ pub struct Table {
     /// Least and largest phase, rad.
     pub phase_bounds_rad: Option<[f64; 2]>,
     /// Least and largest of the scene's numbers among the variables, over what they are in the scene.
-    pub number_bounds: Option<[f64; 2]>,
+    pub number_bounds: Option<Bounds>,
     /// Those numbers.
     #[serde(skip)]
     pub numbers: Vec<Number>,
@@ -255,7 +327,16 @@ impl Table {
 
     /// The numbers as they are in the scene.
     pub fn own_numbers(&self) -> Vec<(String, f64)> {
-        self.numbers.iter().map(|number| (number.key.clone(), number.own)).collect()
+        self.numbers.iter().map(|number| (number.words(), number.own)).collect()
+    }
+
+    /// Least and largest of the numbers of a key, over what they are in the scene.
+    pub fn bounds_of(&self, key: &str) -> [f64; 2] {
+        match &self.number_bounds {
+            Some(Bounds::All(bounds)) => *bounds,
+            Some(Bounds::Each(each)) => each.get(key).copied().unwrap_or(WIDE),
+            None => WIDE,
+        }
     }
 
     /// True where the answer is searched for by simulation.
@@ -281,36 +362,86 @@ impl Table {
         });
         let keys: Vec<&String> = keys.collect();
         let (false, Ok(model)) = (keys.is_empty(), scene.model()) else { return Ok(Vec::new()) };
-        let known = scene.parameters();
-        let fits = |key: &str| parameter(key, &model).is_some();
-        let find = |key: &String| {
-            let found = known.iter().find(|known| known.component.is_none() && known.key == *key && fits(key));
-            let Some(found) = found else {
-                let listed: Vec<&str> = known.iter().map(|known| known.key.as_str()).filter(|key| fits(key)).collect();
-                let listed = listed.join(", ");
-                return Err(format!(
-                    "found {key:?}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its motion \
-                     depends on: {listed}"
-                ));
+        let (known, profiles) = (scene.parameters(), scene.profiles());
+        let fits = |key: &str| {
+            let fluid = ["medium.viscosity_pa_s", "medium.density_kg_m3"].contains(&key) && model.buoyancy.is_none();
+            let passive = ["solver.", "start."].iter().any(|part| key.starts_with(part));
+            parameter(key, &model).is_some() || !(fluid || passive)
+        };
+        let mut numbers: Vec<Number> = Vec::new();
+        let mut others = 0;
+        for key in keys {
+            let of_key: Vec<_> = known.iter().filter(|known| known.key == *key && fits(key)).collect();
+            let of_points = profiles.iter().find(|points| points.key == key);
+            let before = numbers.len();
+            let mut add = |place: &[usize], xi: Option<f64>, unit: &'static str, own: f64, whole: &toml::Value| {
+                if own != 0.0 {
+                    let of_scene = || {
+                        others += 1;
+                        Parameter::OfScene(others - 1)
+                    };
+                    // The mass of a body may follow the density.
+                    let alone = place.is_empty() && (key != DENSITY || scene.head_body.is_none());
+                    let by = parameter(key, &model).filter(|_| alone).unwrap_or_else(of_scene);
+                    let (key, place, whole) = (key.clone(), place.to_vec(), whole.clone());
+                    numbers.push(Number { key, place, xi, unit, own, whole, by });
+                }
             };
-            if found.value == 0.0 {
+            let list = |values: Vec<f64>| toml::Value::Array(values.into_iter().map(toml::Value::Float).collect());
+            match (&of_key[..], of_points) {
+                ([number], _) if number.component.is_none() => {
+                    add(&[], None, number.unit, number.value, &toml::Value::Float(number.value));
+                }
+                ([pair @ ..], _) if !pair.is_empty() => {
+                    let whole = list(pair.iter().map(|number| number.value).collect());
+                    pair.iter().enumerate().for_each(|(i, number)| add(&[i], None, number.unit, number.value, &whole));
+                }
+                (_, Some(points)) => {
+                    let whole = toml::Value::Array(points.points.iter().map(|point| list(point.to_vec())).collect());
+                    for (i, [xi, value]) in points.points.iter().enumerate() {
+                        add(&[i, 1], Some(*xi), points.unit, *value, &whole);
+                    }
+                }
+                _ => {
+                    let mut listed: Vec<&str> = known.iter().map(|known| &*known.key).filter(|key| fits(key)).collect();
+                    listed.extend(profiles.iter().map(|points| points.key));
+                    listed.dedup();
+                    let listed = listed.join(", ");
+                    return Err(format!(
+                        "found {key:?}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its \
+                         motion depends on: {listed}"
+                    ));
+                }
+            }
+            if numbers.len() == before {
                 return Err(format!("found {key:?}, which is 0 in the scene; allowed: a number to begin with"));
             }
-            Ok(Number { key: key.clone(), unit: found.unit, own: found.value })
-        };
-        keys.into_iter().map(find).collect()
+        }
+        Ok(numbers)
     }
 
     /// Checks what goes with numbers.
     fn check_numbers(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
-        if let Some([low, high]) = self.number_bounds {
+        if let Some(bounds) = &self.number_bounds {
             if self.numbers.is_empty() {
                 let allowed = "only with keys of the scene, as \"medium.viscosity_pa_s\", in variables";
                 return Err(("design.number_bounds", format!("found without any; allowed: {allowed}")));
             }
-            if !(low > 0.0 && high >= low && high.is_finite()) {
+            let all: Vec<[f64; 2]> = match bounds {
+                Bounds::All(bounds) => vec![*bounds],
+                Bounds::Each(each) => each.values().copied().collect(),
+            };
+            if let Some([low, high]) =
+                all.into_iter().find(|[low, high]| !(*low > 0.0 && high >= low && high.is_finite()))
+            {
                 let problem = format!("found [{low}, {high}]; allowed: [least, largest], both positive");
                 return Err(("design.number_bounds", problem));
+            }
+            let has = |key: &String| self.numbers.iter().any(|number| number.key == *key);
+            if let Bounds::Each(each) = bounds
+                && let Some(key) = each.keys().find(|key| !has(key))
+            {
+                return Err(("design.number_bounds", format!("found {key:?}; allowed: keys that are in variables")));
             }
         }
         if self.numbers.is_empty() {

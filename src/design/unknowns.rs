@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use super::identify::second_differences;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Basis, Goal, Table, Variable};
+use super::table::{Basis, Goal, Number, Table, Variable, keys_with};
 use crate::error::Result;
 use crate::model::Model;
 use crate::scene::{Document, Scene};
@@ -17,13 +17,13 @@ use crate::sensitivity::Parameter;
 /// What a search changes: joint by joint, and numbers of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Profile {
-    /// EI, N m².
+    /// EI, N m²; empty where it follows from the scene.
     pub stiffness_n_m2: Vec<f64>,
     /// Amplitude of the actuation over the scene's.
     pub amplitude: Vec<f64>,
     /// Phase subtracted inside the actuation's function of phase, beside the scene's, rad.
     pub phase_rad: Vec<f64>,
-    /// Numbers of the scene by their keys, in SI units; all others are the scene's.
+    /// Numbers of the scene by their names, in SI units, in the order of the table; all others are the scene's.
     pub numbers: Vec<(String, f64)>,
 }
 
@@ -34,14 +34,14 @@ impl Profile {
         Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
-    /// The scene of `document` with these numbers.
+    /// The scene of `document` with these `numbers`.
     ///
     /// # Errors
     /// Those of [`Document::scene`].
-    pub fn numbers_in(&self, document: &Document) -> Result<Scene> {
+    pub fn numbers_in(&self, document: &Document, numbers: &[Number]) -> Result<Scene> {
         let mut document = document.clone();
-        for (key, value) in &self.numbers {
-            document.put("the design", key, &toml::Value::Float(*value));
+        for (key, value) in keys_with(numbers, &self.numbers) {
+            document.put("the design", &key, &value);
         }
         document.scene()
     }
@@ -69,8 +69,8 @@ enum Map {
 #[derive(Debug, Clone)]
 struct Block {
     variable: Variable,
-    /// What a value of 1 is.
-    unit: f64,
+    /// What a value of 1 is, one for all or for each.
+    units: Vec<f64>,
     map: Map,
     bounds: [f64; 2],
     /// The largest mean.
@@ -86,6 +86,10 @@ struct Block {
 }
 
 impl Block {
+    fn unit(&self, i: usize) -> f64 {
+        self.units.get(i).or(self.units.first()).copied().unwrap_or(1.0)
+    }
+
     fn value(&self, x: f64) -> f64 {
         match self.map {
             Map::Logarithm => x.exp(),
@@ -126,7 +130,7 @@ impl Block {
             Variable::Stiffness => self.places[i].clone(),
             Variable::Amplitude => format!("amplitude at {}", self.places[i]),
             Variable::Phase => format!("phase at {}", self.places[i]),
-            Variable::Number(key) => key.clone(),
+            Variable::Number(_) => self.places[i].clone(),
         }
     }
 }
@@ -160,7 +164,7 @@ impl Unknowns {
         let block = |variable: &Variable| {
             let along = |unit: f64, map: Map, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| Block {
                 variable: variable.clone(),
-                unit,
+                units: vec![unit],
                 map,
                 bounds,
                 mean,
@@ -180,26 +184,36 @@ impl Unknowns {
                     let bounds = table.phase_bounds_rad.unwrap_or([-PI, PI]);
                     along(1.0, Map::Same, bounds, None, Parameter::WavePhase)
                 }
-                Variable::Number(key) => Block {
-                    variable: variable.clone(),
-                    unit: table.numbers.iter().find(|number| number.key == *key).map_or(1.0, |number| number.own),
-                    map: Map::Logarithm,
-                    bounds: table.number_bounds.unwrap_or(WIDE),
-                    mean: None,
-                    first,
-                    basis: Basis { unknowns: 1, rows: vec![vec![(0, 1.0)]] },
-                    xi: vec![0.0],
-                    places: vec![key.clone()],
-                    parameters: parameter(key, model).into_iter().collect(),
-                },
+                Variable::Number(key) => {
+                    let numbers: Vec<&Number> = table.numbers.iter().filter(|number| number.key == *key).collect();
+                    Block {
+                        variable: variable.clone(),
+                        units: numbers.iter().map(|number| number.own).collect(),
+                        map: Map::Logarithm,
+                        bounds: table.bounds_of(key),
+                        mean: None,
+                        first,
+                        basis: Basis {
+                            unknowns: numbers.len(),
+                            rows: (0..numbers.len()).map(|i| vec![(i, 1.0)]).collect(),
+                        },
+                        xi: numbers.iter().map(|number| number.xi.unwrap_or(0.0)).collect(),
+                        places: numbers.iter().map(|number| number.words()).collect(),
+                        parameters: numbers.iter().map(|number| number.by).collect(),
+                    }
+                }
             };
             first += block.basis.unknowns;
             block
         };
+        let mut own = Profile::of(stiffness);
+        if !table.numbers.is_empty() && !table.variables.contains(&Variable::Stiffness) {
+            own.stiffness_n_m2.clear();
+        }
         Self {
             blocks: table.variables.iter().map(block).collect(),
             joints: joints.len(),
-            own: Profile::of(stiffness),
+            own,
             monotone: table.monotone,
         }
     }
@@ -227,12 +241,14 @@ impl Unknowns {
     pub fn profile(&self, x: &[f64]) -> Profile {
         let mut profile = self.own.clone();
         for (block, _, x) in self.parts(x) {
-            let values = block.basis.joints(x).into_iter().map(|x| block.unit * block.value(x));
+            let values = block.basis.joints(x).into_iter().enumerate().map(|(i, x)| block.unit(i) * block.value(x));
             match &block.variable {
                 Variable::Stiffness => profile.stiffness_n_m2 = values.collect(),
                 Variable::Amplitude => profile.amplitude = values.collect(),
                 Variable::Phase => profile.phase_rad = values.collect(),
-                Variable::Number(key) => profile.numbers.extend(values.map(|value| (key.clone(), value))),
+                Variable::Number(_) => {
+                    profile.numbers.extend(values.zip(&block.places).map(|(value, place)| (place.clone(), value)));
+                }
             }
         }
         profile
@@ -248,11 +264,11 @@ impl Unknowns {
         let mut out = vec![0.0; self.count()];
         let mut by = by.iter();
         for (block, first, x) in self.parts(x) {
-            for (row, x) in block.basis.rows.iter().zip(block.basis.joints(x)) {
+            for (i, (row, x)) in block.basis.rows.iter().zip(block.basis.joints(x)).enumerate() {
                 let size = match block.variable {
                     // The parameter is relative to what it is, as the unknown is.
                     Variable::Amplitude => 1.0,
-                    _ => block.unit * block.slope(block.value(x)),
+                    _ => block.unit(i) * block.slope(block.value(x)),
                 };
                 let by = by.next().map_or(0.0, |by| by * size);
                 row.iter().for_each(|(u, w)| out[first + u] += by * w);
@@ -378,10 +394,13 @@ impl Unknowns {
     pub fn first(&self, start: usize) -> Vec<f64> {
         let mut x = Vec::with_capacity(self.count());
         for (b, block) in self.blocks.iter().enumerate() {
-            for xi in &block.xi {
+            for (i, xi) in block.xi.iter().enumerate() {
                 let factor = match start {
-                    _ if b > 0 || matches!(block.variable, Variable::Number(_)) => 1.0,
                     0 => 1.0,
+                    _ if b > 0 => 1.0,
+                    n if matches!(block.variable, Variable::Number(_)) => {
+                        (0.3 * (2.399_963 * (n * (i + 1)) as f64).cos()).exp() // the golden angle
+                    }
                     1 => (2.0 - xi) / 1.5,
                     2 => (1.0 + xi) / 1.5,
                     n => {

@@ -35,6 +35,17 @@ impl Parameter {
     }
 }
 
+/// A quantity of a scene that is given by points along the rod.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Points {
+    /// Dotted key, for example `rod.depth_m`.
+    pub key: &'static str,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// Points [ξ, value].
+    pub points: Vec<[f64; 2]>,
+}
+
 /// A number that knows its range.
 pub(super) trait Ranged {
     fn number(&self) -> f64;
@@ -211,6 +222,29 @@ impl Scene {
             }
         }
         list.0
+    }
+
+    /// What of this scene is given by points along the rod, phases and factors on the stiffness left out.
+    pub fn profiles(&self) -> Vec<Points> {
+        fn points<T: Copy>(along: &Along<T>) -> Option<Vec<[f64; 2]>> {
+            along.points().map(<[_]>::to_vec)
+        }
+        let (rod, drag) = (&self.rod, self.drag.as_ref());
+        let factors = self.actuation.as_ref().and_then(|actuation| actuation.amplitude_profile.as_ref());
+        let amplitude = factors.map(|points| points.iter().map(|point| point.map(NotNegative::get)).collect());
+        [
+            ("rod.outer_radius_m", "m", points(&rod.outer_radius_m)),
+            ("rod.inner_radius_m", "m", points(&rod.inner_radius_m)),
+            ("rod.depth_m", "m", rod.depth_m.as_ref().and_then(points)),
+            ("rod.density_kg_m3", "kg/m^3", points(&rod.density_kg_m3)),
+            ("rod.mass_profile", "1", rod.mass_profile.as_ref().and_then(points)),
+            ("actuation.amplitude_profile", "1", amplitude),
+            ("drag.along_n_s_m2", "N s/m^2", drag.and_then(|drag| drag.along_n_s_m2.as_ref()).and_then(points)),
+            ("drag.across_n_s_m2", "N s/m^2", drag.and_then(|drag| drag.across_n_s_m2.as_ref()).and_then(points)),
+        ]
+        .into_iter()
+        .filter_map(|(key, unit, points)| Some(Points { key, unit, points: points? }))
+        .collect()
     }
 }
 

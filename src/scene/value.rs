@@ -338,6 +338,11 @@ impl<T: Copy> Along<T> {
         self.number
     }
 
+    /// Its points [ξ, value], where it is not one number.
+    pub fn points(&self) -> Option<&[[f64; 2]]> {
+        self.number.is_none().then_some(&self.points)
+    }
+
     /// It as a profile.
     pub fn profile(&self) -> Profile {
         Profile::through(self.points.clone()).unwrap_or(Profile::from(0.0))

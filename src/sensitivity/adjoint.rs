@@ -45,7 +45,8 @@ impl Problem {
         let mut force = zeros();
         let mut total = vec![0.0; parameters.len()];
         let mut state = State::zeros(2 * nodes);
-        let dynamics = &mut self.dynamics;
+        let Self { dynamics, moved, .. } = self;
+        let mut scratch = Gradient::new(nodes, &[]);
         let held = dynamics.model.head.is_some();
         // Weights of all later times, for what is summed or counted from the start.
         let mut later = vec![0.0; outputs.len()];
@@ -67,6 +68,10 @@ impl Problem {
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&bent.dynamics.model.rod, &shape)));
             let at = At { bent, point: &point };
+            let mut by_moved = vec![zeros(); moved.len()];
+            for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
+                moved.look(&state, (steps, n), summing, by)?;
+            }
             for (o, output) in outputs.iter().enumerate() {
                 let weight = weights[n * outputs.len() + o];
                 let begun = later[o];
@@ -78,6 +83,9 @@ impl Problem {
                         quantity.add(&at, c * own, &mut gradient);
                     }
                     gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
+                    for (i, total) in of_scene(&effects, &mut total) {
+                        *total += own * moved[i].output(output, None, &point, &mut scratch)?;
+                    }
                 }
                 for (i, factor) in [later[o], begun].into_iter().enumerate() {
                     let span = &ends.spans[i];
@@ -90,6 +98,9 @@ impl Problem {
                     }
                     let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at));
                     gather(&gradient, &effects, &shape, step, &mut bar, &mut total);
+                    for (j, total) in of_scene(&effects, &mut total) {
+                        *total += factor * moved[j].output(output, Some(i), &point, &mut scratch)?;
+                    }
                 }
             }
             if n == 0 {
@@ -124,15 +135,27 @@ impl Problem {
             for (total, effect) in total.iter_mut().zip(&effects) {
                 *total += pushed(&at, effect, &shape, &force);
             }
+            for (i, total) in of_scene(&effects, &mut total) {
+                *total += dot(&by_moved[i], &force);
+            }
             if n == 0 {
                 for (total, effect) in total.iter_mut().zip(&effects).filter(|(_, effect)| effect.bends()) {
                     let [q, v] = start::first_by(bent.dynamics, effect, &shape);
+                    *total += dot(&q, &bar.q) + dot(&v, &bar.v);
+                }
+                for (i, total) in of_scene(&effects, &mut total) {
+                    let [q, v] = moved[i].first();
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
             }
         }
         Ok(total)
     }
+}
+
+/// The numbers of the scene among the parameters, with their totals.
+fn of_scene<'a>(effects: &'a [Effect], total: &'a mut [f64]) -> impl Iterator<Item = (usize, &'a mut f64)> {
+    effects.iter().zip(total).filter_map(|(effect, total)| Some((effect.moved?, total)))
 }
 
 /// How `effect` moves the force f along `force`: f_p·force.

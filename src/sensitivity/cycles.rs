@@ -127,9 +127,18 @@ impl Problem {
         let outputs: Vec<Output> = parts.into_iter().map(|(output, ..)| output).collect();
         let mut by = self.adjoint(parameters, &outputs, &rows, &trajectory)?;
         for (by, parameter) in by.iter_mut().zip(parameters) {
-            let Parameter::OfForces(key) = parameter else { continue };
-            let own = dependences.iter().flat_map(|dependence| &dependence.by_key).filter(|(own, _)| own == key);
-            *by += own.map(|(_, by)| by).sum::<f64>();
+            match parameter {
+                Parameter::OfForces(key) => {
+                    let own = dependences.iter().flat_map(|dependence| &dependence.by_key);
+                    *by += own.filter(|(own, _)| own == key).map(|(_, by)| by).sum::<f64>();
+                }
+                // The measure's own formula, of the same sums.
+                Parameter::OfScene(i) => {
+                    let value = |dynamics: &_| cycles.averages(dynamics).mean(measure).unwrap_or(f64::NAN);
+                    *by += self.moved[*i].by(|place| Ok(value(&place.dynamics)))?;
+                }
+                _ => {}
+            }
         }
         Ok(Some((mean, by)))
     }

@@ -68,14 +68,25 @@ impl Problem {
         let mut star = vec![0.0; 2 * nodes];
         let mut found = Sensitivities { outputs: outputs.len(), parameters: width, ..Sensitivities::default() };
         let rules = self.rules()?;
+        // Out of the way of the simulation.
+        let mut moved = std::mem::take(&mut self.moved);
+        let mut by_moved = vec![vec![0.0; 2 * nodes]; moved.len()];
+        let mut scratch = Gradient::new(nodes, &[]);
 
-        self.advance(|dynamics, n, state, h| {
+        let done = self.advance(|dynamics, n, state, h| {
             look(state);
+            for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
+                moved.look(state, (steps, n), summing, by)?;
+            }
             shape.take(dynamics, state.t);
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
-                columns = first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point)?;
+                columns = {
+                    let mut first = |i: usize| moved[i].first();
+                    let scene = (&by_moved[..], &mut first as &mut dyn FnMut(usize) -> [Vec<f64>; 2]);
+                    first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point, scene)?
+                };
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
                 let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
@@ -86,7 +97,7 @@ impl Problem {
                 for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
                     feet(&rule, h, column, &mut star);
                     equations.differences(&star, &mut rhs);
-                    resist(&mut equations, &at, effect, &shape, rule.q_new, &column.v, &mut rhs);
+                    resist(&mut equations, &at, (effect, &by_moved), &shape, rule.q_new, &column.v, &mut rhs);
                     if j == 0 {
                         equations.factor(&mut rhs, false)?;
                     } else {
@@ -116,24 +127,35 @@ impl Problem {
                 // A value and its derivatives, wherever they are.
                 let block = outputs.len() + o * width;
                 let own = || [o].into_iter().chain(block..block + width);
-                let mut sum = |i: usize, sums: &mut [f64]| {
+                let mut sum = |i: usize, sums: &mut [f64]| -> Result<()> {
                     let span = &ends.spans[i];
                     if output.work.is_empty() || span.h == 0.0 {
-                        return;
+                        return Ok(());
                     }
                     gradient.clear();
                     let add = |(c, work): &(f64, Work)| c * work.add(&at, span, i == 0, *c, &mut gradient);
                     sums[o] += output.work.iter().map(add).sum::<f64>();
                     derivatives(&gradient, Some([&ends.shapes[i], &ends.shapes[i + 1]]), &mut row);
                     sums[block..block + width].iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
+                    for (j, effect) in effects.iter().enumerate() {
+                        if let Some(m) = effect.moved {
+                            sums[block + j] += moved[m].output(output, Some(i), &point, &mut scratch)?;
+                        }
+                    }
+                    Ok(())
                 };
-                sum(0, &mut sums);
+                sum(0, &mut sums)?;
                 own().for_each(|k| now[k] = sums[k]);
-                sum(1, &mut sums); // the share of the step that begins here, for the next time
+                sum(1, &mut sums)?; // the share of the step that begins here, for the next time
                 gradient.clear();
                 now[o] += output.now.iter().map(|(c, quantity)| c * quantity.add(&at, *c, &mut gradient)).sum::<f64>();
                 derivatives(&gradient, None, &mut row);
                 now[block..block + width].iter_mut().zip(&row).for_each(|(now, x)| *now += x);
+                for (j, effect) in effects.iter().enumerate() {
+                    if let Some(m) = effect.moved {
+                        now[block + j] += moved[m].output(output, None, &point, &mut scratch)?;
+                    }
+                }
                 if n == 0 && output.since_start {
                     own().for_each(|k| first[k] = now[k]);
                 }
@@ -147,8 +169,9 @@ impl Problem {
                 found.derivatives.extend_from_slice(&now[outputs.len()..]);
             }
             Ok(())
-        })?;
-        Ok(found)
+        });
+        self.moved = moved;
+        done.map(|()| found)
     }
 }
 
@@ -160,6 +183,7 @@ fn first_columns(
     shape: &Shape,
     equations: &mut Equations,
     point: &mut Point,
+    (by_moved, first): (&[Vec<f64>], &mut dyn FnMut(usize) -> [Vec<f64>; 2]),
 ) -> Result<Vec<Column>> {
     equations.assemble(dynamics, state, Direction::POSITIONS)?;
     let bent = dynamics.shape(state)?;
@@ -167,10 +191,10 @@ fn first_columns(
     let (dynamics, at) = (bent.dynamics, At { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
     for effect in effects {
-        let [q, v] = start::first_by(dynamics, effect, shape);
+        let [q, v] = effect.moved.map_or_else(|| start::first_by(dynamics, effect, shape), &mut *first);
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);
-        resist(equations, &at, effect, shape, 1.0, &v, &mut a);
+        resist(equations, &at, (effect, by_moved), shape, 1.0, &v, &mut a);
         equations.divide_by_inertia(&dynamics.model.rod.mass, &mut a)?;
         columns.push(Column { q, v, memory: a.clone(), a });
     }
@@ -217,7 +241,7 @@ fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
 fn resist(
     equations: &mut Equations,
     at: &At<'_>,
-    effect: &Effect,
+    (effect, by_moved): (&Effect, &[Vec<f64>]),
     shape: &Shape,
     size: f64,
     v_star: &[f64],
@@ -225,6 +249,9 @@ fn resist(
 ) {
     rhs.iter_mut().zip(equations.damp(v_star, false)).for_each(|(rhs, damped)| *rhs -= size * damped);
     push(at, effect, shape, -size, rhs);
+    if let Some(by) = effect.moved.and_then(|i| by_moved.get(i)) {
+        rhs.iter_mut().zip(by).for_each(|(rhs, by)| *rhs -= size * by);
+    }
     if at.bent.dynamics.held.is_some() {
         rhs[..2].fill(0.0);
     }

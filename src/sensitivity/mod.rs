@@ -20,6 +20,7 @@ mod cycles;
 mod ends;
 mod equations;
 mod forward;
+mod moved;
 pub mod output;
 pub mod parameter;
 mod problem;
@@ -27,6 +28,7 @@ mod start;
 mod trajectory;
 
 pub use forward::Sensitivities;
+pub use moved::Moved;
 pub use output::{Output, Quantity, Work};
 pub use parameter::Parameter;
 pub use problem::Problem;

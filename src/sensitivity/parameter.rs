@@ -28,6 +28,8 @@ pub enum Parameter {
     Phase,
     /// A parameter of the forces, by its key.
     OfForces(Key),
+    /// A number of the scene, by its place in [`Problem::moved`](super::Problem::moved).
+    OfScene(usize),
 }
 
 /// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ), with its first two derivatives by phase.
@@ -75,6 +77,8 @@ pub(super) struct Effect {
     natural: [f64; 2],
     rate: [f64; 3],
     pub(super) key: Option<Key>,
+    /// A number of the scene, whose derivatives are not here.
+    pub(super) moved: Option<usize>,
 }
 
 impl Effect {
@@ -99,7 +103,15 @@ impl Effect {
 impl Parameter {
     /// How it moves the equations at the time of `shape`.
     pub(super) fn effect(self, rod: &Rod, shape: &Shape) -> Effect {
-        let none = Effect { joints: 0..0, stiffness: 0.0, own: 0.0, natural: [0.0; 2], rate: [0.0; 3], key: None };
+        let none = Effect {
+            joints: 0..0,
+            stiffness: 0.0,
+            own: 0.0,
+            natural: [0.0; 2],
+            rate: [0.0; 3],
+            key: None,
+            moved: None,
+        };
         let half = |k: usize| rod.joint_part(k);
         // A change of amplitude, of phase ψ and of its rate.
         let driven = |joints: Range<usize>, amplitude: f64, phase: f64, phase_rate: f64| {
@@ -127,6 +139,7 @@ impl Parameter {
             Self::Frequency => driven(rod.joints(), 0.0, TAU * shape.time, TAU),
             Self::Phase => driven(rod.joints(), 0.0, -1.0, 0.0),
             Self::OfForces(key) => Effect { key: Some(key), ..none },
+            Self::OfScene(i) => Effect { moved: Some(i), ..none },
         }
     }
 }

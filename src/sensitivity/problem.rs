@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use super::moved::Moved;
 use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
@@ -18,6 +19,8 @@ pub struct Problem {
     pub(super) dynamics: Dynamics,
     /// The actuation as the scene has it.
     actuation: Option<Box<dyn Actuation>>,
+    /// The scene with each of the numbers moved that it is differentiated by as [`Parameter::OfScene`](super::Parameter::OfScene).
+    pub moved: Vec<Moved>,
     pub(super) integrator: Box<dyn Integrator>,
     tolerance: f64,
     linear: Choice,
@@ -88,6 +91,7 @@ impl Problem {
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),
             actuation: scene.model()?.actuation.map(|(actuation, _)| actuation),
+            moved: Vec::new(),
             integrator,
             tolerance: scene.solver.newton_tolerance.get(),
             linear: scene.solver.linear,
@@ -120,8 +124,8 @@ impl Problem {
         if values.len() != expected {
             return Err(Error::WrongLength { name: "joint_stiffness_n_m2", expected, found: values.len() });
         }
-        if let Some(model) = Arc::get_mut(&mut self.dynamics.model) {
-            let rod = &mut model.rod;
+        for dynamics in self.everywhere().map(|(dynamics, _)| dynamics) {
+            let Some(Model { rod, .. }) = Arc::get_mut(&mut dynamics.model) else { continue };
             for (k, ei) in rod.joints().zip(values) {
                 rod.joint[k] = ei / (rod.joint_part(k) * rod.spacing);
             }
@@ -149,13 +153,22 @@ impl Problem {
             all[joints.clone()].copy_from_slice(values);
             all
         };
-        let own = self.actuation.as_ref().map(|own| own.profiled(&along(factors, 1.0), &along(phases, 0.0)));
-        if let (Some(model), Some(own)) = (Arc::get_mut(&mut self.dynamics.model), own)
-            && let Some((actuation, _)) = &mut model.actuation
-        {
-            *actuation = own;
+        let (factors, phases) = (along(factors, 1.0), along(phases, 0.0));
+        for (dynamics, own) in self.everywhere() {
+            if let (Some(model), Some(own)) = (Arc::get_mut(&mut dynamics.model), own)
+                && let Some((actuation, _)) = &mut model.actuation
+            {
+                *actuation = own.profiled(&factors, &phases);
+            }
         }
         Ok(())
+    }
+
+    /// The scene, and it with its numbers moved, each with its own actuation.
+    fn everywhere(&mut self) -> impl Iterator<Item = (&mut Dynamics, Option<&dyn Actuation>)> {
+        let places = self.moved.iter_mut().flat_map(|moved| &mut moved.places);
+        let moved = places.map(|place| (&mut place.dynamics, place.actuation.as_deref()));
+        std::iter::once((&mut self.dynamics, self.actuation.as_deref())).chain(moved)
     }
 
     /// Times, the start's first, s.

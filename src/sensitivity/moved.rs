@@ -1,0 +1,136 @@
+//! Derivatives by any number of a scene, of which the equations know no derivative by themselves.
+//!
+//! The scene is made again with the number at p ± δ and p ± 2δ, and what is wanted at one state (the residual, a reading, a
+//! first position) is differenced over these with the formula of fourth order. Nothing is differenced in time: the simulation
+//! is differentiated as by any other parameter, and no solve is added. With δ = 2·10⁻⁴ p truncation and rounding are both
+//! about 10⁻¹² of what is differenced. At a kink the derivative is the mean of those on both sides.
+
+use super::ends::Ends;
+use super::output::{At, Gradient, Output, Point};
+use super::problem::Steps;
+use crate::actuation::Actuation;
+use crate::error::{Error, Result};
+use crate::model::{Dynamics, Model};
+use crate::system::{State, System};
+
+/// δ over the number.
+const STEP: f64 = 2e-4;
+
+/// Places over δ, with the weights of their values over 1/δ.
+const PLACES: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
+
+/// The same to one side, where the other has no scene.
+const BELOW: [[f64; 2]; 5] = [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3.0, -4.0 / 3.0], [-4.0, 0.25]];
+
+/// A scene with one of its numbers moved a little, to each of the places of the difference.
+#[derive(Debug)]
+pub struct Moved {
+    pub(super) places: Vec<Place>,
+}
+
+/// The scene at one place.
+#[derive(Debug)]
+pub(super) struct Place {
+    pub(super) dynamics: Dynamics,
+    /// The actuation as the scene has it.
+    pub(super) actuation: Option<Box<dyn Actuation>>,
+    weight: f64,
+    ends: Ends,
+    state: State,
+}
+
+impl Moved {
+    /// Of a scene whose number is `own`, which `model` makes again with another.
+    ///
+    /// # Errors
+    /// Those of `model`.
+    pub fn of(own: f64, mut model: impl FnMut(f64) -> Result<[Model; 2]>) -> Result<Self> {
+        let step = STEP * own.abs();
+        let mut place = |[at, weight]: [f64; 2]| {
+            let [used, kept] = model(own + at * step)?;
+            let nodes = used.rod.nodes;
+            Ok::<_, Error>(Place {
+                dynamics: Dynamics::new(used.into()),
+                actuation: kept.actuation.map(|(actuation, _)| actuation),
+                weight: weight / step,
+                ends: Ends::new(nodes),
+                state: State::zeros(2 * nodes),
+            })
+        };
+        let above = BELOW.map(|[at, weight]| [-at, -weight]);
+        let mut failed = None;
+        for places in [&PLACES[..], &BELOW, &above] {
+            match places.iter().map(|at| place(*at)).collect::<Result<_>>() {
+                Ok(places) => return Ok(Self { places }),
+                Err(error) => failed = failed.or(Some(error)),
+            }
+        }
+        Err(failed.unwrap_or(Error::Step(step)))
+    }
+
+    /// The derivative of a number.
+    pub(super) fn by(&mut self, mut value: impl FnMut(&mut Place) -> Result<f64>) -> Result<f64> {
+        let mut sum = 0.0;
+        for place in &mut self.places {
+            sum += place.weight * value(place)?;
+        }
+        Ok(sum)
+    }
+
+    /// Moves on to the time of `state`, number `n` of `steps`, with the steps beside it where they are `wanted`; writes f_p to
+    /// `force`, two entries per node.
+    pub(super) fn look(
+        &mut self,
+        state: &State,
+        (steps, n): (Steps, usize),
+        wanted: bool,
+        force: &mut [f64],
+    ) -> Result<()> {
+        force.fill(0.0);
+        let mut residual = vec![0.0; force.len()];
+        for Place { dynamics, weight, ends, state: own, .. } in &mut self.places {
+            if wanted {
+                ends.look(dynamics, steps, n);
+            }
+            own.clone_from(state);
+            dynamics.move_to(state.t, own);
+            dynamics.unconstrained(own, &mut residual, None)?;
+            force.iter_mut().zip(&residual).for_each(|(f, r)| *f += *weight * r);
+        }
+        Ok(())
+    }
+
+    /// The derivatives of the first positions and velocities.
+    pub(super) fn first(&mut self) -> [Vec<f64>; 2] {
+        let mut by = [Vec::new(), Vec::new()];
+        for Place { dynamics, weight, .. } in &mut self.places {
+            let state = dynamics.first_state();
+            for (by, values) in by.iter_mut().zip([&state.q, &state.v]) {
+                by.resize(values.len(), 0.0);
+                by.iter_mut().zip(values).for_each(|(by, value)| *by += *weight * value);
+            }
+        }
+        by
+    }
+
+    /// The derivative of the quantities of `output` (`share` none), or of the share in its work of the step to here (0) or from
+    /// here (1), where the state stays.
+    pub(super) fn output(
+        &mut self,
+        output: &Output,
+        share: Option<usize>,
+        point: &Point,
+        scratch: &mut Gradient,
+    ) -> Result<f64> {
+        self.by(|Place { dynamics, ends, state, .. }| {
+            let at = At { bent: dynamics.shape(state)?, point };
+            Ok(match share {
+                None => output.now.iter().map(|(c, quantity)| c * quantity.add(&at, 0.0, scratch)).sum(),
+                Some(i) => {
+                    let span = &ends.spans[i];
+                    output.work.iter().map(|(c, work)| c * work.add(&at, span, i == 0, 0.0, scratch)).sum()
+                }
+            })
+        })
+    }
+}
