@@ -3,6 +3,7 @@
 use serde_json::{Value, json};
 
 use super::identify::Verdict;
+use super::outline;
 use super::report::{Answer, Compared, Design, distances, gain_percent, objective_label};
 use super::search::FoundNumber;
 use super::table::{Goal, Variable};
@@ -46,7 +47,7 @@ impl Design {
             },
             answers: self.answers(),
             figures: figures.collect(),
-            tables: self.tables(&rod),
+            tables: self.tables(&rod)?,
             motion: self.motion(&rod).map(Box::new),
             ..Findings::default()
         })
@@ -328,7 +329,7 @@ impl Design {
         figures
     }
 
-    fn tables(&self, rod: &Rod) -> Vec<Table> {
+    fn tables(&self, rod: &Rod) -> Result<Vec<Table>> {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
         let value = if self.table.is_searched() { objective_label(self.table.goal) } else { "rms distance (m)" };
@@ -398,6 +399,34 @@ impl Design {
                 rows: found.numbers.iter().map(row).collect(),
             });
         }
+        if let Answer::Found(found) = &self.answer
+            && !found.tolerances.is_empty()
+        {
+            let row = |tolerance: &super::Tolerance| {
+                let percent = |x: f64| 100.0 * x;
+                let relative = tolerance.change.filter(|_| !tolerance.name.starts_with("phase"));
+                let phase = tolerance.change.filter(|_| tolerance.name.starts_with("phase"));
+                vec![
+                    json!(tolerance.name),
+                    json!(relative.map(|change| percent(change.exp() - 1.0))),
+                    json!(phase),
+                    json!(tolerance.loss.map(percent)),
+                ]
+            };
+            tables.push(Table {
+                file: "tolerances.csv",
+                title: "What each unknown may be off by, alone, for a loss of 1 %; empty: by more than a factor of two",
+                columns: names(&["unknown", "off by (%)", "off by (rad)", "loss there (%)"]),
+                rows: found.tolerances.iter().map(row).collect(),
+            });
+        }
+        let body = self.designed.scene()?.model()?.rod;
+        tables.push(Table {
+            file: "body.csv",
+            title: "The body along its length, as in body.stl",
+            columns: names(&outline::COLUMNS),
+            rows: outline::sections(&body, &self.stiffness),
+        });
         if let Answer::Found(found) = &self.answer {
             let row = |(start, value): (usize, &f64)| {
                 let iterations = found.history.iter().filter(|iteration| iteration.start == start).count();
@@ -410,7 +439,7 @@ impl Design {
                 rows: found.starts.iter().enumerate().map(row).collect(),
             });
         }
-        tables
+        Ok(tables)
     }
 
     fn joints(&self, rod: &Rod) -> Table {

@@ -4,11 +4,13 @@
 mod figures;
 pub mod identify;
 pub mod markers;
+pub mod outline;
 pub mod qp;
 mod report;
 pub mod search;
 pub mod shape;
 pub mod table;
+pub mod trust;
 mod unknowns;
 
 pub use identify::{Identified, Verdict, identify};
@@ -17,4 +19,5 @@ pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};
 pub use shape::{Resting, rest};
 pub use table::{Goal, Number, Table, Variable};
+pub use trust::{Tolerance, Trust};
 pub use unknowns::Profile;

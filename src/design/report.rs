@@ -10,9 +10,11 @@ use serde_json::{Map, Value, json};
 
 use super::identify::{Identified, Verdict, identify};
 use super::markers::{LEAST, Markers};
+use super::outline;
 use super::search::{Found, FoundNumber, Iteration, Objective, Search};
 use super::shape::{Resting, rest};
 use super::table::{Goal, Number, Table, Variable, keys_with};
+use super::trust::{LOOSE, Tolerance, Trust, next_fluid};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
@@ -42,7 +44,7 @@ pub struct Design {
     pub(super) evidence: Evidence,
     pub(super) scene: Scene,
     document: Document,
-    designed: Document,
+    pub(super) designed: Document,
 }
 
 /// The answer of a goal.
@@ -54,7 +56,7 @@ pub enum Answer {
     /// Of `static-shape`.
     Resting(Resting),
     /// Of the dynamic goals.
-    Found(Found),
+    Found(Box<Found>),
 }
 
 /// A scene's `[design]`.
@@ -77,6 +79,8 @@ pub(super) struct Evidence {
     pub target: Option<Markers>,
     /// The numbers that decide what stiffness does.
     pub numbers: Map<String, Value>,
+    /// What is left of the gain in the other simulations.
+    pub trust: Option<Trust>,
 }
 
 /// A profile beside the designed one.
@@ -167,7 +171,7 @@ impl Design {
                     objective = objective.of_document(document);
                 }
                 let mut search = Search { table: &table, objective: &objective, problem };
-                let found = search.run(tell)?;
+                let mut found = search.run(tell)?;
                 lines.extend(say_found(&found, &table));
                 let profile = found.profile.clone();
                 if table.goal != Goal::Identify {
@@ -187,6 +191,9 @@ impl Design {
                     );
                 } else {
                     evidence.checks = verify(document, &scene, &table, target.as_ref(), &profile);
+                    if !table.fits_positions() {
+                        found.tolerances = search.tolerances(&found);
+                    }
                 }
                 for compared in evidence.profiles.iter().filter(|compared| compared.name != "design") {
                     if let Some(value) = compared.objective {
@@ -195,7 +202,7 @@ impl Design {
                     }
                 }
                 evidence.target = target;
-                (Answer::Found(found), profile)
+                (Answer::Found(Box::new(found)), profile)
             }
         };
         for check in &evidence.checks {
@@ -208,6 +215,15 @@ impl Design {
                 _ => "",
             };
             lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
+        }
+        if table.goal.is_dynamic()
+            && let Some(trust) = Trust::of(&evidence.checks)
+        {
+            lines.push(trust.words());
+            evidence.trust = Some(trust);
+        }
+        if let Answer::Found(found) = &answer {
+            lines.extend(say_tolerances(&found.tolerances));
         }
         let designed = designed(document, &scene, &table.numbers, &profile)?;
         let stiffness = if profile.stiffness_n_m2.is_empty() {
@@ -235,6 +251,8 @@ impl Design {
             (format!("{}-designed.toml", self.scene.name), self.designed.text().to_string()),
             ("design.json".to_string(), numbers + "\n"),
         ];
+        let rod = self.designed.scene()?.model()?.rod;
+        texts.push(("body.stl".to_string(), outline::stl(&self.scene.name, &rod)));
         for table in &findings.tables {
             texts.push((table.file.to_string(), table.csv().map_err(|e| failed(e.to_string()))?));
         }
@@ -262,6 +280,7 @@ impl Design {
             "lines": self.lines,
             "dimensionless": self.evidence.numbers,
             "checks": serde_json::to_value(&self.evidence.checks).map_err(failed)?,
+            "trust": serde_json::to_value(&self.evidence.trust).map_err(failed)?,
             "compared": serde_json::to_value(&self.evidence.profiles).map_err(failed)?,
             "answer": serde_json::to_value(&self.answer).map_err(failed)?,
         }))
@@ -376,6 +395,23 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
     lines
 }
 
+/// The tightest and the loosest tolerance in words.
+fn say_tolerances(tolerances: &[Tolerance]) -> Option<String> {
+    let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
+    if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
+        return Some(format!("no unknown costs 1 % of the objective, alone, within a factor of {:.0}", LOOSE.exp()));
+    }
+    let order = |a: &&Tolerance, b: &&Tolerance| change(a).total_cmp(&change(b));
+    let [tight, loose] = [tolerances.iter().min_by(order)?, tolerances.iter().max_by(order)?];
+    let words = |tolerance: &Tolerance| match tolerance.change {
+        Some(change) if tolerance.name.starts_with("phase") => format!("{} off by {change:.3} rad", tolerance.name),
+        Some(change) => format!("{} off by {:.1} %", tolerance.name, 100.0 * (change.exp() - 1.0)),
+        None => format!("{}: a factor of {:.0} costs less", tolerance.name, LOOSE.exp()),
+    };
+    let loosest = if tolerances.len() > 1 { format!("; the loosest: {}", words(loose)) } else { String::new() };
+    Some(format!("what costs 1 % of the objective, alone: {}, the tightest{loosest}", words(tight)))
+}
+
 /// A number that was found, in words.
 fn say_number(number: &FoundNumber) -> String {
     let FoundNumber { key, unit, own, value, deviation, verdict } = number;
@@ -421,6 +457,8 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
 
 /// The even profile, the study's gradient and the best linear one of the same mean, and the design, with their objectives.
 fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compared> {
+    let own = Profile { numbers: table.own_numbers(), ..Profile::of(found.own_stiffness_n_m2.clone()) };
+    let _ = search.objective.set(&mut search.problem, &own); // it has been simulated
     let rod = &search.problem.model().rod;
     let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
     let reference = rod.ei;
@@ -445,7 +483,6 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
             }
         }
     } else {
-        let own = Profile { numbers: table.own_numbers(), ..Profile::of(found.own_stiffness_n_m2.clone()) };
         add("the scene's own", own, search);
     }
     let designed = Compared { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
@@ -518,13 +555,24 @@ fn verify(
         let has = table.variables.contains(&Variable::Stiffness);
         Profile::of(if has { vec![even; own.len()] } else { own })
     });
+    let law = before.is_ok().then(|| drag_law(scene)).flatten();
+    let fluid = law.and_then(|law| next_fluid(scene, &law));
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = before.as_ref().ok().and_then(|before| measure(&changes, before));
         let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table, designed, before));
         Check { simulation, designed, before, gain_percent }
     };
-    simulations(scene).into_iter().map(check).collect()
+    simulations(scene).into_iter().chain(fluid).map(check).collect()
+}
+
+/// The law of drag that a scene has, or takes by itself.
+fn drag_law(scene: &Scene) -> Option<String> {
+    let named = scene.drag.as_ref()?.law_name();
+    if named != "auto" {
+        return Some(named.to_string());
+    }
+    scene.model().ok()?.forces.iter().next().map(|law| law.name().to_string())
 }
 
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.

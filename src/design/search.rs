@@ -19,6 +19,7 @@ use super::identify::Verdict;
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
 use super::table::{Goal, Number, Table, Variable, moved};
+use super::trust::{Tolerance, tolerance};
 use super::unknowns::{NOTHING, Profile, Unknowns};
 use crate::cycle::{MEASURES, Measure};
 use crate::error::{Error, Result};
@@ -334,6 +335,11 @@ pub struct Found {
     pub noise_m: Option<f64>,
     /// True where it was stopped.
     pub interrupted: bool,
+    /// How exactly each unknown has to be made; empty where positions were to be met, and where it was stopped.
+    pub tolerances: Vec<Tolerance>,
+    /// The unknowns, and their values.
+    #[serde(skip)]
+    pub(super) at: Box<(Unknowns, Vec<f64>)>,
 }
 
 /// A number of the scene that was found.
@@ -455,7 +461,8 @@ impl Search<'_> {
                 }
             }
         }
-        let profile = unknowns.profile(best.point.x.as_slice());
+        let x = best.point.x.as_slice().to_vec();
+        let profile = unknowns.profile(&x);
         let values = profile.numbers.iter().zip(&self.table.numbers).enumerate();
         let numbers = values.map(|(i, ((key, value), number))| {
             let deviation = of_numbers.get(i).copied();
@@ -490,6 +497,8 @@ impl Search<'_> {
             active: best.active,
             singular_values,
             interrupted,
+            tolerances: Vec::new(),
+            at: Box::new((unknowns, x)),
         })
     }
 
@@ -612,6 +621,22 @@ impl Search<'_> {
         }
         let (stationarity, active, interrupted) = end;
         Ok(End { point: here, stationarity, active, interrupted })
+    }
+
+    /// How far each unknown of what was `found` may be off.
+    pub(super) fn tolerances(&mut self, found: &Found) -> Vec<Tolerance> {
+        let (unknowns, x) = &*found.at;
+        let mut value = |x: &[f64]| Some(self.objective.at(&mut self.problem, &unknowns.profile(x), &[])?.f);
+        let Some(own) = value(x) else { return Vec::new() };
+        let names = unknowns.names().into_iter().enumerate();
+        let of = |(i, name): (usize, String)| {
+            tolerance(name, |change| {
+                let mut x = x.clone();
+                x[i] += change;
+                Some((value(&x)? - own) / own.abs())
+            })
+        };
+        names.map(of).collect()
     }
 
     /// The objective as shown with factors of the reference stiffness at the joints and the scene's own actuation; none where

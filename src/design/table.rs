@@ -392,7 +392,7 @@ impl Table {
                 ([number], _) if number.component.is_none() => {
                     add(&[], None, number.unit, number.value, &toml::Value::Float(number.value));
                 }
-                ([pair @ ..], _) if !pair.is_empty() => {
+                (pair, _) if !pair.is_empty() => {
                     let whole = list(pair.iter().map(|number| number.value).collect());
                     pair.iter().enumerate().for_each(|(i, number)| add(&[i], None, number.unit, number.value, &whole));
                 }

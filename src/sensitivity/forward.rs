@@ -82,11 +82,9 @@ impl Problem {
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
-                columns = {
-                    let mut first = |i: usize| moved[i].first();
-                    let scene = (&by_moved[..], &mut first as &mut dyn FnMut(usize) -> [Vec<f64>; 2]);
-                    first_columns(dynamics, state, &effects, &shape, &mut equations, &mut point, scene)?
-                };
+                let first = |i: usize| moved[i].first();
+                columns =
+                    first_columns(dynamics, state, (&effects, &by_moved), &shape, &mut equations, &mut point, first)?;
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
                 let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
@@ -179,11 +177,11 @@ impl Problem {
 fn first_columns(
     dynamics: &mut Dynamics,
     state: &State,
-    effects: &[Effect],
+    (effects, by_moved): (&[Effect], &[Vec<f64>]),
     shape: &Shape,
     equations: &mut Equations,
     point: &mut Point,
-    (by_moved, first): (&[Vec<f64>], &mut dyn FnMut(usize) -> [Vec<f64>; 2]),
+    mut first: impl FnMut(usize) -> [Vec<f64>; 2],
 ) -> Result<Vec<Column>> {
     equations.assemble(dynamics, state, Direction::POSITIONS)?;
     let bent = dynamics.shape(state)?;
@@ -191,7 +189,7 @@ fn first_columns(
     let (dynamics, at) = (bent.dynamics, At { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
     for effect in effects {
-        let [q, v] = effect.moved.map_or_else(|| start::first_by(dynamics, effect, shape), &mut *first);
+        let [q, v] = effect.moved.map_or_else(|| start::first_by(dynamics, effect, shape), &mut first);
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);
         resist(equations, &at, (effect, by_moved), shape, 1.0, &v, &mut a);

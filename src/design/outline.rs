@@ -1,0 +1,114 @@
+//! The body of a rod for a printer: its surface as STL, and its sections as a table.
+
+use std::f64::consts::TAU;
+use std::fmt::Write;
+
+use serde_json::{Value, json};
+
+use crate::rod::{Rod, Sections};
+
+/// Stations along the rod beside the points of its profiles, and corners of a section.
+const STATIONS: usize = 64;
+const CORNERS: usize = 48;
+
+/// A semi-axis is at least this part of the length, so that a body that ends in an edge has a surface.
+const THIN: f64 = 1e-6;
+
+/// Columns of [`sections`].
+pub(super) const COLUMNS: [&str; 8] = [
+    "s (m)",
+    "s/L",
+    "outer radius (m)",
+    "inner radius (m)",
+    "depth (m)",
+    "density (kg/m^3)",
+    "mass per length (kg/m)",
+    "EI (N m^2)",
+];
+
+/// Where sections are taken, ξ.
+fn stations(sections: &Sections) -> Vec<f64> {
+    let even = (0..=STATIONS).map(|i| i as f64 / STATIONS as f64);
+    let mut all: Vec<f64> = even.chain(sections.profiles().flat_map(|profile| profile.places())).collect();
+    all.sort_by(f64::total_cmp);
+    all.dedup_by(|a, b| (*a - *b).abs() < 1e-9);
+    all
+}
+
+/// The sections along `rod`, whose joints have the stiffness `stiffness` (N m²), one row per station.
+pub(super) fn sections(rod: &Rod, stiffness: &[f64]) -> Vec<Vec<Value>> {
+    let points: Vec<[f64; 2]> = rod.joints().zip(stiffness).map(|(k, ei)| [rod.xi(k), *ei]).collect();
+    let stiffness = crate::rod::Profile::through(points);
+    let row = |xi: f64| {
+        let section = rod.sections.at(xi);
+        vec![
+            json!(xi * rod.length),
+            json!(xi),
+            json!(section.outer),
+            json!(section.inner),
+            json!(rod.sections.depth_at(xi)),
+            json!(rod.sections.density.at(xi)),
+            json!(rod.sections.line_density(xi)),
+            json!(stiffness.as_ref().map(|stiffness| stiffness.at(xi))),
+        ]
+    };
+    stations(&rod.sections).into_iter().map(row).collect()
+}
+
+/// The straight rod as a closed surface in STL (text, mm): sections are ellipses of the breadth 2R_o in the plane of motion, y, and
+/// of the depth across it, z, with a round bore where the rod is hollow. Source: 3D Systems, StereoLithography Interface
+/// Specification (1989).
+pub fn stl(name: &str, rod: &Rod) -> String {
+    let least = THIN * rod.length;
+    let ring = |xi: f64, across: f64, deep: f64| -> Vec<[f64; 3]> {
+        let corner = |i: usize| {
+            let (sin, cos) = (TAU * i as f64 / CORNERS as f64).sin_cos();
+            [xi * rod.length, across.max(least) * cos, deep.max(least) * sin].map(|x| 1e3 * x)
+        };
+        (0..CORNERS).map(corner).collect()
+    };
+    let places = stations(&rod.sections);
+    let outer: Vec<_> =
+        places.iter().map(|xi| ring(*xi, rod.sections.at(*xi).outer, 0.5 * rod.sections.depth_at(*xi))).collect();
+    let hollow = places.iter().any(|xi| rod.sections.at(*xi).inner > 0.0);
+    // A bore is inside the shallower of both semi-axes.
+    let bore = |xi: f64| rod.sections.at(xi).inner.min(0.98 * 0.5 * rod.sections.depth_at(xi));
+    let inner: Vec<_> = places.iter().map(|xi| ring(*xi, bore(*xi), bore(*xi))).collect();
+    let mut text = format!("solid {name}\n");
+    let mut quad = |a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]| {
+        triangle(&mut text, [a, b, c]);
+        triangle(&mut text, [a, c, d]);
+    };
+    for i in 0..CORNERS {
+        let next = (i + 1) % CORNERS;
+        for pair in outer.windows(2) {
+            quad(pair[0][i], pair[0][next], pair[1][next], pair[1][i]);
+        }
+        let (first, last) = (0, places.len() - 1);
+        if hollow {
+            for pair in inner.windows(2) {
+                quad(pair[1][i], pair[1][next], pair[0][next], pair[0][i]);
+            }
+            quad(inner[first][i], inner[first][next], outer[first][next], outer[first][i]);
+            quad(outer[last][i], outer[last][next], inner[last][next], inner[last][i]);
+        }
+    }
+    if !hollow {
+        for (ring, begins) in [(outer.first(), true), (outer.last(), false)] {
+            for pair in ring.into_iter().flat_map(|ring| ring[1..].windows(2).map(|pair| [ring[0], pair[0], pair[1]])) {
+                triangle(&mut text, if begins { [pair[0], pair[2], pair[1]] } else { pair });
+            }
+        }
+    }
+    text + &format!("endsolid {name}\n")
+}
+
+fn triangle(text: &mut String, [a, b, c]: [[f64; 3]; 3]) {
+    let [p, q] = [b, c].map(|x| nalgebra::Vector3::from(x) - nalgebra::Vector3::from(a));
+    let n = p.cross(&q).try_normalize(0.0).unwrap_or_default();
+    let _ = writeln!(text, "facet normal {:e} {:e} {:e}\nouter loop", n.x, n.y, n.z);
+    for [x, y, z] in [a, b, c] {
+        let _ = writeln!(text, "vertex {x:e} {y:e} {z:e}");
+    }
+    text.push_str("endloop\nendfacet\n");
+}
