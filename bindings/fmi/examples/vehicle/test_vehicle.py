@@ -1,7 +1,5 @@
-"""The coupling's imbalance falls with the coupling step, at the order of each master."""
+"""The coupling's imbalance falls with the coupling step, at the order of each scheme."""
 
-import os
-import subprocess
 import sys
 from pathlib import Path
 
@@ -14,19 +12,14 @@ vehicle = pytest.importorskip("vehicle", exc_type=ImportError)
 
 
 @pytest.fixture(scope="module")
-def fmu(tmp_path_factory):
-    command = os.environ.get("CAUDAL_COMMAND")
-    if not command:
-        pytest.skip("CAUDAL_COMMAND names no caudal command that writes the FMU")
-    path = tmp_path_factory.mktemp("fmu") / "tail.fmu"
-    subprocess.run([command, "fmu", HERE / "tail.toml", "-o", path], check=True)
-    return str(path)
+def fmus(make_fmu):
+    return {head: make_fmu(HERE / "tail.toml", f"--set=head.input={head}") for head in ("now", "at-end")}
 
 
-@pytest.mark.parametrize("iterate, order, tolerance", [(False, 1, 0.15), (True, 2, 0.25)])
-def test_the_imbalance_falls_with_the_coupling_step(fmu, iterate, order, tolerance):
-    steps = np.array([4, 8, 16])
-    imbalances = vehicle.balance(fmu, steps, iterate, 0.64)
-    orders = np.log2(imbalances[1:] / imbalances[:-1])
+@pytest.mark.parametrize("scheme", vehicle.SCHEMES, ids=lambda scheme: scheme.name)
+def test_the_imbalance_falls_with_the_coupling_step(fmus, scheme):
+    coarse, fine = vehicle.balance(fmus, scheme, [8, 2], 0.96)
+    orders = np.log2(coarse / fine) / 2
     print("orders of linear momentum, angular momentum, energy:", orders)
-    np.testing.assert_allclose(orders, order, atol=tolerance)
+    # Measured: 0.97 to 1.29 of those of first order, 1.93 to 2.53 of those of second.
+    assert np.all((scheme.order - 0.1 < orders) & (orders < scheme.order + 0.6))

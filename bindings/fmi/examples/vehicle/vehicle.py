@@ -1,21 +1,18 @@
 """A tail drives a rigid vehicle that is not caudal's: co-simulation with FMPy, and what the coupling does to it.
 
 The vehicle is a rigid body with mass, moment of inertia and linear drag of its own, in the plane. The tail is the FMU of
-tail.toml, clamped to its stern: the vehicle gives it the pose of the joint, it gives back force and moment. Two masters
-march with the coupling step H:
-
-- Gauss-Seidel: the vehicle steps with the force it knows, held; then the tail follows it. First order in H.
-- Gauss-Seidel iterated: the force is linear over the step, from the one known to the one at its end, which the tail is
-  asked for; its state is rolled back until both agree. Second order in H.
-
-The first is simple, and unstable where the vehicle is light: at half its mass, 0.15 kg against the tail's 0.017 kg, it fed
-the tail's stretching at H = 8 ms until nothing balanced any more. The second takes four to six passes a step.
+tail.toml, held at its stern: the vehicle gives it the pose of the joint, it gives back force and moment, both only at the
+coupling step H. A `Scheme` says who moves first, what the tail is told of the joint, and which force the vehicle takes
+over its step: the last one held, the last two extrapolated, or the line to the one that the tail answers with.
 
 Total momentum less the impulse of all drag, and total energy less all work, must not change. What they change by is the
-coupling's own doing: `balance` measures it from positions and velocities of both, `main` draws it against H.
+coupling's own doing: `balance` measures it from positions and velocities of both, `main` draws it against H. Held forces are
+of first order, and at half the vehicle's mass, 0.15 kg against the tail's 0.017 kg, the simple schemes feed the tail's
+stretching at H = 8 ms until nothing balances any more. Lines between forces are of second order.
 
-    caudal fmu tail.toml -o tail.fmu
-    python vehicle.py tail.fmu vehicle.svg          # needs FMPy and matplotlib
+    caudal fmu tail.toml -o now.fmu
+    caudal fmu tail.toml --set head.input=at-end -o at-end.fmu
+    python vehicle.py now.fmu at-end.fmu vehicle.svg          # needs FMPy and matplotlib
 """
 
 from __future__ import annotations
@@ -28,13 +25,41 @@ import fmpy
 import numpy as np
 from fmpy.fmi3 import FMU3Slave
 
-STEP = 1e-3  # micro-steps, s: the tail's own
+STEP = 1e-3  # the steps of either between couplings, s
+
+
+class Scheme(NamedTuple):
+    """How a master couples them."""
+
+    name: str
+    #: What a pose is that the tail is given: "now", at the beginning of the step, or "at-end", where the vehicle is then.
+    head: str
+    #: The derivatives of the pose that go with it.
+    derivatives: int
+    #: The force on the vehicle over a step: "held", "extrapolated" or "interpolated".
+    force: str
+    #: Repeated, with the tail rolled back, until both agree.
+    iterate: bool = False
+    #: Of the imbalance in H.
+    order: int = 2
+
+
+SCHEMES = [
+    Scheme("Jacobi, pose alone", "now", 0, "held", order=1),
+    Scheme("Jacobi, pose and rates", "now", 1, "held", order=1),
+    Scheme("Jacobi, rates and accelerations, force extrapolated", "now", 2, "extrapolated"),
+    Scheme("Gauss-Seidel, tail first", "now", 2, "interpolated"),
+    Scheme("Gauss-Seidel, vehicle first", "at-end", 1, "held", order=1),
+    Scheme("Gauss-Seidel, vehicle first, force extrapolated", "at-end", 1, "extrapolated"),
+    Scheme("Gauss-Seidel, iterated", "at-end", 1, "interpolated", iterate=True),
+]
 
 
 class Tail:
     """The FMU by names of variables."""
 
     HEAD = ["head_x_m", "head_y_m", "head_angle_rad", "head_vx_m_s", "head_vy_m_s", "head_spin_rad_s"]
+    HEAD += ["head_ax_m_s2", "head_ay_m_s2", "head_spin_rate_rad_s2"]
     REACTION = ["head_force_x_n", "head_force_y_n", "head_moment_n_m"]
     NODES = ["x_m", "y_m", "vx_m_s", "vy_m_s"]
     ENERGY = ["kinetic_energy_j", "bending_energy_j", "stretching_energy_j"]
@@ -68,11 +93,11 @@ class Tail:
         values = self.fmu.getFloat64([self.references[name] for name in names], nValues=count * len(names))
         return np.reshape(values, (len(names), count)).squeeze(axis=1) if count == 1 else np.reshape(values, (-1, count))
 
-    def step(self, head) -> None:
-        """Moves the head there, as pose and rates, in one micro-step."""
-        self.fmu.setFloat64([self.references[name] for name in self.HEAD], list(head))
-        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=STEP)
-        self.time += STEP
+    def step(self, head, step: float) -> None:
+        """Gives it the pose of its head, with as many derivatives as there are, and moves on by a coupling step."""
+        self.fmu.setFloat64([self.references[name] for name in self.HEAD[: len(head)]], list(head))
+        self.fmu.doStep(currentCommunicationPoint=self.time, communicationStepSize=step)
+        self.time += step
 
     def save(self) -> None:
         self.forget()
@@ -131,9 +156,8 @@ class Vehicle:
         acceleration = (drag[:2] + reaction[:2]) / self.MASS
         return np.array([vx, vy, spin, *acceleration, moment / self.INERTIA, drag[0], drag[1], turning, work])
 
-    def advance(self, first, last, count):
-        """Moves on in micro-steps under reactions from the first to the last; the joint's pose and rates after each."""
-        path = []
+    def advance(self, first, last, count) -> None:
+        """Moves on by a coupling step of so many of its own, under reactions from the first to the last."""
         for i in range(count):
             a, b, c = (first + (last - first) * (i + part) / count for part in (0.0, 0.5, 1.0))
             k1 = self.rate(self.y, a)
@@ -141,13 +165,16 @@ class Vehicle:
             k3 = self.rate(self.y + 0.5 * STEP * k2, b)
             k4 = self.rate(self.y + STEP * k3, c)
             self.y = self.y + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-            path.append(self.joint())
-        return path
 
-    def joint(self):
+    def joint(self, reaction, derivatives):
+        """Pose of the joint, and so many of its derivatives."""
         x, y, angle, vx, vy, spin = self.y[:6]
+        ax, ay, spin_rate = self.rate(self.y, reaction)[3:6]
         cos, sin = self.STERN * np.cos(angle), self.STERN * np.sin(angle)
-        return np.array([x + cos, y + sin, angle, vx - sin * spin, vy + cos * spin, spin])
+        pose = [x + cos, y + sin, angle]
+        rates = [vx - sin * spin, vy + cos * spin, spin]
+        accelerations = [ax - sin * spin_rate - cos * spin**2, ay + cos * spin_rate - sin * spin**2, spin_rate]
+        return np.array([*pose, *rates, *accelerations])[: 3 * (derivatives + 1)]
 
     def momentum(self):
         x, y, _, vx, vy, spin = self.y[:6]
@@ -173,81 +200,98 @@ class History(NamedTuple):
     passes: float
 
 
-def simulate(fmu: str, micro_steps: int, iterate: bool, duration: float) -> History:
-    """Couples both over `duration` (s) with H = micro_steps * STEP."""
-    tail, vehicle = Tail(fmu), Vehicle()
-    reaction = tail.get(Tail.REACTION)
-    momentum, drag = tail.motion()
-    impulse, before = np.zeros(3), momentum + vehicle.momentum()
-    energy_before = tail.get(Tail.ENERGY).sum() + vehicle.energy()
-    rows, passes = [(0.0, np.zeros(4), vehicle.y[:6], tail.get(Tail.NODES[:2], tail.count))], 0
-    for _ in range(round(duration / (micro_steps * STEP))):
-        start, guess = vehicle.y, reaction
-        if iterate:
+def integrals(values, step):
+    """Of each column from the start to every row, by cubics: their error is of fourth order, below what is measured."""
+    parts = np.empty((len(values) - 1, *values.shape[1:]))
+    parts[0] = 9 * values[0] + 19 * values[1] - 5 * values[2] + values[3]
+    parts[-1] = 9 * values[-1] + 19 * values[-2] - 5 * values[-3] + values[-4]
+    parts[1:-1] = -values[:-3] + 13 * values[1:-2] + 13 * values[2:-1] - values[3:]
+    return step / 24 * np.concatenate([np.zeros((1, *values.shape[1:])), np.cumsum(parts, axis=0)])
+
+
+def simulate(fmus: dict[str, str], scheme: Scheme, count: int, duration: float) -> History:
+    """Couples both over `duration` (s) with H = count * STEP."""
+    tail, vehicle, step = Tail(fmus[scheme.head]), Vehicle(), count * STEP
+    reaction = before = tail.get(Tail.REACTION)
+    rows, passes = [], 0
+
+    def record():
+        momentum, drag = tail.motion()
+        actuation, viscous, numerical = tail.get(Tail.WORK)
+        energy = tail.get(Tail.ENERGY).sum() + vehicle.energy() - (actuation - viscous - numerical) + vehicle.y[9]
+        free = [*(momentum + vehicle.momentum() - vehicle.y[6:9]), energy]
+        rows.append((tail.time, free, [*drag, 0.0], vehicle.y[:6], tail.get(Tail.NODES[:2], tail.count)))
+
+    record()
+    for _ in range(round(duration / step)):
+        start = vehicle.y
+        answer = 2 * reaction - before if scheme.force == "extrapolated" else reaction
+        if scheme.iterate:
             tail.save()
         while True:
-            vehicle.y = start
-            drags = [drag]
-            for head in vehicle.advance(reaction, guess, micro_steps):
-                tail.step(head)
-                momentum, now = tail.motion()
-                drags.append(now)
-            answer = tail.get(Tail.REACTION)
+            guess, vehicle.y = answer, start
+            if scheme.head == "at-end":
+                vehicle.advance(reaction, guess, count)
+                tail.step(vehicle.joint(guess, scheme.derivatives), step)
+                answer = tail.get(Tail.REACTION)
+            else:
+                tail.step(vehicle.joint(reaction, scheme.derivatives), step)
+                answer = tail.get(Tail.REACTION)
+                vehicle.advance(reaction, answer if scheme.force == "interpolated" else guess, count)
             passes += 1
-            change = np.abs(answer - guess).max()
-            guess = answer
-            if not iterate or change <= 1e-9:
+            if not scheme.iterate or np.abs(answer - guess).max() <= 1e-9:
                 break
             tail.roll_back()
-        reaction, drag = answer, drags[-1]
-        impulse += STEP * (np.sum(drags, axis=0) - 0.5 * (drags[0] + drags[-1]))
-        actuation, viscous, numerical = tail.get(Tail.WORK)
-        energy = tail.get(Tail.ENERGY).sum() + vehicle.energy()
-        lost = momentum + vehicle.momentum() - before - impulse - vehicle.y[6:9]
-        gained = energy - energy_before - (actuation - viscous - numerical) + vehicle.y[9]
-        rows.append((tail.time, [*lost, gained], vehicle.y[:6], tail.get(Tail.NODES[:2], tail.count)))
+        before, reaction = reaction, answer
+        record()
+    work = tail.get(Tail.WORK)[0]
     tail.close()
-    return History(*(np.array(column) for column in zip(*rows)), actuation, passes / (len(rows) - 1))
+    times, free, drags, path, nodes = (np.array(column) for column in zip(*rows))
+    return History(times, free - free[0] - integrals(drags, step), path, nodes, work, passes / (len(rows) - 1))
 
 
-def balance(fmu: str, micro_steps, iterate: bool, duration: float) -> np.ndarray:
-    """Largest imbalances for each of `micro_steps`: of linear and angular momentum, relative to the vehicle's largest
+def balance(fmus: dict[str, str], scheme: Scheme, counts, duration: float) -> np.ndarray:
+    """Largest imbalances for each of `counts`: of linear and angular momentum, relative to the vehicle's largest
     momenta, and of energy, relative to the actuation's work."""
     result = []
-    for n in micro_steps:
-        history = simulate(fmu, n, iterate, duration)
+    for count in counts:
+        history = simulate(fmus, scheme, count, duration)
         _, _, _, vx, vy, spin = history.vehicle.T
         x, y, angular, energy = history.lost.T
         scales = [Vehicle.MASS * np.hypot(vx, vy).max(), Vehicle.INERTIA * np.abs(spin).max(), history.work]
         result.append(np.array([np.hypot(x, y).max(), np.abs(angular).max(), np.abs(energy).max()]) / scales)
-        master = f"iterated ({history.passes:.1f} passes a step)" if iterate else "one pass"
-        print(f"H = {n * STEP:g} s, {master}: " + ", ".join(f"{value:.2e}" for value in result[-1]))
+        passes = f"{history.passes:.1f}" if scheme.iterate else "1"
+        cells = " | ".join(f"{value:.1e}" for value in result[-1])
+        print(f"| {scheme.name} | {passes} | {count * STEP * 1e3:g} ms | {cells} |")
     return np.array(result)
 
 
-def main(fmu: str, figure_path: str) -> None:
+def main(now: str, at_end: str, figure_path: str) -> None:
     """Draws the balances against H, and the swimmer."""
     from matplotlib.figure import Figure
 
-    micro_steps, duration = np.array([2, 4, 8, 16, 32]), 4.0
-    figure = Figure(figsize=(11, 4.4), layout="constrained")
-    over_step, picture = figure.subplots(1, 2)
-    names = ["linear momentum", "angular momentum", "energy"]
-    for iterate, style, label in [(False, "o--", "one pass"), (True, "s-", "iterated")]:
-        found = balance(fmu, micro_steps, iterate, duration)
-        for values, name, colour in zip(found.T, names, ["#0072b2", "#d55e00", "#009e73"]):
-            over_step.loglog(micro_steps * STEP, values, style, color=colour, markersize=4, label=f"{name}, {label}")
-    h = np.array([4e-3, 1.6e-2])
-    for order, end in [(1, 0.3), (2, 2e-4)]:
-        over_step.loglog(h, end * (h / h[-1]) ** order, color="0.6", linewidth=1)
-        over_step.annotate(f"order {order}", (h[-1], end), color="0.4", fontsize="small")
-    over_step.set_xticks(micro_steps * STEP, [f"{1e3 * n * STEP:g}" for n in micro_steps])
-    over_step.minorticks_off()
-    over_step.set(xlabel="coupling step H (ms)", ylabel="largest imbalance, relative", title="what the coupling loses")
-    over_step.legend(fontsize="x-small")
-    over_step.grid(alpha=0.3, which="both")
+    counts, duration, fmus = np.array([2, 4, 8, 16, 32]), 4.0, {"now": now, "at-end": at_end}
+    figure = Figure(figsize=(12, 7.6), layout="constrained")
+    axes = figure.subplots(2, 2)
+    colours = ["#56b4e9", "#0072b2", "#009e73", "#f0e442", "#e69f00", "#d55e00", "#cc79a7"]
+    for scheme, colour in zip(SCHEMES, colours):
+        found = balance(fmus, scheme, counts, duration)
+        for axis, values in zip(axes.flat, found.T):
+            style = "o--" if scheme.order == 1 else "s-"
+            axis.loglog(counts * STEP, values, style, color=colour, markersize=4, label=scheme.name)
+    for axis, name in zip(axes.flat, ["linear momentum", "angular momentum", "energy"]):
+        axis.set_xticks(counts * STEP, [f"{1e3 * count * STEP:g}" for count in counts])
+        axis.minorticks_off()
+        axis.set(xlabel="coupling step H (ms)", ylabel="largest imbalance, relative", title=name)
+        axis.grid(alpha=0.3, which="both")
+        low = axis.get_ylim()[0]
+        for order in (1, 2):
+            axis.loglog([4e-3, 1.6e-2], [2 * low, 2 * low * 4**order], color="0.6", linewidth=1)
+            axis.annotate(f"order {order}", (1.6e-2, 2 * low * 4**order), color="0.4", fontsize="small")
+    axes[0, 0].legend(fontsize="x-small")
 
-    history = simulate(fmu, 8, True, 2 * duration)
+    picture = axes[1, 1]
+    history = simulate(fmus, SCHEMES[-1], 8, 2 * duration)
     period = history.times >= history.times[-1] - 1.0
     for row in np.flatnonzero(period)[::16]:
         picture.plot(*history.tail[row], color="0.8", linewidth=1)
@@ -267,6 +311,6 @@ def main(fmu: str, figure_path: str) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) != 3:
-        sys.exit(f"usage: {sys.argv[0]} tail.fmu figure.svg")
+    if len(sys.argv) != 4:
+        sys.exit(f"usage: {sys.argv[0]} now.fmu at-end.fmu figure.svg")
     main(*sys.argv[1:])
