@@ -9,6 +9,7 @@ pub(super) fn files(fmu: &Fmu<'_>) -> Vec<(String, String)> {
         ("license.txt", include_str!("../../LICENSE")),
         ("LICENSE-MIT.txt", include_str!("../../LICENSE-MIT")),
         ("LICENSE-APACHE.txt", include_str!("../../LICENSE-APACHE")),
+        ("THIRD-PARTY.txt", include_str!("../../THIRD-PARTY.txt")),
     ];
     let mut files = vec![("documentation/index.html".to_string(), index(fmu))];
     files.extend(licences.map(|(name, text)| (format!("documentation/licenses/{name}"), text.to_string())));

@@ -144,6 +144,33 @@ fn pkg_config_knows_how_to_compile_and_link() {
 }
 
 #[test]
+fn cmake_finds_the_package_and_a_cpp_host_keeps_the_momentum() {
+    let there = there_is("cmake", "install it (Debian: apt-get install cmake)");
+    if !there || !there_is("c++", "install a C++ compiler (Debian: apt-get install g++)") {
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    install(folder.path());
+    let build = folder.path().join("build");
+    run(Command::new("cmake")
+        .arg("-S")
+        .arg(here().join("examples/cmake"))
+        .arg("-B")
+        .arg(&build)
+        .arg(format!("-DCMAKE_PREFIX_PATH={}", folder.path().display()))
+        .args(["-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_CXX_FLAGS=-Wall -Wextra -Wpedantic -Werror"]));
+    run(Command::new("cmake").arg("--build").arg(&build));
+    let scene = here().join("../../models/heaving-foil.toml");
+    let [shared, still] = ["surge-caudal", "surge-caudal-static"]
+        .map(|name| String::from_utf8(run(Command::new(build.join(name)).arg(&scene)).stdout).unwrap());
+    assert_eq!(shared, still);
+    let last: Vec<f64> = shared.lines().nth(5).unwrap().split(' ').map(|text| text.parse().unwrap()).collect();
+    assert!((last[0] - 3.0).abs() < 1e-9 && last[2] < -5e-3, "the foil drives the vehicle ahead: {shared}");
+    let lost: f64 = shared.lines().last().unwrap().rsplit(' ').next().unwrap().parse().unwrap();
+    assert!(lost < 1e-4, "{shared}"); // measured: 2.9e-5
+}
+
+#[test]
 fn the_example_steers_every_scene_of_the_models() {
     if !there_is("cc", "install a C compiler (Debian: apt-get install gcc libc6-dev)") {
         return;
