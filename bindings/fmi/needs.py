@@ -1,6 +1,6 @@
 """What a shared library of Linux needs at run time: libraries, and the version of glibc.
 
-    python3 needs.py LIBRARY [HIGHEST]      # fails where it needs a later glibc than HIGHEST, or other libraries than its
+    python3 needs.py LIBRARY [HIGHEST [OTHER...]]    # fails where it needs a later glibc than HIGHEST, or libraries beside it and OTHER
 """
 
 import re
@@ -40,13 +40,13 @@ def needs(content: bytes):
     return libraries, max(found, default=(0,))
 
 
-def main(path: str, highest: str | None = None) -> None:
+def main(path: str, highest: str = "", *allowed: str) -> None:
     with open(path, "rb") as file:
         libraries, version = needs(file.read())
     dotted = ".".join(map(str, version))
     print(f"{path}: glibc {dotted}; {' '.join(libraries)}")
-    if highest is not None:
-        others = [name for name in libraries if not GLIBC.fullmatch(name)]
+    if highest:
+        others = [name for name in libraries if not GLIBC.fullmatch(name) and name not in allowed]
         if others or version > tuple(map(int, highest.split("."))):
             raise SystemExit(f"more than glibc {highest}: glibc {dotted} {' '.join(others)}")
 

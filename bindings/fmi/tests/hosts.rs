@@ -84,6 +84,19 @@ fn a_rust_host_sees_the_stepper_s_trajectory() {
 }
 
 #[test]
+#[cfg(target_os = "linux")]
+fn the_library_needs_glibc_and_libgcc_s_alone() {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("needs.py");
+    // Measured: 2.35, by hypot; glibc 2.38 has the latest functions that Rust asks for. For 2.28 see portable.sh.
+    let needs =
+        Command::new("python3").arg(script).arg(common::library_path()).args(["2.38", "libgcc_s.so.1"]).output();
+    let Ok(output) = needs else { return skip("needs.py", "install Python 3") };
+    let text = [output.stdout, output.stderr].map(|text| String::from_utf8_lossy(&text).into_owned()).concat();
+    println!("{text}");
+    assert!(output.status.success(), "{text}");
+}
+
+#[test]
 fn hosts_and_checkers_take_the_fmus_and_see_the_stepper_s_trajectory() {
     let python = match python() {
         Ok(python) => python,

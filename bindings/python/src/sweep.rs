@@ -128,8 +128,9 @@ impl SweepAtWork {
         drop(self.journal.lock().unwrap_or_else(PoisonError::into_inner).take());
     }
 
-    /// Writes table, figures and report of the cases that are there, and closes the journal; the rows as dictionaries.
-    fn finish<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
+    /// Writes table, figures and report of the cases that are there, and closes the journal; the rows as dictionaries, none of
+    /// them unless `wanted`.
+    fn finish<'py>(&self, py: Python<'py>, wanted: bool) -> PyResult<Bound<'py, PyList>> {
         let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
         let mut journal = journal.take().ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
         let results = py.detach(|| {
@@ -140,7 +141,7 @@ impl SweepAtWork {
         });
         let results = results.or_raise(py)?;
         let rows = PyList::empty(py);
-        for row in results.rows() {
+        for row in results.rows().take_while(|_| wanted) {
             let (index, row) = row.or_raise(py)?;
             let dictionary = PyDict::new(py);
             dictionary.set_item("case", index)?;

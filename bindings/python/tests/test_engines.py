@@ -103,6 +103,7 @@ def client_of(distributed, file, workers=2):
 
 def test_any_executor_gives_the_results_of_this_machine_to_the_bit(sweep, tmp_path):
     rows = caudal.sweep(sweep, out=tmp_path / "ours")
+    assert caudal.sweep(sweep, out=tmp_path / "ours", rows=False) == []
     told = []
     for name, make in [("threads", ThreadPoolExecutor), ("processes", ProcessPoolExecutor)]:
         with make(2) as executor:

@@ -25,6 +25,7 @@ def sweep(
     workers: Optional[int] = None,
     patience_s: float = 60.0,
     progress: Union[Callable[[int, int], Any], bool, None] = None,
+    rows: bool = True,
 ) -> list[dict[str, Any]]:
     """Run the cases of a sweep, and leave the files of ``caudal sweep``: table, figures, report, and a journal.
 
@@ -54,6 +55,9 @@ def sweep(
     progress : callable or bool, optional
         Called with the numbers of cases that are done and of all, some twenty times a second and at the end; or True for a
         bar in a notebook or terminal (needs tqdm).
+    rows : bool, optional
+        False returns no rows: memory then does not grow with the number of cases (20 kB each), and ``table.csv`` and
+        ``table.parquet`` in the folder have them.
 
     Returns
     -------
@@ -83,7 +87,7 @@ def sweep(
                 at_work.run(told)
             else:
                 lost = Distribution(at_work, engine, patience_s, told).run()
-        rows = at_work.finish()
+        table = at_work.finish(rows)
     finally:
         at_work.close()
     if lost:
@@ -91,11 +95,11 @@ def sweep(
         more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
         error = LostCasesError(
             f"{len(lost)} cases ended the worker that ran them, even alone ({named}{more}); "
-            f"the results of the other {len(rows)} are in {at_work.folder}"
+            f"the results of the other {at_work.size - len(lost)} are in {at_work.folder}"
         )
-        error.cases, error.rows = lost, rows
+        error.cases, error.rows = lost, table
         raise error
-    return rows
+    return table
 
 
 @contextmanager
