@@ -233,10 +233,12 @@ def test_workers_of_a_cluster_that_are_killed_at_any_time_cost_no_case(distribut
 
             def kill(done, of):
                 if len(killed) < 6 and done >= 15 * (1 + len(killed)):
-                    nannies = [psutil.Process(process.pid) for process in processes[1:]]
-                    workers = [child for nanny in nannies for child in nanny.children(recursive=True) if child.children() == []]
-                    killed.append(dice.choice(workers))
-                    killed[-1].kill()
+                    with contextlib.suppress(psutil.NoSuchProcess):  # it ended by itself: the next time
+                        nannies = [psutil.Process(process.pid) for process in processes[1:]]
+                        workers = [child for nanny in nannies for child in nanny.children(recursive=True) if child.children() == []]
+                        worker = dice.choice(workers)
+                        worker.kill()
+                        killed.append(worker)
 
             caudal.sweep(sweep, out=tmp_path / "out", client=client, progress=kill)
     assert len(killed) == 6
