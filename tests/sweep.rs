@@ -498,9 +498,9 @@ fn where_heads_are_held_a_sweep_shows_their_thrust_and_no_displacement() {
         let out = tempfile::tempdir().unwrap();
         let mut journal = Journal::open(&out.path().join("cases.journal"), &job).unwrap();
         run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_| {}).unwrap();
-        let files = Results::new(&sweep, &job, vec![journal]).unwrap().write(out.path()).unwrap();
+        let kept = Results::new(&sweep, &job, vec![journal]).unwrap().write(out.path()).unwrap().kept;
         let names: Vec<String> =
-            files.files.iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
+            kept.files.iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();
         assert!(names.iter().any(|name| name.starts_with(shown) && name.ends_with(".svg")), "{names:?}");
         assert!(names.iter().all(|name| !name.contains(hidden)), "{names:?}");
         let rows = table(out.path());

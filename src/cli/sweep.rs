@@ -8,7 +8,7 @@ use std::time::Duration;
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
 use caudal::report::Folder;
-use caudal::sweep::{Results, Sweep, run as run_sweep};
+use caudal::sweep::{Results, Sweep, Written, run as run_sweep};
 use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
@@ -162,22 +162,15 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
 
 /// Table, figures and report, and a word on what failed.
 fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
-    let kept = results.write(folder)?;
-    let mut failed = 0;
-    for row in results.rows() {
-        let (index, row) = row?;
-        if !row.complete() {
-            failed += 1;
-            if failed <= 3 {
-                complain(&format!("case {index}: {}", row.ending()));
-            }
-        }
+    let Written { kept, failed } = results.write(folder)?;
+    for (index, ending) in failed.iter().take(3) {
+        complain(&format!("case {index}: {ending}"));
     }
-    if failed > 0 {
-        complain(&format!("{failed} cases failed; their rows in table.csv say why"));
+    if !failed.is_empty() {
+        complain(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
     }
     let whole = say_kept(&kept, folder);
-    Ok(if failed > 0 { ExitCode::from(exit::FAILED) } else { whole })
+    Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
 }
 
 fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {

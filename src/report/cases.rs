@@ -417,6 +417,11 @@ impl Cases {
         })
     }
 
+    /// How the cases ended that did not reach their end.
+    pub fn into_endings(self) -> BTreeMap<usize, String> {
+        self.endings
+    }
+
     /// report.html: one self-contained page.
     ///
     /// # Errors

@@ -1,6 +1,8 @@
 //! Charts as SVG text: one look for every figure of the program. Whatever the data, a chart takes time and memory in proportion
 //! to them, and all that it draws is inside it.
 
+use nalgebra::Vector2;
+
 use super::axis::{Axis, superscript};
 use super::svg::{Anchor, Colour, SERIES, Svg, cut, width};
 
@@ -234,15 +236,44 @@ impl Series {
 
 /// The unbroken pieces of a line, without points that change nothing of the picture.
 fn pieces(points: &[Option<(f64, f64)>]) -> impl Iterator<Item = Vec<(f64, f64)>> {
-    points.split(Option::is_none).map(|piece| {
-        let mut kept: Vec<(f64, f64)> = Vec::new();
-        for point in piece.iter().flatten() {
-            if kept.last().is_none_or(|last| (last.0 - point.0).hypot(last.1 - point.1) >= 0.05) {
-                kept.push(*point);
-            }
+    points.split(Option::is_none).map(|piece| thinned(piece.iter().flatten().map(|(x, y)| Vector2::new(*x, *y))))
+}
+
+/// What is seen of a line, px.
+const SEEN: f64 = 0.1;
+
+/// The line through `points` without those that it passes within [`SEEN`] all the same: from the last point kept, directions
+/// that pass all points since within that are a cone, and a point beyond it, or nearer than the one before, begins anew.
+fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
+    let Some(mut from) = points.next() else { return Vec::new() };
+    let (mut kept, mut last) = (vec![(from.x, from.y)], None::<Vector2<f64>>);
+    let mut cone: Option<[Vector2<f64>; 2]> = None;
+    let mut reached = 0.0;
+    for point in points {
+        let mut way = point - from;
+        let inside =
+            |way: &Vector2<f64>| cone.is_none_or(|[right, left]| right.perp(way) >= 0.0 && way.perp(&left) >= 0.0);
+        if let Some(passed) = last.filter(|_| (way.norm_squared() < reached && reached > SEEN * SEEN) || !inside(&way))
+        {
+            kept.push((passed.x, passed.y));
+            (from, cone) = (passed, None);
+            way = point - from;
         }
-        kept
-    })
+        (last, reached) = (Some(point), way.norm_squared());
+        if reached > SEEN * SEEN {
+            let side = Vector2::new(-way.y, way.x) * SEEN;
+            let ahead = way * (reached - SEEN * SEEN).sqrt();
+            let [right, left] = [ahead - side, ahead + side];
+            cone = Some(cone.map_or([right, left], |[old_right, old_left]| {
+                [
+                    if old_right.perp(&right) > 0.0 { right } else { old_right },
+                    if left.perp(&old_left) > 0.0 { left } else { old_left },
+                ]
+            }));
+        }
+    }
+    kept.extend(last.map(|last| (last.x, last.y)));
+    kept
 }
 
 /// The entries of a legend in lines, between title and plot: beside the curves, not on them.

@@ -1,7 +1,7 @@
 //! report.html: one self-contained file that plays the run and shows its figures and numbers.
 
-use minijinja::value::Serde;
-use minijinja::{AutoEscape, Environment};
+use minijinja::value::{Serde, Value};
+use minijinja::{AutoEscape, Environment, ErrorKind};
 use serde::Serialize;
 
 use super::chart::{Figure, number};
@@ -109,6 +109,7 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
+    environment.add_filter("tojson", json);
     for (name, text) in [
         ("style.css", include_str!("style.css")),
         ("figures.html", include_str!("figures.html")),
@@ -119,6 +120,18 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
         environment.add_template(name, text).map_err(failed)?;
     }
     environment.render_str(template, Serde(content)).map_err(failed)
+}
+
+/// A value as JSON that may stand in a script: minijinja's own filter writes numbers through a formatter, digit by digit.
+fn json(value: &Value) -> std::result::Result<Value, minijinja::Error> {
+    let failed = |e: serde_json::Error| minijinja::Error::new(ErrorKind::BadSerialization, e.to_string());
+    let mut text = serde_json::to_string(value).map_err(failed)?;
+    for (sign, escape) in [('<', "\\u003c"), ('>', "\\u003e"), ('&', "\\u0026"), ('\'', "\\u0027")] {
+        if text.contains(sign) {
+            text = text.replace(sign, escape); // which stands inside a text
+        }
+    }
+    Ok(Value::from_safe_string(text))
 }
 
 impl Page<'_> {

@@ -107,8 +107,12 @@ impl Svg {
             return;
         }
         self.0 += "<polyline fill=\"none\" points=\"";
+        let mut digits = [0; 16];
         for (x, y) in points {
-            let _ = write!(self.0, "{},{} ", decimal(*x), decimal(*y));
+            self.0.push_str(decimal(*x).text(&mut digits));
+            self.0.push(',');
+            self.0.push_str(decimal(*y).text(&mut digits));
+            self.0.push(' ');
         }
         let dashes = if dashes.is_empty() { String::new() } else { format!(" stroke-dasharray=\"{dashes}\"") };
         let _ = writeln!(
@@ -182,10 +186,51 @@ impl Svg {
 }
 
 /// A coordinate, to a hundredth of a pixel.
-fn decimal(x: f64) -> String {
-    let text = format!("{x:.2}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_string() } else { text.to_string() }
+#[derive(Debug, Clone, Copy)]
+struct Decimal(i32);
+
+fn decimal(x: f64) -> Decimal {
+    Decimal((100.0 * x).round() as i32)
+}
+
+impl std::fmt::Display for Decimal {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut digits = [0; 16];
+        f.write_str(self.text(&mut digits))
+    }
+}
+
+impl Decimal {
+    /// Its digits, with no zero at the end of its decimals.
+    fn text(self, room: &mut [u8; 16]) -> &str {
+        let (mut rest, mut at) = (self.0.unsigned_abs(), room.len());
+        let mut put = |digit: u8| {
+            at -= 1;
+            room[at] = digit;
+        };
+        let mut decimals = 2;
+        while decimals > 0 && rest.is_multiple_of(10) {
+            (rest, decimals) = (rest / 10, decimals - 1);
+        }
+        for _ in 0..decimals {
+            put(b'0' + (rest % 10) as u8);
+            rest /= 10;
+        }
+        if decimals > 0 {
+            put(b'.');
+        }
+        loop {
+            put(b'0' + (rest % 10) as u8);
+            rest /= 10;
+            if rest == 0 {
+                break;
+            }
+        }
+        if self.0 < 0 {
+            put(b'-');
+        }
+        std::str::from_utf8(&room[at..]).unwrap_or_default()
+    }
 }
 
 fn escaped(text: &str) -> String {

@@ -190,23 +190,34 @@ pub fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
 pub struct Csv {
     path: PathBuf,
     file: NamedTempFile,
-    writer: csv::Writer<File>,
+    /// Whole rows on their way to the file.
+    rows: String,
     /// Time of the last row, s.
     pub last: Option<f64>,
     /// Where the file ended when a write failed: nothing that comes after it counts.
     broken: Option<u64>,
-    values: Vec<f64>,
+}
+
+/// Rows go to the file in pieces of about this size, bytes.
+const PIECE: usize = 1 << 16;
+
+/// Adds the shortest text that is read as `x` again.
+fn push_number(text: &mut String, x: f64) {
+    let mut buffer = zmij::Buffer::new();
+    let digits = buffer.format(x);
+    // 1e20, not 1e+20.
+    match digits.split_once('+').filter(|_| x.abs() >= 1e16) {
+        Some((digits, power)) => text.extend([digits, power]),
+        None => text.push_str(digits),
+    }
 }
 
 impl Csv {
-    /// Begins the file with a header.
+    /// Begins the file with a header of plain names.
     pub fn create(path: PathBuf, columns: impl Iterator<Item = String>) -> Result<Self> {
         let file = beside(&path)?;
-        let writer = csv::Writer::from_writer(file.as_file().try_clone().map_err(|e| write_error(&path, &e))?);
-        let mut table = Self { path, file, writer, last: None, broken: None, values: Vec::new() };
-        let header: Vec<String> = columns.collect();
-        table.writer.write_record(&header).map_err(|e| table.failed(e.into()))?;
-        Ok(table)
+        let rows = columns.collect::<Vec<_>>().join(",") + "\n";
+        Ok(Self { path, file, rows, last: None, broken: None })
     }
 
     /// Adds a row; nothing after a row that failed.
@@ -214,11 +225,24 @@ impl Csv {
         if self.broken.is_some() {
             return Ok(());
         }
-        self.values.clear();
-        self.values.extend(values);
-        self.writer.serialize(&self.values).map_err(|e| self.failed(e.into()))?;
+        for (i, x) in values.enumerate() {
+            if i > 0 {
+                self.rows.push(',');
+            }
+            push_number(&mut self.rows, x);
+        }
+        self.rows.push('\n');
+        if self.rows.len() >= PIECE {
+            self.flush()?;
+        }
         self.last = Some(time);
         Ok(())
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        let written = self.file.as_file_mut().write_all(self.rows.as_bytes());
+        self.rows.clear();
+        written.map_err(|e| self.failed(e))
     }
 
     fn failed(&mut self, error: std::io::Error) -> Error {
@@ -237,10 +261,9 @@ impl Csv {
     /// [`Error::Write`] where not even that can be had.
     pub fn complete(mut self) -> Result<(NamedTempFile, PathBuf, Option<Error>)> {
         let lost = match self.broken {
-            None => self.writer.flush().err().map(|e| self.failed(e)),
+            None => self.flush().err(),
             Some(_) => None,
         };
-        drop(self.writer); // which may write once more
         if let Some(end) = self.broken {
             let file = self.file.as_file_mut();
             file.set_len(end).and_then(|()| cut_to_whole_lines(file)).map_err(|e| write_error(&self.path, &e))?;

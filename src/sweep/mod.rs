@@ -23,7 +23,7 @@ use crate::scene::{Document, Fault, Files, Scene};
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, row, run};
 pub use parcel::{Parcel, Unpacked};
-pub use results::Results;
+pub use results::{Results, Written};
 
 /// Most cases of a sweep.
 const MOST_CASES: usize = 1_000_000;

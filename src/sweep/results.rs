@@ -1,8 +1,11 @@
 //! What a sweep's journals hold, as table, figures and report.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde_json::Value;
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::{Map, Value};
 
 use super::{Row, Sweep};
 use crate::error::{Error, Result};
@@ -52,8 +55,13 @@ impl<'a> Results<'a> {
 
     /// The rows, in the order of the cases; what is missing is left out.
     pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Row)>> {
+        self.read()
+    }
+
+    /// What `T` has of the rows.
+    fn read<T: DeserializeOwned>(&self) -> impl Iterator<Item = Result<(usize, T)>> {
         let row = |(index, holder): (usize, &Option<usize>)| {
-            let row = self.journals[(*holder)?].get::<Row>(index).transpose()?;
+            let row = self.journals[(*holder)?].get::<T>(index).transpose()?;
             Some(row.map(|row| (index, row)))
         };
         self.holder.iter().enumerate().filter_map(row)
@@ -63,7 +71,7 @@ impl<'a> Results<'a> {
     ///
     /// # Errors
     /// [`Error::Write`] for the folder, [`Error::Journal`], [`Error::Read`].
-    pub fn write(&self, folder: &Path) -> Result<Kept> {
+    pub fn write(&self, folder: &Path) -> Result<Written> {
         let folder = Folder::open(folder)?;
         let sweep = self.sweep;
         // A first pass learns the columns and keeps what figures and page need.
@@ -97,7 +105,7 @@ impl<'a> Results<'a> {
             .chain([text("scene_hash"), text("caudal_version")])
             .chain(names.iter().cloned().map(kind))
             .collect();
-        let cells = |row: Result<(usize, Row)>| {
+        let cells = |row: Result<(usize, Numbers)>| {
             let (index, row) = row?;
             let mut cells = vec![Value::from(index)];
             cells.extend(sweep.values(&sweep.case(index)?).iter().map(json));
@@ -108,12 +116,12 @@ impl<'a> Results<'a> {
         let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
         let mut kept = Kept::default();
         let path = folder.path().join("table.csv");
-        let table = csv_of(&path, &columns, self.rows().map(cells));
+        let table = csv_of(&path, &columns, self.read().map(cells));
         kept.put(path, table);
         #[cfg(feature = "parquet")]
         if sweep.size() >= PARQUET_FROM {
             let path = folder.path().join("table.parquet");
-            let table = parquet_of(&path, &header, self.rows().map(cells));
+            let table = parquet_of(&path, &header, self.read().map(cells));
             kept.put(path, table);
         }
         if sweep.record.traces > 0 {
@@ -126,7 +134,7 @@ impl<'a> Results<'a> {
             kept.put_text(folder.path().join(file), Ok(svg.clone()));
         }
         kept.put_text(folder.path().join("report.html"), cases.page(&figures));
-        Ok(kept)
+        Ok(Written { kept, failed: cases.into_endings() })
     }
 
     /// The paths of the centres of mass: one row per case and time.
@@ -154,6 +162,22 @@ impl<'a> Results<'a> {
         };
         Cases::new(&sweep.name, sweep.axes.iter().map(axis).collect(), sweep.split, sweep.size(), sweep.text())
     }
+}
+
+/// What is written of results.
+#[derive(Debug)]
+pub struct Written {
+    /// The files.
+    pub kept: Kept,
+    /// How the cases ended that did not reach their end.
+    pub failed: BTreeMap<usize, String>,
+}
+
+/// What a table needs of a [`Row`].
+#[derive(Deserialize)]
+struct Numbers {
+    scene_hash: String,
+    quantities: Map<String, Value>,
 }
 
 /// A level as text and axes show it.

@@ -136,7 +136,7 @@ impl SweepAtWork {
         let results = py.detach(|| {
             journal.sync()?;
             let results = Results::new(&self.sweep, &self.job, vec![journal])?;
-            results.write(&self.folder)?.complete()?;
+            results.write(&self.folder)?.kept.complete()?;
             Ok(results)
         });
         let results = results.or_raise(py)?;
