@@ -206,7 +206,8 @@ fn push_number(text: &mut String, x: f64) {
     let mut buffer = zmij::Buffer::new();
     let digits = buffer.format(x);
     // 1e20, not 1e+20.
-    match digits.split_once('+').filter(|_| x.abs() >= 1e16) {
+    let plus = if x.abs() < 1e16 { None } else { digits.split_once('+') };
+    match plus {
         Some((digits, power)) => text.extend([digits, power]),
         None => text.push_str(digits),
     }
