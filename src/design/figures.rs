@@ -31,6 +31,7 @@ impl Design {
         let mut figures = vec![self.profile_figure(&rod)];
         figures.extend(self.actuation_figures(&rod));
         figures.extend(self.numbers_figure());
+        figures.extend(self.front_figure());
         figures.extend(self.goal_figures(&rod));
         figures.extend(self.cycle_figures());
         figures.extend(self.search_figures());
@@ -175,6 +176,19 @@ impl Design {
             "numbers.svg",
             self.chart("numbers of the scene", "number in its order", "over the scene's", Scale::Linear, series),
         ))
+    }
+
+    /// The designs between two goals.
+    fn front_figure(&self) -> Option<Drawn> {
+        let (Some(wanted), [_, ..]) = (&self.table.front, &self.evidence.front[..]) else { return None };
+        let points = |best: bool| {
+            let chosen = self.evidence.front.iter().filter(|point| point.best == best);
+            chosen.map(|point| (point.second, point.first)).collect::<Vec<_>>()
+        };
+        let mut series = vec![Series::new("front", points(true), Mark::Dotted)];
+        series.extend((!points(false).is_empty()).then(|| Series::new("worse than others", points(false), Mark::Dots)));
+        let [x, y] = [wanted.goal, self.table.goal].map(objective_label);
+        Some(("front.svg", self.chart("designs between two goals", x, y, Scale::Linear, series)))
     }
 
     /// What the goal is about, over time: the tip and its target, the way, or the markers.
@@ -420,6 +434,19 @@ impl Design {
                 rows: found.tolerances.iter().map(row).collect(),
             });
         }
+        if !self.evidence.front.is_empty() {
+            let row = |(i, point): (usize, &super::Compromise)| {
+                let scene = format!("{}-front-{}.toml", self.scene.name, i + 1);
+                vec![json!(point.second), json!(point.first), json!(point.best), json!(point.converged), json!(scene)]
+            };
+            let second = self.table.front.as_ref().map_or("", |front| objective_label(front.goal));
+            tables.push(Table {
+                file: "front.csv",
+                title: "Designs between two goals",
+                columns: names(&[second, value, "on the front", "converged", "scene"]),
+                rows: self.evidence.front.iter().enumerate().map(row).collect(),
+            });
+        }
         let body = self.designed.scene()?.model()?.rod;
         tables.push(Table {
             file: "body.csv",
@@ -530,6 +557,9 @@ fn caption(file: &str) -> &'static str {
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",
         "numbers.svg" => {
             "The numbers of the scene that were found, over what they are in it, in the order of their table; bars: one standard deviation."
+        }
+        "front.svg" => {
+            "Designs on which neither goal can be better without loss of the other; each is a scene beside this page."
         }
         "shape.svg" => "The shape that the rod is to rest in.",
         "tip_x.svg" | "tip_y.svg" => "The tip as it should move, and as it does before and after.",

@@ -2,7 +2,9 @@
 //! solved by Clarabel; the rest is a sequence of them with exact [sensitivities](crate::sensitivity).
 
 mod figures;
+mod front;
 pub mod identify;
+mod limits;
 pub mod markers;
 pub mod outline;
 pub mod qp;
@@ -13,7 +15,9 @@ pub mod table;
 pub mod trust;
 mod unknowns;
 
+pub use front::Compromise;
 pub use identify::{Identified, Verdict, identify};
+pub use limits::Used;
 pub use markers::Markers;
 pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};

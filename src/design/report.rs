@@ -8,7 +8,9 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use super::front::{Compromise, front};
 use super::identify::{Identified, Verdict, identify};
+use super::limits::Used;
 use super::markers::{LEAST, Markers};
 use super::outline;
 use super::search::{Found, FoundNumber, Iteration, Objective, Search};
@@ -79,6 +81,8 @@ pub(super) struct Evidence {
     pub target: Option<Markers>,
     /// The numbers that decide what stiffness does.
     pub numbers: Map<String, Value>,
+    /// Designs between two goals.
+    pub front: Vec<Compromise>,
     /// What is left of the gain in the other simulations.
     pub trust: Option<Trust>,
 }
@@ -110,7 +114,7 @@ impl Design {
     ///
     /// # Errors
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] where there is no answer; those of data and simulation.
-    pub fn of(document: &Document, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Self> {
+    pub fn of(document: &Document, mut tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Self> {
         let scene = document.scene()?;
         document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
@@ -171,7 +175,7 @@ impl Design {
                     objective = objective.of_document(document);
                 }
                 let mut search = Search { table: &table, objective: &objective, problem };
-                let mut found = search.run(tell)?;
+                let mut found = search.run(&mut tell)?;
                 lines.extend(say_found(&found, &table));
                 let profile = found.profile.clone();
                 if table.goal != Goal::Identify {
@@ -191,6 +195,9 @@ impl Design {
                     );
                 } else {
                     evidence.checks = verify(document, &scene, &table, target.as_ref(), &profile);
+                    let again = || Problem::of(&scene);
+                    evidence.front = front(&table, &objective, &found, again, &mut tell)?;
+                    lines.extend(say_front(&evidence.front, &table));
                     if !table.fits_positions() {
                         found.tolerances = search.tolerances(&found);
                     }
@@ -251,6 +258,10 @@ impl Design {
             (format!("{}-designed.toml", self.scene.name), self.designed.text().to_string()),
             ("design.json".to_string(), numbers + "\n"),
         ];
+        for (i, point) in self.evidence.front.iter().enumerate() {
+            let scene = designed(&self.document, &self.scene, &self.table.numbers, &point.profile)?;
+            texts.push((format!("{}-front-{}.toml", self.scene.name, i + 1), scene.text().to_string()));
+        }
         let rod = self.designed.scene()?.model()?.rod;
         texts.push(("body.stl".to_string(), outline::stl(&self.scene.name, &rod)));
         for table in &findings.tables {
@@ -280,6 +291,7 @@ impl Design {
             "lines": self.lines,
             "dimensionless": self.evidence.numbers,
             "checks": serde_json::to_value(&self.evidence.checks).map_err(failed)?,
+            "front": serde_json::to_value(&self.evidence.front).map_err(failed)?,
             "trust": serde_json::to_value(&self.evidence.trust).map_err(failed)?,
             "compared": serde_json::to_value(&self.evidence.profiles).map_err(failed)?,
             "answer": serde_json::to_value(&self.answer).map_err(failed)?,
@@ -391,8 +403,35 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
             several => format!("the data do not tell {} apart: they know them only together", several.join(" and ")),
         });
     }
-    lines.extend(found.active.iter().map(|(name, dual)| format!("binding: {name} (dual {dual:.3e})")));
+    for Used { limit, used } in &found.limits {
+        lines.push(format!("limit: {limit}: {:.2} % of it", 100.0 * used));
+    }
+    lines.extend(found.active.iter().map(|(name, dual)| {
+        let worth = if table.fits_positions() {
+            format!("dual {dual:.3e}")
+        } else {
+            // Unknowns are logarithms, and limits are over themselves.
+            format!("1 % more room is worth {dual:.3} % of the objective")
+        };
+        format!("binding: {name} ({worth})")
+    }));
     lines
+}
+
+/// The front in words.
+fn say_front(front: &[Compromise], table: &Table) -> Option<String> {
+    let [first, .., last] = front else { return None };
+    let [one, two] = [table.goal, table.front.as_ref()?.goal].map(objective_label);
+    let best = front.iter().filter(|point| point.best).count();
+    Some(format!(
+        "front of {} designs, {best} of them better than any other in one goal or the other: {two} from {:.6e} to {:.6e}, {one} \
+         from {:.6e} to {:.6e}",
+        front.len(),
+        first.second,
+        last.second,
+        first.first,
+        last.first
+    ))
 }
 
 /// The tightest and the loosest tolerance in words.

@@ -16,6 +16,7 @@ use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
 use super::identify::Verdict;
+use super::limits::{Limited, Limits, Used};
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
 use super::table::{Goal, Number, Table, Variable, moved};
@@ -52,6 +53,17 @@ const SMOOTH: f64 = 0.3;
 /// Most iterations of a start, where none are given.
 const ITERATIONS: usize = 200;
 
+/// After so many steps second derivatives are taken anew, from gradients this far apart; the least over the largest.
+const REFRESHED: usize = 15;
+const NEARBY: f64 = 1e-4;
+const FLAT: f64 = 1e-6;
+
+/// A limit that is passed by less is kept.
+const VIOLATED: f64 = 1e-6;
+
+/// First price of passing a limit, in units of the objective, and the largest.
+const PRICE: [f64; 2] = [10.0, 1e6];
+
 /// First trust radius, the largest, and the smallest worth a step.
 const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
 
@@ -60,6 +72,9 @@ const ROUNDING: f64 = 1e-13;
 
 /// A step must win this part of what its model promises.
 const WON: f64 = 1e-4;
+
+/// What a step is kept within, which is no demand.
+const TRUST: &str = "trust region";
 
 /// What a dynamic goal measures.
 #[derive(Debug)]
@@ -75,6 +90,7 @@ pub struct Objective {
     length: f64,
     /// True where it is a distance from given positions, which is to be small.
     fits: bool,
+    smaller_is_better: bool,
     /// The scene, where numbers of it are unknown.
     document: Option<Document>,
     numbers: Vec<Number>,
@@ -142,6 +158,7 @@ impl Objective {
             outputs,
             length,
             fits,
+            smaller_is_better: table.smaller_is_better(),
             document: None,
             numbers: table.numbers.clone(),
         })
@@ -171,6 +188,21 @@ impl Objective {
     /// The same for a scene of which numbers are unknown.
     pub fn of_document(self, document: &Document) -> Self {
         Self { document: Some(document.clone()), ..self }
+    }
+
+    /// The same for the scene that `other` is of.
+    pub(super) fn like(self, other: &Self) -> Self {
+        Self { document: other.document.clone(), ..self }
+    }
+
+    /// True where a smaller value is better.
+    pub fn smaller_is_better(&self) -> bool {
+        self.smaller_is_better
+    }
+
+    /// Its goal.
+    pub fn name(&self) -> &'static str {
+        self.goal.into()
     }
 
     /// What residuals are multiplied by, so that the sum of their squares is the mean square distance of a node.
@@ -276,7 +308,11 @@ impl Objective {
     ) -> Option<(f64, Vec<f64>)> {
         let value = self.at(problem, profile, parameters)?;
         let shown = self.shown(value.f);
-        let slope = if self.goal == Goal::TrackTip { 1.0 / shown } else { -1.0 };
+        let slope = match self.goal {
+            Goal::TrackTip => 1.0 / shown,
+            Goal::Cycle(_) => -self.sign,
+            _ => -1.0,
+        };
         Some((shown, value.by.iter().map(|by| slope * by).collect()))
     }
 
@@ -333,6 +369,8 @@ pub struct Found {
     pub confused: Vec<Vec<String>>,
     /// Of identification: standard deviation of a coordinate of the markers, m, as given or as left.
     pub noise_m: Option<f64>,
+    /// Limits that are no bounds, and how much of them is used.
+    pub limits: Vec<Used>,
     /// True where it was stopped.
     pub interrupted: bool,
     /// How exactly each unknown has to be made; empty where positions were to be met, and where it was stopped.
@@ -363,6 +401,14 @@ pub struct FoundNumber {
 struct Point {
     x: DVector<f64>,
     value: Value,
+    limits: Vec<Limited>,
+}
+
+impl Point {
+    /// The sum of what is beyond the limits.
+    fn violation(&self) -> f64 {
+        self.limits.iter().map(|limit| limit.excess.max(0.0)).sum()
+    }
 }
 
 /// Where a start has come to.
@@ -384,14 +430,16 @@ pub struct Search<'a> {
 }
 
 impl Search<'_> {
-    fn point(&mut self, unknowns: &Unknowns, x: Vec<f64>) -> Option<Point> {
-        let profile = unknowns.profile(&x);
-        let mut value = self.objective.at(&mut self.problem, &profile, &unknowns.parameters())?;
+    fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Point> {
+        let (profile, parameters) = (unknowns.profile(&x), unknowns.parameters());
+        let mut value = self.objective.at(&mut self.problem, &profile, &parameters)?;
+        let mut limits = limits.at(&mut self.problem, &profile, &parameters)?;
+        limits.iter_mut().for_each(|limit| limit.by = unknowns.chain(&x, &limit.by));
         value.by = unknowns.chain(&x, &value.by);
         if let Some((_, rows)) = &mut value.residuals {
             rows.iter_mut().for_each(|row| *row = unknowns.chain(&x, row));
         }
-        Some(Point { x: x.into(), value })
+        Some(Point { x: x.into(), value, limits })
     }
 
     /// The profile that makes the objective best, from several starts; `tell` sees every iteration and may stop the search,
@@ -399,19 +447,31 @@ impl Search<'_> {
     ///
     /// # Errors
     /// [`Error::Design`] where no start can be simulated, or a programme cannot be solved.
-    pub fn run(&mut self, mut tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+    pub fn run(&mut self, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+        self.run_from(None, tell)
+    }
+
+    /// The same from one start, the unknowns `from`, where there are any.
+    pub(super) fn run_from(
+        &mut self,
+        from: Option<Vec<f64>>,
+        mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+    ) -> Result<Found> {
         let own_stiffness_n_m2 = self.problem.stiffness();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
+        let limits = Limits::of(self.table, &self.problem, self.objective)?;
         let n = unknowns.count();
-        let starts = self.table.starts.unwrap_or(if self.objective.fits { 1 } else { 3 }).max(1);
+        let alone = self.objective.fits || from.is_some();
+        let starts = self.table.starts.filter(|_| from.is_none()).unwrap_or(if alone { 1 } else { 3 }).max(1);
         let mut roughness = None;
         let mut history = Vec::new();
         let mut ends: Vec<End> = Vec::new();
         for start in 0..starts {
-            let Some(first) = self.point(&unknowns, unknowns.first(start)) else { continue };
+            let x = from.clone().map_or_else(|| unknowns.first(start), |x| unknowns.kept(x));
+            let Some(first) = self.point(&unknowns, &limits, x) else { continue };
             let weight = self.table.smoothness * first.value.f.abs();
             let rough = roughness.get_or_insert_with(|| DMatrix::from_row_slice(n, n, &unknowns.roughness(weight)));
-            ends.push(self.descend(&unknowns, rough, first, |mut iteration| {
+            ends.push(self.descend((&unknowns, &limits), rough, first, |mut iteration| {
                 iteration.start = start;
                 let told = tell(&iteration);
                 history.push(iteration);
@@ -425,12 +485,21 @@ impl Search<'_> {
         let interrupted = ends.iter().any(|end| end.interrupted);
         let merit = |end: &End| {
             let x = &end.point.x;
-            end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
+            // What keeps its limits comes first.
+            let beyond = if end.point.violation() > VIOLATED {
+                1e6 * end.point.value.f.abs() * end.point.violation()
+            } else {
+                0.0
+            };
+            beyond + end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
         let Some(best) = ends.into_iter().min_by(|a, b| merit(a).total_cmp(&merit(b))) else {
             let reason = "no start could be simulated; try other bounds, or a smaller step".into();
             return Err(Error::Design { reason });
         };
+        let violation = best.point.violation();
+        let limits = best.point.limits.iter();
+        let limits = limits.map(|limit| Used { limit: limit.name.clone(), used: 1.0 + limit.excess }).collect();
         let value = best.point.value;
         let objective = self.objective.shown(value.f);
         let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
@@ -491,7 +560,8 @@ impl Search<'_> {
             deviations,
             objective,
             stationarity: best.stationarity,
-            converged: best.stationarity <= STATIONARY[1] || self.objective.is_met(value.f),
+            converged: violation <= VIOLATED && (best.stationarity <= STATIONARY[1] || self.objective.is_met(value.f)),
+            limits,
             starts,
             history,
             active: best.active,
@@ -505,7 +575,7 @@ impl Search<'_> {
     /// Goes down from `first`. All of a step's programme is in units of the objective.
     fn descend(
         &mut self,
-        unknowns: &Unknowns,
+        (unknowns, limits): (&Unknowns, &Limits),
         rough: &DMatrix<f64>,
         first: Point,
         mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
@@ -518,6 +588,8 @@ impl Search<'_> {
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
         let mut here = first;
         let mut hessian: Option<DMatrix<f64>> = None;
+        let beyond = here.limits.len();
+        let (mut price, mut updates) = (PRICE[0], 0);
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
         let mut here_again = false;
@@ -533,22 +605,32 @@ impl Search<'_> {
                     (None, Some(hessian)) => hessian / unit,
                     (None, None) => DMatrix::identity(n, n) * (gradient.norm() / RADIUS[0]).max(1e-12),
                 };
-            let mut programme = Quadratic::new(n);
+            let mut programme = Quadratic::new(n + beyond);
             let damped = if squares { &model + &metric * damping } else { model.clone() };
-            programme.hessian = damped.iter().copied().collect(); // symmetric
-            programme.gradient = gradient.iter().copied().collect();
+            for i in 0..n {
+                programme.gradient[i] = gradient[i];
+                (0..n).for_each(|j| programme.hessian[i * (n + beyond) + j] = damped[(i, j)]);
+            }
+            // Unknowns more: how far each limit is passed, at a price.
+            for (i, limit) in here.limits.iter().enumerate() {
+                programme.gradient[n + i] = price;
+                programme.constraints.push(Constraint::at_most(TRUST, vec![(n + i, -1.0)], 0.0));
+                let row = limit.by.iter().copied().enumerate().filter(|(_, by)| *by != 0.0);
+                let row = row.chain([(n + i, -1.0)]).collect();
+                programme.constraints.push(Constraint::at_most(limit.name.clone(), row, -limit.excess));
+            }
             for i in (0..n).filter(|_| !squares) {
                 for sign in [1.0, -1.0] {
-                    programme.constraints.push(Constraint::at_most("trust region", vec![(i, sign)], radius));
+                    programme.constraints.push(Constraint::at_most(TRUST, vec![(i, sign)], radius));
                 }
             }
-            let trusted = programme.constraints.len();
             unknowns.constrain(&mut programme, here.x.as_slice());
             let solution = programme.solve()?;
             // The gradient of the Lagrangian without the trust region's duals.
             let mut lagrangian = gradient.clone();
-            for (constraint, dual) in programme.constraints.iter().zip(&solution.duals).skip(trusted) {
-                constraint.row.iter().for_each(|(i, c)| lagrangian[*i] += dual * c);
+            for (constraint, dual) in programme.constraints.iter().zip(&solution.duals) {
+                let row = constraint.row.iter().filter(|(i, _)| *i < n && constraint.name != TRUST);
+                row.for_each(|(i, c)| lagrangian[*i] += dual * c);
             }
             let mut stationarity = match &here.value.residuals {
                 Some((residuals, rows)) => {
@@ -561,27 +643,35 @@ impl Search<'_> {
                 None => lagrangian.amax(),
             };
             let mut active = programme.active(&solution);
-            active.retain(|(name, _)| name != "trust region");
+            active.retain(|(name, _)| name != TRUST);
             // A radius that shrinks about a point hides bounds beyond it: what was known of the point stays.
             if here_again && end.0 < stationarity {
                 (stationarity, active) = (end.0, end.1);
             }
-            let step = DVector::from_column_slice(&solution.x);
+            let of_limits: Vec<f64> = (0..beyond).map(|i| solution.duals[2 * i + 1]).collect();
+            let dearest = of_limits.iter().copied().fold(0.0, f64::max);
+            if dearest > 0.5 * price {
+                price = (4.0 * price).min(PRICE[1]);
+            }
+            let step = DVector::from_column_slice(&solution.x[..n]);
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
             let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
-            let promised = -(gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
+            let kept = here.violation() - solution.x[n..].iter().map(|x| x.max(0.0)).sum::<f64>();
+            let promised = price * kept - (gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
             if promised < ROUNDING
-                || stationarity <= STATIONARY[0]
+                || (stationarity <= STATIONARY[0] && here.violation() <= 0.1 * VIOLATED)
                 || self.objective.is_met(here.value.f)
                 || longest.min(radius) < RADIUS[2]
             {
                 end.2 = tell(report).is_break();
                 break;
             }
-            let next = self.point(unknowns, unknowns.kept((&here.x + &step).as_slice().to_vec()));
-            let ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| (merit(&here) - merit(next)) / unit / promised);
+            let next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
+            let won =
+                |next: &Point| (merit(&here) - merit(next)) / unit + price * (here.violation() - next.violation());
+            let ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
             report.accepted = ratio > WON;
             here_again = !report.accepted;
             if squares {
@@ -602,15 +692,26 @@ impl Search<'_> {
                     let duals = &solution.duals[solution.duals.len() - unknowns.means(here.x.as_slice()).len()..];
                     let curved = |point: &Point| {
                         let means = unknowns.means(point.x.as_slice());
-                        let sum = DVector::from_column_slice(&point.value.by);
+                        let limited = point.limits.iter().zip(&of_limits).map(|(limit, dual)| (&limit.by, dual));
+                        let own = DVector::from_column_slice(&point.value.by);
+                        let sum =
+                            limited.fold(own, |sum, (by, dual)| sum + DVector::from_column_slice(by) * (dual * unit));
                         means
                             .iter()
                             .zip(duals)
                             .fold(sum, |sum, ((_, by), dual)| sum + DVector::from_column_slice(by) * (dual * unit))
                     };
-                    let (moved, turned) = (&next.x - &here.x, curved(&next) - curved(&here));
-                    let size = 10.0 * curved(&here).norm();
-                    hessian = Some(updated(hessian, &moved, &turned, size.max(1e-12 * unit)));
+                    updates += 1;
+                    let exact =
+                        if updates >= REFRESHED { self.curvature((unknowns, limits), &next, curved) } else { None };
+                    hessian = Some(if let Some(exact) = exact {
+                        updates = 0;
+                        exact
+                    } else {
+                        let (moved, turned) = (&next.x - &here.x, curved(&next) - curved(&here));
+                        let size = 10.0 * curved(&here).norm();
+                        updated(hessian, &moved, &turned, size.max(1e-12 * unit))
+                    });
                 }
                 here = next;
             }
@@ -621,6 +722,30 @@ impl Search<'_> {
         }
         let (stationarity, active, interrupted) = end;
         Ok(End { point: here, stationarity, active, interrupted })
+    }
+
+    /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of
+    /// their eigenvalues, so that the programme is convex; none where a simulation fails.
+    fn curvature(
+        &mut self,
+        (unknowns, limits): (&Unknowns, &Limits),
+        here: &Point,
+        slope: impl Fn(&Point) -> DVector<f64>,
+    ) -> Option<DMatrix<f64>> {
+        let n = here.x.len();
+        let own = slope(here);
+        let mut all = DMatrix::zeros(n, n);
+        for i in 0..n {
+            let mut x = here.x.as_slice().to_vec();
+            x[i] += NEARBY;
+            let by = (slope(&self.point(unknowns, limits, x)?) - &own) / NEARBY;
+            all.set_column(i, &by);
+        }
+        let mut eigen = (0.5 * (&all + all.transpose())).symmetric_eigen();
+        let least = FLAT * eigen.eigenvalues.amax();
+        eigen.eigenvalues.apply(|value| *value = value.abs().max(least));
+        let found = eigen.recompose();
+        found.iter().all(|x| x.is_finite()).then_some(found)
     }
 
     /// How far each unknown of what was `found` may be off.

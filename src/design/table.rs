@@ -194,6 +194,23 @@ pub enum Bounds {
     Each(BTreeMap<String, [f64; 2]>),
 }
 
+/// A second goal: the front of designs on which neither goal can be better without loss of the other.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Front {
+    /// The second goal, a mean over the cycles, `distance` or `efficiency`.
+    pub goal: Goal,
+    /// Which is better: "larger", where it is absent, or "smaller".
+    pub better: Option<String>,
+    /// Designs on the front, its ends among them.
+    #[serde(default = "points")]
+    pub points: usize,
+}
+
+fn points() -> usize {
+    7
+}
+
 /// `[design]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -241,6 +258,24 @@ pub struct Table {
     pub direction: Option<String>,
     /// Which mean over the cycles is better: "larger", where it is absent, or "smaller".
     pub better: Option<String>,
+    /// Largest total mass, kg.
+    pub largest_mass_kg: Option<f64>,
+    /// True where the whole is to be as heavy as the fluid that it displaces.
+    #[serde(default)]
+    pub neutral_buoyancy: bool,
+    /// Least thickness of the wall, m.
+    pub least_wall_m: Option<f64>,
+    /// Largest moment that a joint carries at any time, N m.
+    pub largest_moment_n_m: Option<f64>,
+    /// Largest strain of the outermost fibre, beyond that of the natural curvature.
+    pub largest_strain: Option<f64>,
+    /// Largest power of the actuation at any time, W.
+    pub largest_power_w: Option<f64>,
+    /// A second goal, against which the first is traded.
+    pub front: Option<Front>,
+    /// What the second goal has to reach, and its size.
+    #[serde(skip)]
+    pub floor: Option<[f64; 2]>,
     /// Starts of a dynamic goal.
     pub starts: Option<usize>,
     /// Most iterations a start; 200 where it is absent.
@@ -295,6 +330,7 @@ impl Table {
         table.numbers = table.numbers_of(scene).map_err(|problem| fault("design.variables", problem))?;
         table.check_numbers(scene).map_err(|(key, problem)| fault(key, problem))?;
         table.check_variables(scene).map_err(|(key, problem)| fault(key, problem))?;
+        table.check_limits().map_err(|(key, problem)| fault(key, problem))?;
         let needs_data = matches!(table.goal, Goal::Identify | Goal::StaticShape | Goal::TrackTip);
         if needs_data && table.data.is_none() {
             return Err(fault("design.data", "missing; this goal needs a CSV file with node positions".to_string()));
@@ -328,6 +364,65 @@ impl Table {
     /// The numbers as they are in the scene.
     pub fn own_numbers(&self) -> Vec<(String, f64)> {
         self.numbers.iter().map(|number| (number.words(), number.own)).collect()
+    }
+
+    /// The same with the second goal for the first.
+    pub fn second(&self) -> Option<Self> {
+        let Front { goal, better, .. } = self.front.clone()?;
+        let direction = self.direction.clone().filter(|_| matches!(goal, Goal::Distance | Goal::Efficiency));
+        Some(Self { goal, better, direction, front: None, floor: None, ..self.clone() })
+    }
+
+    /// Checks limits and the second goal.
+    fn check_limits(&self) -> std::result::Result<(), (&'static str, String)> {
+        let limits = [
+            ("design.largest_mass_kg", self.largest_mass_kg),
+            ("design.least_wall_m", self.least_wall_m),
+            ("design.largest_moment_n_m", self.largest_moment_n_m),
+            ("design.largest_strain", self.largest_strain),
+            ("design.largest_power_w", self.largest_power_w),
+        ];
+        if let Some((key, value)) =
+            limits.iter().find_map(|(key, value)| Some((key, value.filter(|x| !(*x > 0.0 && x.is_finite()))?)))
+        {
+            return Err((key, format!("found {value}; allowed: a positive number")));
+        }
+        let neutral = ("design.neutral_buoyancy", self.neutral_buoyancy.then_some(1.0));
+        let given = limits.iter().chain([&neutral]).find(|(_, value)| value.is_some()).map(|(key, _)| *key);
+        let searched = matches!(self.goal, Goal::Distance | Goal::Efficiency | Goal::Cycle(_));
+        if let Some(key) = given.or(self.front.as_ref().map(|_| "design.front")).filter(|_| !searched) {
+            return Err((key, "found with a goal that has no such limit; allowed: with \"distance\", \"efficiency\" and means over cycles".into()));
+        }
+        let of_body = [
+            ("design.largest_mass_kg", self.largest_mass_kg.is_some()),
+            ("design.neutral_buoyancy", self.neutral_buoyancy),
+            ("design.least_wall_m", self.least_wall_m.is_some()),
+        ];
+        if let Some((key, _)) = of_body.iter().find(|(_, given)| *given && self.numbers.is_empty()) {
+            return Err((key, "found where no number of the body is among the variables; allowed: with \"rod.outer_radius_m\" and the like in variables".into()));
+        }
+        let Some(front) = &self.front else { return Ok(()) };
+        if !matches!(front.goal, Goal::Distance | Goal::Efficiency | Goal::Cycle(_)) || front.goal == self.goal {
+            return Err((
+                "design.front",
+                "allowed: another goal, \"distance\", \"efficiency\" or a mean over cycles".into(),
+            ));
+        }
+        if self.direction.is_none() && matches!(front.goal, Goal::Distance | Goal::Efficiency) {
+            return Err((
+                "design.front",
+                "\"distance\" and \"efficiency\" need design.direction; allowed: with a goal that has one".into(),
+            ));
+        }
+        if !(3..=100).contains(&front.points) {
+            return Err(("design.front", format!("found {} points; allowed: 3 to 100", front.points)));
+        }
+        match front.better.as_deref() {
+            None | Some("larger" | "smaller") => Ok(()),
+            Some(better) => {
+                Err(("design.front", format!("found better = {better:?}; allowed: \"larger\" or \"smaller\"")))
+            }
+        }
     }
 
     /// Least and largest of the numbers of a key, over what they are in the scene.
@@ -381,7 +476,8 @@ impl Table {
                         Parameter::OfScene(others - 1)
                     };
                     // The mass of a body may follow the density.
-                    let alone = place.is_empty() && (key != DENSITY || scene.head_body.is_none());
+                    let alone =
+                        place.is_empty() && (key != DENSITY || scene.head_body.is_none() && !self.neutral_buoyancy);
                     let by = parameter(key, &model).filter(|_| alone).unwrap_or_else(of_scene);
                     let (key, place, whole) = (key.clone(), place.to_vec(), whole.clone());
                     numbers.push(Number { key, place, xi, unit, own, whole, by });

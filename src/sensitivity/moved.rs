@@ -77,6 +77,11 @@ impl Moved {
         Ok(sum)
     }
 
+    /// The derivative of a number of the model.
+    pub fn by_model(&self, value: impl Fn(&Model) -> f64) -> f64 {
+        self.places.iter().map(|place| place.weight * value(&place.dynamics.model)).sum()
+    }
+
     /// Moves on to the time of `state`, number `n` of `steps`, with the steps beside it where they are `wanted`; writes f_p to
     /// `force`, two entries per node.
     pub(super) fn look(

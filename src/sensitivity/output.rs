@@ -57,6 +57,10 @@ pub enum Quantity {
     HeadMoment,
     /// What the forces with that sink, those that store what they take without, push the rod with along an axis, N.
     Push(Option<Sink>, usize),
+    /// Moment that the joint at a node carries, N m.
+    JointMoment(usize),
+    /// Strain of the outermost fibre there, beyond that of the natural curvature.
+    JointStrain(usize),
     /// Momentum of the rod along an axis, N s.
     RodMomentum(usize),
     /// Momentum of the fluid along an axis, N s.
@@ -635,6 +639,16 @@ impl Quantity {
             Self::Push(sink, i) => {
                 let chosen = |force: &dyn Force| force.sink() == sink;
                 -at.power_along(chosen, |_| axis(i), -factor, g)
+            }
+            Self::JointMoment(k) => {
+                at.add_moment(k, factor, g);
+                at.moment(k)[0]
+            }
+            Self::JointStrain(k) => {
+                let per = rod.sections.at(rod.xi(k)).outer / (rod.joint_part(k) * rod.spacing);
+                at.point.scatter(k, factor * per, &mut g.q);
+                g.natural[k] -= factor * per;
+                at.moment(k)[1] * per
             }
             Self::RodMomentum(i) => {
                 let mut momentum = 0.0;

@@ -1,0 +1,160 @@
+//! Limits of a design that are no bounds: of the body, of the load on its joints, and of a second goal.
+
+use serde::Serialize;
+
+use super::search::Objective;
+use super::table::Table;
+use super::unknowns::Profile;
+use crate::error::Result;
+use crate::model::Model;
+use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
+
+/// The largest of many is limited by their norm of this order, which is above it by a few per cent at most.
+const ORDER: i32 = 100;
+
+/// A share below this in a derivative is none.
+const LEAST: f64 = 1e-14;
+
+/// A limit, at a point of the search.
+#[derive(Debug, Clone)]
+pub(super) struct Limited {
+    /// In words.
+    pub name: String,
+    /// Value over the limit, less 1; the other way round where the value is to be large. It is to be 0 at most.
+    pub excess: f64,
+    /// Its derivatives, by the parameters, later by the unknowns.
+    pub by: Vec<f64>,
+}
+
+/// A limit in words, and how much of it is used.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Used {
+    /// In words.
+    pub limit: String,
+    /// Value over the limit; of a value that is to be large the limit over the value, in first order.
+    pub used: f64,
+}
+
+/// A limit of the body: in words, and value over the limit.
+type OfBody = (String, Box<dyn Fn(&Model) -> f64>);
+
+/// A limit of the load: in words, what is limited, and to what.
+type OfLoad = (String, Vec<Output>, f64);
+
+/// The limits of a search.
+pub(super) struct Limits {
+    body: Vec<OfBody>,
+    load: Vec<OfLoad>,
+    second: Option<(Objective, [f64; 2])>,
+}
+
+impl Limits {
+    /// Those of `table`.
+    pub fn of(table: &Table, problem: &Problem, objective: &Objective) -> Result<Self> {
+        let mut body: Vec<OfBody> = Vec::new();
+        if let Some(most) = table.largest_mass_kg {
+            body.push((format!("total mass at most {most} kg"), Box::new(move |model| model.rod.total_mass() / most)));
+        }
+        if table.neutral_buoyancy {
+            // Mass over the mass of the fluid that it displaces, from both sides.
+            let weight = |model: &Model| {
+                let volume: f64 = model.rod.halves().flatten().map(|half| half.displaced * half.length).sum();
+                let body = model.rod.body.as_ref().map_or(0.0, crate::rod::Spheroid::volume);
+                model.rod.total_mass() / (model.fluid.density * (volume + body))
+            };
+            body.push(("no heavier than the fluid".into(), Box::new(weight)));
+            body.push(("no lighter than the fluid".into(), Box::new(move |model| 2.0 - weight(model))));
+        }
+        if let Some(least) = table.least_wall_m {
+            let sections = &problem.model().rod.sections;
+            let mut places: Vec<f64> = sections.outer.places().chain(sections.inner.places()).collect();
+            places.sort_by(f64::total_cmp);
+            places.dedup();
+            for xi in places {
+                let wall = move |model: &Model| {
+                    let section = model.rod.sections.at(xi);
+                    2.0 - (section.outer - section.inner) / least
+                };
+                body.push((format!("wall at least {least} m at xi = {xi}"), Box::new(wall)));
+            }
+        }
+        let joints = || problem.model().rod.joints();
+        let mut load: Vec<OfLoad> = Vec::new();
+        if let Some(most) = table.largest_moment_n_m {
+            let all = joints().map(|k| Quantity::JointMoment(k).into()).collect();
+            load.push((format!("moment in a joint at most {most} N m"), all, most));
+        }
+        if let Some(most) = table.largest_strain {
+            let all = joints().map(|k| Quantity::JointStrain(k).into()).collect();
+            load.push((format!("strain at most {most}"), all, most));
+        }
+        if let Some(most) = table.largest_power_w {
+            load.push((
+                format!("power of the actuation at most {most} W"),
+                vec![Quantity::ActuationPower.into()],
+                most,
+            ));
+        }
+        let second = match (table.second(), table.floor) {
+            (Some(other), Some(floor)) => Some((Objective::new(&other, problem, None)?.like(objective), floor)),
+            _ => None,
+        };
+        Ok(Self { body, load, second })
+    }
+
+    /// All of them at the point that `problem` was set to; none where a simulation fails.
+    pub fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Vec<Limited>> {
+        let mut all = Vec::new();
+        for (name, used) in &self.body {
+            let excess = used(problem.model()) - 1.0;
+            let by = parameters.iter().map(|parameter| match parameter {
+                Parameter::OfScene(i) => problem.moved[*i].by_model(used),
+                _ => 0.0,
+            });
+            let by = by.collect();
+            all.push(Limited { name: name.clone(), excess, by });
+        }
+        if !self.load.is_empty() {
+            let mut trajectory = Trajectory::default();
+            let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, _)| outputs.iter().cloned()).collect();
+            let found = problem.forward(&[], &outputs, 1, |state| trajectory.push(state)).ok()?;
+            let mut first = 0;
+            for (name, outputs, most) in &self.load {
+                let width = outputs.len();
+                let values: Vec<f64> =
+                    found.values.chunks(self.width()).flat_map(|row| &row[first..first + width]).copied().collect();
+                first += width;
+                let largest = values.iter().fold(f64::MIN_POSITIVE, |max, x| max.max(x.abs()));
+                let sum: f64 = values.iter().map(|x| (x.abs() / largest).powi(ORDER)).sum();
+                let norm = sum.powf(1.0 / f64::from(ORDER));
+                // What is far from the largest does not count, and costs nothing.
+                let weight = |x: &f64| {
+                    let part = (x.abs() / largest / norm).powi(ORDER - 1);
+                    if part < LEAST { 0.0 } else { x.signum() * part / most }
+                };
+                let weights: Vec<f64> = values.iter().map(weight).collect();
+                let by = if parameters.is_empty() {
+                    Vec::new()
+                } else {
+                    problem.adjoint(parameters, outputs, &weights, &trajectory).ok()?
+                };
+                all.push(Limited { name: name.clone(), excess: largest * norm / most - 1.0, by });
+            }
+        }
+        if let Some((objective, [floor, size])) = &self.second {
+            let (value, by) = objective.derivatives(problem, profile, parameters)?;
+            let side = if objective.smaller_is_better() { 1.0 } else { -1.0 };
+            let words = if side > 0.0 { "at most" } else { "at least" };
+            all.push(Limited {
+                name: format!("{} {words} {floor:.6e}", objective.name()),
+                excess: side * (value - floor) / size,
+                by: by.into_iter().map(|by| side * by / size).collect(),
+            });
+        }
+        all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
+    }
+
+    fn width(&self) -> usize {
+        self.load.iter().map(|(_, outputs, _)| outputs.len()).sum()
+    }
+}

@@ -1,0 +1,122 @@
+//! Limits that are no bounds are kept, their duals are what more room is worth, and two goals give a front.
+
+#![cfg(feature = "design")]
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
+
+use std::ops::ControlFlow;
+
+use caudal::cycle::MEASURES;
+use caudal::design::{Answer, Design, Found};
+use caudal::scene::{Document, Scene};
+use caudal::sensitivity::Problem;
+
+fn document(wanted: &str) -> Document {
+    let mut document = Document::read("models/eel.toml".as_ref()).unwrap();
+    let wanted = format!("design={{ {wanted}, starts = 1 }}");
+    for change in ["rod.nodes=9", "solver.time_step_s=0.01", "solver.duration_s=2.0", &wanted] {
+        document.set(change).unwrap();
+    }
+    document
+}
+
+fn found(wanted: &str) -> Found {
+    let design =
+        Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap_or_else(|e| panic!("{wanted}: {e}"));
+    let Answer::Found(found) = design.answer else { panic!("found") };
+    *found
+}
+
+const FASTEST: &str = r#"goal = "cycle_forward_speed_m_s", variables = ["rod.outer_radius_m", "actuation.kappa_amp"], number_bounds = [0.8, 1.3]"#;
+
+#[test]
+fn limits_are_kept_and_their_duals_are_what_more_room_is_worth() {
+    for (key, words) in [
+        ("largest_mass_kg", "total mass"),
+        ("largest_moment_n_m", "moment"),
+        ("largest_strain", "strain"),
+        ("largest_power_w", "power"),
+    ] {
+        // What the fastest takes of it.
+        let free = found(&format!("{FASTEST}, {key} = 1e3"));
+        let value = 1e3 * free.limits[0].used;
+        let limited = |factor: f64| found(&format!("{FASTEST}, {key} = {:e}", factor * value));
+        let least = limited(0.92);
+        let used = least.limits[0].used;
+        let dual =
+            least.active.iter().find(|(name, _)| name.contains(words)).unwrap_or_else(|| panic!("{key}: {least:?}")).1;
+        let room = limited(0.92 * 1.004);
+        let worth = (room.objective / least.objective - 1.0) / 0.004;
+        println!(
+            "{key}: {value:.4e} free, {used:.8} of the limit used, dual {dual:.4}, worth {worth:.4}, {} iterations",
+            least.history.len()
+        );
+        assert!(least.converged && (used - 1.0).abs() <= 1e-6, "{key}: {used}");
+        assert!(least.objective < free.objective, "{key}");
+        assert!((worth / dual - 1.0).abs() <= 0.05, "{key}: {worth} {dual}"); // measured: 0.034, of 0.4 % more room
+    }
+}
+
+#[test]
+fn a_neutral_body_weighs_what_it_displaces_and_a_wall_stays_as_thick_as_asked() {
+    let wanted = r#"goal = "cycle_forward_speed_m_s", variables = ["rod.density_kg_m3", "rod.outer_radius_m", "rod.inner_radius_m"], number_bounds = [0.5, 1.6], neutral_buoyancy = true, least_wall_m = 1.2e-3"#;
+    let mut document = document(wanted);
+    document.set("rod.inner_radius_m=[[0.0, 0.002], [0.1, 0.004], [1.0, 0.0008]]").unwrap();
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let files = design.write(folder.path()).unwrap().complete().unwrap();
+    let path = files.iter().find(|path| path.ends_with("eel-designed.toml")).unwrap();
+    let rod = Scene::load(path).unwrap().model().unwrap().rod;
+    let displaced: f64 = rod.halves().flatten().map(|half| half.displaced * half.length).sum::<f64>() * 1000.0;
+    println!("{:.9} of the displaced mass", rod.total_mass() / displaced);
+    assert!((rod.total_mass() / displaced - 1.0).abs() <= 1e-6);
+    for xi in [0.0, 0.1, 0.6, 1.0] {
+        let section = rod.sections.at(xi);
+        assert!(section.outer - section.inner >= 1.2e-3 * (1.0 - 1e-6), "{xi}: {section:?}");
+    }
+}
+
+#[test]
+fn two_goals_give_a_front_each_point_of_which_runs() {
+    let wanted = r#"goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp", "actuation.wavelength_m"], number_bounds = [0.6, 1.5], front = { goal = "cycle_cost_of_transport", better = "smaller", points = 4 }"#;
+    let design = Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap();
+    let numbers = design.numbers().unwrap();
+    let front = numbers["front"].as_array().unwrap();
+    assert_eq!(front.len(), 4);
+    let of = |i: usize, key: &str| front[i][key].as_f64().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    design.write(folder.path()).unwrap().complete().unwrap();
+    for i in 0..4 {
+        println!("{} {:.6e} {:.6e} {}", i, of(i, "first"), of(i, "second"), front[i]["converged"]);
+        assert!(front[i]["best"] == true && front[i]["converged"] == true, "{}", front[i]);
+        // Cheaper is slower.
+        assert!(i == 0 || (of(i, "first") > of(i - 1, "first") && of(i, "second") > of(i - 1, "second")));
+        let scene = Scene::load(folder.path().join(format!("eel-front-{}.toml", i + 1))).unwrap();
+        for (key, value) in [("cycle_forward_speed_m_s", of(i, "first")), ("cycle_cost_of_transport", of(i, "second"))]
+        {
+            let measure = MEASURES.into_iter().find(|measure| measure.key == key).unwrap();
+            let run = Problem::of(&scene).unwrap().cycle_mean(&measure, &[]).unwrap().unwrap().0;
+            assert!((run / value - 1.0).abs() <= 1e-6, "{key}: {run} {value}");
+        }
+    }
+    // The floors are evenly spaced.
+    let [from, to] = [of(0, "second"), of(3, "second")];
+    for i in [1, 2] {
+        let floor = from + (to - from) * i as f64 / 3.0;
+        assert!((of(i, "second") / floor - 1.0).abs() <= 1e-5, "{i}: {} {floor}", of(i, "second"));
+    }
+    assert!(folder.path().join("front.svg").exists() && folder.path().join("front.csv").exists());
+}
+
+#[test]
+fn limits_that_mean_nothing_are_refused() {
+    for (wanted, words) in [
+        (r#"goal = "distance", direction = "-x", largest_mass_kg = 1.0"#, "design.largest_mass_kg"),
+        (r#"goal = "distance", direction = "-x", largest_strain = -1.0"#, "design.largest_strain"),
+        (r#"goal = "distance", direction = "-x", front = { goal = "distance" }"#, "design.front"),
+        (r#"goal = "cycle_speed_m_s", front = { goal = "distance" }"#, "design.front"),
+        (r#"goal = "cycle_speed_m_s", front = { goal = "cycle_slip", points = 2 }"#, "3 to 100"),
+    ] {
+        let error = Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap_err();
+        assert!(error.is_bad_input() && error.to_string().contains(words), "{wanted}: {error}");
+    }
+}
