@@ -85,9 +85,9 @@ fn two_goals_give_a_front_each_point_of_which_runs() {
     let of = |i: usize, key: &str| front[i][key].as_f64().unwrap();
     let folder = tempfile::tempdir().unwrap();
     design.write(folder.path()).unwrap().complete().unwrap();
-    for i in 0..4 {
-        println!("{} {:.6e} {:.6e} {}", i, of(i, "first"), of(i, "second"), front[i]["converged"]);
-        assert!(front[i]["best"] == true && front[i]["converged"] == true, "{}", front[i]);
+    for (i, point) in front.iter().enumerate() {
+        println!("{i} {:.6e} {:.6e} {}", of(i, "first"), of(i, "second"), point["converged"]);
+        assert!(point["best"] == true && point["converged"] == true, "{point}");
         // Cheaper is slower.
         assert!(i == 0 || (of(i, "first") > of(i - 1, "first") && of(i, "second") > of(i - 1, "second")));
         let scene = Scene::load(folder.path().join(format!("eel-front-{}.toml", i + 1))).unwrap();
