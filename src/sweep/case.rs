@@ -87,10 +87,17 @@ pub fn row(sweep: &Sweep, index: usize, interrupted: &AtomicBool) -> Option<Row>
 }
 
 fn fill(row: &mut Row, sweep: &Sweep, index: usize, interrupted: &AtomicBool) -> Result<()> {
-    let (scene, hash) = sweep.scene(&sweep.case(index)?)?;
-    row.scene_hash = hash;
-    let mut stepper = Stepper::of(&scene)?;
-    let warnings = Assessment::of(&scene, &stepper)?.warnings;
+    let made;
+    let (scene, hash) = match sweep.kept(index) {
+        Some(kept) => kept,
+        None => {
+            made = sweep.scene(&sweep.case(index)?)?;
+            (&made.0, &made.1[..])
+        }
+    };
+    row.scene_hash = hash.to_string();
+    let mut stepper = Stepper::of(scene)?;
+    let warnings = Assessment::of(scene, &stepper)?.warnings;
     let duration = scene.solver.duration_s.get();
     // The times wanted, evenly over the run, of which so many are kept already.
     let frame_time = |kept: usize| sweep.plays(index).then(|| even(duration, sweep.record.frames, kept)).flatten();
@@ -105,12 +112,12 @@ fn fill(row: &mut Row, sweep: &Sweep, index: usize, interrupted: &AtomicBool) ->
         Ok(())
     };
     keep(row, &mut stepper)?;
-    let outcome = run_scene(&scene, &mut stepper, |stepper| {
+    let outcome = run_scene(scene, &mut stepper, |stepper| {
         keep(row, stepper)?;
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
     if outcome.ending != Ending::Interrupted {
-        row.quantities = quantities(&Summary::of(&scene, &stepper, &outcome, &warnings));
+        row.quantities = quantities(&Summary::of(scene, &stepper, &outcome, &warnings));
     }
     Ok(())
 }

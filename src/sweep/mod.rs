@@ -31,6 +31,9 @@ const MOST_CASES: usize = 1_000_000;
 /// Most times of a motion or a path that are kept of a case.
 const MOST_TIMES: usize = 1_000_000;
 
+/// The scenes of sweeps of up to so many cases are kept from their check to their run.
+const KEPT_CASES: usize = 20_000;
+
 /// A larger report is more than browsers open, bytes.
 const LARGEST_PAGE: f64 = 5e8;
 
@@ -115,6 +118,8 @@ pub struct Sweep {
 struct Checked {
     /// Of each scene.
     hashes: Vec<String>,
+    /// The scenes themselves, of a sweep of up to [`KEPT_CASES`].
+    scenes: Vec<Option<Scene>>,
     /// The tables that they read.
     tables: BTreeSet<PathBuf>,
 }
@@ -360,6 +365,12 @@ impl Sweep {
         Ok((scene, jobs::hash(&inputs)))
     }
 
+    /// The scene of case `index` with its hash, where [`job`](Self::job) has checked and kept it.
+    fn kept(&self, index: usize) -> Option<(&Scene, &str)> {
+        let checked = self.checked.get()?;
+        Some((checked.scenes.get(index)?.as_ref()?, &checked.hashes[index]))
+    }
+
     /// An error of a case's scene, with the case.
     fn in_case(&self, case: &Case, error: Error) -> Error {
         match error {
@@ -382,16 +393,22 @@ impl Sweep {
     /// # Errors
     /// Those of the first wrong case that is found.
     pub fn job(&self, threads: usize) -> Result<Job> {
-        let mut checked = Checked { hashes: vec![String::new(); self.size()], tables: BTreeSet::new() };
-        let todo: Vec<usize> = (0..self.size()).collect();
-        let check = |index| {
-            let (scene, hash) = self.scene(&self.case(index)?)?;
-            Ok((hash, scene.files()))
+        let size = self.size();
+        let scenes = if size <= KEPT_CASES { size } else { 0 };
+        let mut checked = Checked {
+            hashes: vec![String::new(); size],
+            scenes: std::iter::repeat_with(|| None).take(scenes).collect(),
+            tables: BTreeSet::new(),
         };
-        jobs::run(&todo, threads, check, |index, found: Result<_>| {
-            let (hash, tables) = found?;
+        let todo: Vec<usize> = (0..self.size()).collect();
+        let check = |index| self.scene(&self.case(index)?);
+        jobs::run(&todo, threads, check, |index, found| {
+            let (scene, hash) = found?;
             checked.hashes[index] = hash;
-            checked.tables.extend(tables);
+            checked.tables.extend(scene.files());
+            if let Some(kept) = checked.scenes.get_mut(index) {
+                *kept = Some(scene);
+            }
             Ok(std::ops::ControlFlow::Continue(()))
         })?;
         let inputs = format!("{:?} {:?} {}", self.record, self.columns(), checked.hashes.concat());
