@@ -8,7 +8,6 @@ use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
 use crate::fluid::body;
 use crate::fluid::force::Validity;
-use crate::fluid::laws::auto::INERTIA;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
 use crate::fluid::{Force, Forces, Sink};
 use crate::head::Signal;
@@ -16,7 +15,7 @@ use crate::integrator::Pace;
 use crate::metrics::Energy;
 use crate::model::{Model, chain};
 use crate::modes::Modes;
-use crate::reduced::{RUNGS, Rung};
+use crate::reduced::RUNGS;
 use crate::regime::{self, Regime};
 use crate::rod::{Rod, bend};
 use crate::scene::value::Finite;
@@ -30,10 +29,6 @@ const MODES_UP_TO: u64 = 201;
 const THIN_LAYER: f64 = 100.0;
 /// Depth over length up to which the reactive force is that of a slender body.
 const SLENDER_DEPTH: f64 = 0.3;
-/// Periods, nodes and tolerance of the prescribed motion that is followed with the reactive force and without.
-const PRESCRIBED: f64 = 8.0;
-const PRESCRIBED_NODES: u64 = 17;
-const PRESCRIBED_TOLERANCE: f64 = 1e-4;
 /// Surface tension of water against air, N/m.
 const SURFACE_TENSION: f64 = 0.072;
 /// Fewest steps in a period of the drive.
@@ -167,54 +162,60 @@ impl Assessment {
         Ok(facts)
     }
 
-    /// What the reactive force does to the motion that the scene prescribes, and what leaving it out costs; none where nothing
-    /// is prescribed or nothing says so.
-    pub fn reactive(scene: &Scene, stepper: &Stepper) -> Option<Fact> {
-        let fact = |text: String| Some(Fact { name: "reactive force", text });
-        let regime = scene.regime(&stepper.model().rod)?;
-        let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
-        let slender = regime.depth / stepper.model().rod.length;
-        let thick = if slender > SLENDER_DEPTH { ", more than its theory is for" } else { "" };
-        let about = format!("own frequencies fall by {slows:.1} %; depth over length {slender:.3}{thick}");
-        if regime.reynolds < INERTIA {
-            return fact(format!("Re_d is below {INERTIA}: without it speed and power stay as they are; {about}"));
+    /// What the laws of the fluid would make of the scene's motion, which is taken where the scene leaves that to the program, and what
+    /// the reactive force does; nothing without a medium and drag.
+    pub fn fluids(scene: &Scene, stepper: &Stepper) -> Vec<Fact> {
+        let rod = &stepper.model().rod;
+        let Some(regime) = scene.regime(rod) else { return Vec::new() };
+        let mut facts = Vec::new();
+        let mut fact = |name, text: String| facts.push(Fact { name, text });
+        let estimates = match &scene.drag {
+            Some(_) => scene.fluid_estimates(),
+            None => return vec![Fact { name: "reactive force", text: about_water(&regime, rod) }],
+        };
+        match &estimates {
+            Ok(estimates) => {
+                for law in &estimates.laws {
+                    let text = if law.errors == [0.0; 2] {
+                        format!(
+                            "the highest that holds; published to be uncertain by {}",
+                            estimates.in_words(estimates.uncertainty)
+                        )
+                    } else {
+                        format!("estimated errors against the highest: {}", estimates.in_words(law.errors))
+                    };
+                    fact("law of the fluid", format!("{}: {text}", law.name()));
+                }
+            }
+            Err(reason) => fact("law of the fluid", format!("no estimates: {reason}")),
         }
-        let Some(frequency) = scene.drive_frequency().filter(|frequency| *frequency > 0.0) else { return fact(about) };
-        let duration = PRESCRIBED / frequency;
-        let moves = |reactive: bool| -> Option<[f64; 2]> {
-            let nodes = (scene.rod.nodes.get() as u64).min(PRESCRIBED_NODES);
-            let scene = scene.with_reactive(reactive).with_nodes(nodes).with_duration(duration);
-            let scene = scene.with_pace(Pace::Adaptive(PRESCRIBED_TOLERANCE)).with_model(Rung::named("shape")?);
-            let mut stepper = Stepper::of(&scene).ok()?;
-            stepper.do_step(duration).ok()?;
-            let names = match stepper.model().head {
-                Some(_) => ["cycle_thrust_n", "cycle_head_power_w"],
-                None => ["cycle_forward_speed_m_s", "cycle_actuation_power_w"],
-            };
-            let [motion, power] = names.map(|name| stepper.get_scalar(name).ok().filter(|x| *x != 0.0));
-            Some([motion?, power?])
-        };
-        let Some(([with, with_power], [without, without_power])) =
-            scene.drag.as_ref().and(moves(true).zip(moves(false)))
-        else {
-            return fact(about);
-        };
-        let motion = if stepper.model().head.is_some() { "thrust" } else { "speed" };
-        let percent = |to: f64, from: f64| 100.0 * (to / from - 1.0);
-        let says = if scene.reactive_on(&stepper.model().rod).is_some() {
-            format!(
-                "left out, the shape that is prescribed would have {:+.0} % {motion} and take {:+.0} % power",
-                percent(without, with),
-                percent(without_power, with_power)
-            )
-        } else {
-            format!(
-                "[reactive] would give the shape that is prescribed {:+.0} % {motion} and let it take {:+.0} % power",
-                percent(with, without),
-                percent(with_power, without_power)
-            )
-        };
-        fact(format!("{says}, over {PRESCRIBED} periods; {about}"))
+        let (law, reactive) = scene.fluid_model(rod);
+        if let Some(choice) = scene.fluid_choice() {
+            fact("fluid taken", format!("{}: {}", choice.name(), choice.reason));
+        }
+        let both = estimates.as_ref().ok().zip(law);
+        let both =
+            both.and_then(|(estimates, law)| Some((estimates, estimates.get(law, true)?, estimates.get(law, false)?)));
+        fact(
+            "reactive force",
+            match both {
+                Some((estimates, with, without)) => {
+                    let [other, own] = if reactive { [without, with] } else { [with, without] };
+                    let [motion, power] = other.means.differences(&own.means).map(|part| 100.0 * part);
+                    let named = if estimates.held { "thrust" } else { "speed" };
+                    let says = if reactive {
+                        format!("left out, the motion would have {motion:+.1} % {named} and take {power:+.1} % power")
+                    } else {
+                        format!(
+                            "[reactive] would give the motion {motion:+.1} % {named} and let it take {power:+.1} % power"
+                        )
+                    };
+                    format!("{says}; {}", about_water(&regime, rod))
+                }
+                None => about_water(&regime, rod),
+            },
+        );
+        facts
     }
 
     fn describe(&mut self, scene: &Scene, stepper: &Stepper, coarse: bool) {
@@ -530,6 +531,14 @@ impl Assessment {
             ));
         }
     }
+}
+
+/// What the water does to the frequencies of `rod`, and whether it is slender enough for its theory.
+fn about_water(regime: &Regime, rod: &Rod) -> String {
+    let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
+    let slender = regime.depth / rod.length;
+    let thick = if slender > SLENDER_DEPTH { ", more than its theory is for" } else { "" };
+    format!("own frequencies fall by {slows:.1} %; depth over length {slender:.3}{thick}")
 }
 
 /// Frequency (Hz) of what drives the tail, and the largest |y| (m) of its tip in the shape that is prescribed.

@@ -81,6 +81,32 @@ impl Signal {
         }
     }
 
+    /// Its integral from time zero to `t` (s).
+    pub fn integral(&self, t: f64) -> f64 {
+        match self {
+            Self::Constant(value) => value * t,
+            Self::Sinusoid { amplitude, frequency, phase, offset } => {
+                let half = std::f64::consts::PI * frequency * t;
+                // The mean of the sine over the time is that of its middle, less by sin(x)/x.
+                let part = if half == 0.0 { 1.0 } else { half.sin() / half };
+                (offset + amplitude * part * (half + phase).sin()) * t
+            }
+            Self::Table(rows) => {
+                let mut times: Vec<f64> =
+                    rows.iter().map(|row| row.time).filter(|time| *time > t.min(0.0) && *time < t.max(0.0)).collect();
+                times.insert(0, t.min(0.0));
+                times.push(t.max(0.0));
+                let part = |span: &[f64]| {
+                    // Cubic between rows, so that Simpson's rule is exact.
+                    let [from, to] = [span[0], span[1]];
+                    (self.at(from).value + 4.0 * self.at(0.5 * (from + to)).value + self.at(to).value) * (to - from)
+                        / 6.0
+                };
+                times.windows(2).map(part).sum::<f64>() * t.signum()
+            }
+        }
+    }
+
     /// The signal at time `t` (s).
     pub fn at(&self, t: f64) -> Sample {
         match self {

@@ -154,6 +154,14 @@ impl Verification {
     }
 }
 
+/// Estimated relative errors of what the water is taken for, against the highest law: of speed or thrust, and of power.
+#[derive(Debug, Clone, Copy, Serialize)]
+#[expect(missing_docs, reason = "the names say what they are")]
+pub struct FluidError {
+    pub motion: f64,
+    pub power: f64,
+}
+
 /// What came out of a run; the content of summary.json, all in SI units.
 #[derive(Debug, Clone, Serialize)]
 #[expect(missing_docs, reason = "the names say what they are, with units; time_step_s is the mean of adaptive steps")]
@@ -169,6 +177,8 @@ pub struct Summary {
     pub model: &'static str,
     pub model_reason: Option<String>,
     pub forces: Vec<&'static str>,
+    pub fluid_reason: Option<String>,
+    pub fluid_error: Option<FluidError>,
     pub integrator: String,
     pub form: Form,
     pub time_step_s: f64,
@@ -322,6 +332,11 @@ impl Summary {
             model: stepper.choice().map_or("full", |choice| choice.rung.name),
             model_reason: stepper.choice().and_then(|choice| choice.reason.clone()),
             forces: model.forces.iter().map(|force| force.name()).collect(),
+            fluid_reason: scene.fluid_choice().map(|choice| choice.reason.clone()),
+            fluid_error: scene
+                .fluid_choice()
+                .and_then(|choice| choice.errors)
+                .map(|[motion, power]| FluidError { motion, power }),
             integrator: stepper.method(scene).to_string(),
             form: stepper.form(),
             time_step_s: match stepper.pace() {

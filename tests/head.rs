@@ -4,6 +4,7 @@ mod common;
 
 use std::f64::consts::TAU;
 
+use caudal::head::Signal;
 use caudal::integrator::{METHODS, Method};
 use caudal::metrics::Reading;
 use caudal::rod::node;
@@ -189,4 +190,23 @@ fn a_host_takes_a_moving_head_over_without_stopping_it() {
     assert!(distance(&state.v, &stepper.state().v) < 1e-15);
     assert!(distance(&state.a, &stepper.state().a) < 1e-12);
     assert_eq!(meter.totals.work, stepper.meter().totals.work);
+}
+
+#[test]
+fn the_integral_of_a_signal_is_that_of_its_values() {
+    let rows = [[0.1, 1.0], [0.4, -2.0], [0.9, 0.5], [1.5, 0.7]];
+    let signals = [
+        Signal::Constant(0.7),
+        Signal::Sinusoid { amplitude: 0.3, frequency: 1.7, phase: 0.4, offset: -0.2 },
+        Signal::Sinusoid { amplitude: 0.3, frequency: 0.0, phase: 0.4, offset: -0.2 },
+        Signal::table_without_rates(&rows),
+    ];
+    for signal in signals {
+        for t in [0.0, 0.05, 0.3, 1.2, 2.0, -0.3] {
+            let parts = 20_000;
+            let middle = |i: i32| signal.at(t * (f64::from(i) + 0.5) / f64::from(parts)).value;
+            let sum = (0..parts).map(middle).sum::<f64>() * t / f64::from(parts);
+            assert!((signal.integral(t) - sum).abs() < 1e-8, "{signal:?} {t}: {} {sum}", signal.integral(t)); // measured 2e-9
+        }
+    }
 }

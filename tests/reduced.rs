@@ -14,6 +14,7 @@ use caudal::fluid::force::{Force, OnTip, Tally, Validity};
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
 use caudal::newton::Newton;
+use caudal::reduced::measure::{Course, Point};
 use caudal::reduced::{Measure, RUNGS};
 use caudal::run::Verification;
 use caudal::scene::Scene;
@@ -565,6 +566,8 @@ fn a_cheaper_model_takes_its_own_steps_and_is_recorded_at_those_of_the_scene() {
     assert!(distance(&times, &expected) <= 1e-9, "{} rows", times.len());
 }
 
+const EEL: &str = include_str!("../models/eel.toml");
+
 /// A scene that may be anything: free, driven or clamped; soft to stiff; from oil to water; from a micrometre to ten metres.
 fn any_scene(dice: &mut Dice) -> String {
     let log = |dice: &mut Dice, low: f64, high: f64| low * (high / low).powf(dice.between(0.0, 1.0));
@@ -707,4 +710,67 @@ fn what_auto_takes_is_as_accurate_as_it_says() {
     assert!(all.iter().all(|case| case.parts[0] <= 3.0), "{beyond:?}");
     // Measured on 1000 scenes: 0.64, and estimates between 0.095 and 0.1; errors are at most 0.25 of the accuracy.
     assert!(all.iter().all(|case| case.work[0] <= 1.0 && case.work[1] <= 0.1));
+}
+
+#[test]
+fn what_auto_takes_in_a_flow_that_changes_in_time_is_as_accurate_as_it_says() {
+    let mut taken = Vec::new();
+    for (name, text) in [("smooth", include_str!("../models/baseline-smooth.toml")), ("eel", EEL)] {
+        for flow in [
+            "[{ offset = 0.02, amplitude = 0.05, frequency_hz = 1.0 }, 0.0]",
+            "[0.0, { amplitude = 0.02, frequency_hz = 3.1, phase_rad = 1.0 }]",
+            "[{ amplitude = 0.1, frequency_hz = 0.3 }, { offset = -0.01, amplitude = 0.03, frequency_hz = 2.0 }]",
+        ] {
+            let scene = scene_of(
+                text,
+                &[
+                    &format!("medium.flow_m_s={flow}"),
+                    "solver.model=auto",
+                    "solver.accuracy=1e-2",
+                    "rod.youngs_modulus_pa=1e12",
+                ],
+            );
+            let choice = scene.choice().unwrap();
+            println!("{name} {flow}: {} {:?}", choice.rung.name, choice.reason);
+            if choice.rung.name == "full" {
+                continue;
+            }
+            let differences = verified(&scene).relative_differences;
+            println!("  {}", differences.in_words());
+            let (_, worst) = differences.worst(&Measure::ALL).unwrap();
+            taken.push(worst);
+            assert!(worst <= 1e-2, "{name} {flow}: {}", differences.in_words());
+        }
+    }
+    assert!(taken.len() >= 3, "{taken:?}");
+}
+
+#[test]
+fn a_rod_that_an_unsteady_flow_carries_goes_nowhere_through_it() {
+    // Carried along by the flow of its time, not by that at its start, which is none.
+    let flow = "medium.flow_m_s=[{ amplitude = 0.3, frequency_hz = 1.0 }, { offset = 0.1, amplitude = 0.2, frequency_hz = 2.0, phase_rad = 1.0 }]";
+    let scene = scene_of(
+        common::SOFT,
+        &[
+            flow,
+            "solver.duration_s=0.7",
+            "solver.model=overdamped",
+            "solver.integrator=esdirk3",
+            "solver.time_step_s=0.01",
+            "actuation.kappa_amp=1e-9",
+        ],
+    );
+    let mut stepper = Stepper::of(&scene).unwrap();
+    let mut course = Course::of(stepper.model());
+    for _ in 0..70 {
+        course.points.push(Point::of(stepper.state(), &stepper.meter().now));
+        stepper.do_step(0.01).unwrap();
+    }
+    let [from, to] = [&course.points[0], &course.points[69]].map(|point| point.com);
+    assert!((to - from).norm() > 0.05, "{}", to - from);
+    // Differences are relative to the way through the fluid: a millimetre is a hundred times that where it is below 1e-5 m.
+    let mut other = course.first(70);
+    other.points.iter_mut().for_each(|point| point.com.x += 1e-3);
+    let times = course.differences(&other).displacement;
+    assert!(times > 100.0, "{times}");
 }

@@ -10,12 +10,8 @@ use super::{Prepared, SceneArguments, output_folder, refuse, say};
 
 pub fn check(arguments: &SceneArguments) -> Result<ExitCode> {
     let Prepared { document, scene, stepper, assessment } = arguments.prepare()?;
-    let facts = [
-        &assessment.facts[..],
-        Assessment::reactive(&scene, &stepper).as_slice(),
-        &Assessment::ladder(&scene, &stepper)?,
-    ]
-    .concat();
+    let facts =
+        [&assessment.facts[..], &Assessment::fluids(&scene, &stepper), &Assessment::ladder(&scene, &stepper)?].concat();
     let width = facts.iter().map(|fact| fact.name.chars().count()).max().unwrap_or(0);
     for fact in &facts {
         let blanks = " ".repeat(width - fact.name.chars().count());

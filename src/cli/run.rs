@@ -68,6 +68,9 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));
     }
+    if let Some(choice) = scene.fluid_choice() {
+        say(&format!("fluid {}: {}", choice.name(), choice.reason));
+    }
     if let Some(Verification { net_displacement_m, relative_differences, noise, wall_s, .. }) = &summary.verification {
         say(&format!("the whole model: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s"));
         for measure in Measure::ALL {

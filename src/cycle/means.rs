@@ -8,7 +8,7 @@ use crate::model::Dynamics;
 /// A mean is compared with no less than this part of the mean modulus.
 const CANCELLED: f64 = 0.01;
 
-/// What a motion comes to over its last whole cycles, or over all of it where it has none.
+/// What a motion comes to over its last whole cycles but the first, or over all of it where it has none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Means {
     /// Forward speed of a free swimmer, speed of a free rod that nothing bends (m/s), or thrust on a held head (N).
@@ -32,6 +32,9 @@ impl Means {
     /// Those of the `cycles` of a run; none before its first step.
     pub fn of(cycles: &Cycles, dynamics: &Dynamics) -> Option<Self> {
         let (whole, all) = (cycles.whole(f64::INFINITY), cycles.since_start());
+        // The first cycle has the start in it.
+        let start = all.map_or(f64::NEG_INFINITY, |all| all.from);
+        let whole = if whole.len() > 1 && whole[0].from <= start { &whole[1..] } else { whole };
         let cycles = if whole.is_empty() { all.as_slice() } else { whole };
         let mean = |of: &dyn Fn(&Cycle) -> f64| cycles.iter().map(of).sum::<f64>() / cycles.len() as f64;
         let held = dynamics.model.head.is_some();

@@ -253,12 +253,12 @@ impl Walk {
         let shortest = STEPS_A_PERIOD * longest_step(&self.dynamics);
         let model = &self.dynamics.model;
         let drive = model.actuation.iter().map(|(_, drive)| 1.0 / drive.frequency);
-        let head = model.head.iter().flatten().filter_map(|signal| match signal {
+        let moved = model.head.iter().flatten().chain(model.flow.iter().flatten()).filter_map(|signal| match signal {
             Signal::Constant(_) => None,
             Signal::Sinusoid { frequency, .. } => Some(1.0 / frequency),
             Signal::Table(_) => Some(f64::INFINITY),
         });
-        [shortest, drive.chain(head).fold(0.0, f64::max)]
+        [shortest, drive.chain(moved).fold(0.0, f64::max)]
     }
 
     /// From the forces on a straight rod that moves along itself and across, about as fast as its tip is driven.
@@ -303,7 +303,8 @@ impl Walk {
             Pace::Fixed(step) => duration / step * (iterations + READING),
             Pace::Adaptive(tolerance) => {
                 let model = &self.dynamics.model;
-                let flow = !model.forces.is_empty() && model.fluid.flow != Vector2::zeros();
+                let flows = model.flow.is_some() || model.fluid.flow != Vector2::zeros();
+                let flow = !model.forces.is_empty() && flows;
                 let carried = model.head.is_none() && (flow || model.load.is_some());
                 let period = if carried { CARRIED * WHOLE_PERIOD } else { WHOLE_PERIOD };
                 duration / self.times.periods[0] * period * (1e-3 / tolerance).powf(0.45)
@@ -325,9 +326,6 @@ impl Walk {
         let model = &self.dynamics.model;
         if model.start != Start::Shaped && (strained || moving) {
             return unknown("the rod is released into its motion at once, and rings");
-        }
-        if model.flow.is_some() {
-            return unknown("the flow changes in time");
         }
         if !self.times.periods[0].is_finite() {
             return unknown("nothing drives the rod, so no period says how long to look");

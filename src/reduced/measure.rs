@@ -3,6 +3,7 @@
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+use crate::head::Signal;
 use crate::metrics::Reading;
 use crate::model::Model;
 use crate::rod::node;
@@ -90,7 +91,7 @@ pub struct Course {
     length: f64,
     stiffness: f64,
     /// What carries a free rod, m/s.
-    flow: Vector2<f64>,
+    flow: [Signal; 2],
     /// At rising times.
     pub points: Vec<Point>,
 }
@@ -99,18 +100,24 @@ impl Course {
     /// The empty course of a run of `model`.
     pub fn of(model: &Model) -> Self {
         let held = model.head.is_some();
-        let flow = if held || model.forces.is_empty() { Vector2::zeros() } else { model.fluid.flow };
+        let still = [0.0; 2].map(Signal::Constant);
+        let flow = if held || model.forces.is_empty() {
+            still
+        } else {
+            model.flow.clone().unwrap_or_else(|| [model.fluid.flow.x, model.fluid.flow.y].map(Signal::Constant))
+        };
         Self { held, length: model.rod.length, stiffness: model.rod.ei / model.rod.length, flow, points: Vec::new() }
     }
 
     /// The same without points.
     pub fn emptied(&self) -> Self {
-        Self { points: Vec::new(), ..self.clone() }
+        self.first(0)
     }
 
     /// Its first `count` points.
     pub fn first(&self, count: usize) -> Self {
-        Self { points: self.points[..count.min(self.points.len())].to_vec(), ..self.clone() }
+        let (points, flow) = (self.points[..count.min(self.points.len())].to_vec(), self.flow.clone());
+        Self { points, flow, ..*self }
     }
 
     /// Integral over time of `of`, from its values at the ends of the parts: at the start itself a rod may not have taken up
@@ -119,16 +126,20 @@ impl Course {
         (1..self.points.len()).map(|i| (self.points[i].time - self.points[i - 1].time) * of(i)).sum()
     }
 
+    /// How far the fluid itself went from the time of `start` to that of `end`, m.
+    fn carried(&self, start: &Point, end: &Point) -> Vector2<f64> {
+        let [x, y] = self.flow.each_ref().map(|flow| flow.integral(end.time) - flow.integral(start.time));
+        Vector2::new(x, y)
+    }
+
     /// How far the centre of mass came through the fluid by `point`.
     fn moved(&self, point: &Point) -> Vector2<f64> {
-        self.points
-            .first()
-            .map_or(Vector2::zeros(), |start| point.com - start.com - self.flow * (point.time - start.time))
+        self.points.first().map_or(Vector2::zeros(), |start| point.com - start.com - self.carried(start, point))
     }
 
     /// How far the tip is from where it would be, had the fluid carried it on.
     fn tip_moved(&self, point: &Point) -> f64 {
-        self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.flow * (point.time - start.time)).norm())
+        self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.carried(start, point)).norm())
     }
 
     /// The measures that this course and the other have no more of than noise.

@@ -4,6 +4,7 @@
 //! outputs and sweeps are the same for each.
 
 pub mod estimate;
+pub mod fluids;
 mod full;
 pub mod measure;
 mod overdamped;
@@ -19,6 +20,7 @@ use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
 pub use estimate::{Estimate, Estimates};
+pub use fluids::{FluidChoice, FluidEstimates};
 #[cfg(feature = "report")]
 pub(crate) use full::RUNG as FULL;
 pub use measure::{Differences, Measure};

@@ -231,6 +231,7 @@ impl Document {
         scene.file.clone_from(&self.path);
         scene.contents = contents(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
+        scene.choose_fluid();
         Ok(scene)
     }
 

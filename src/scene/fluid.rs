@@ -1,6 +1,7 @@
 //! `[medium]`, `[drag]` and `[reactive]`: the fluid of a scene and the forces that it makes.
 
 use std::fmt;
+use std::sync::Arc;
 
 use nalgebra::Vector2;
 use serde::de::value::MapAccessDeserializer;
@@ -11,11 +12,14 @@ use super::document::Fault;
 use super::layers::{LayerTable, ShearTable};
 use super::value::{self, Along, Finite, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
+use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
 use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Recipe, SLENDER, Uncertainty};
 use crate::fluid::reactive::{OMITTED, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
+use crate::reduced::fluids::{follow, followed, nodes};
+use crate::reduced::{FluidChoice, FluidEstimates};
 use crate::regime::{self, Regime};
 use crate::rod::Rod;
 
@@ -236,6 +240,7 @@ impl DragTable {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
         let profile = |along: &Option<Along<NotNegative>>| along.as_ref().map_or(0.0.into(), Along::profile);
         Ok(Recipe {
+            taken: scene.taken.as_ref().and_then(|taken| taken.law),
             wavelength: scene.wavelength(),
             frequency: scene.drive_frequency(),
             reynolds: if self.law_name() == laws::auto::LAW.name {
@@ -342,6 +347,7 @@ impl Scene {
     /// What is wrong with that scene, in words.
     pub fn with_fluid(&self, law: &'static DragLaw, reactive: bool) -> Result<(Self, usize), String> {
         let mut scene = self.with_reactive(reactive).named_model();
+        scene.taken = None;
         let (drag, dropped) = self.drag.clone().unwrap_or_default().with_law(law);
         scene.drag = Some(drag);
         scene.check().map_err(|Fault { key, problem }| format!("{key}: {problem}"))?;
@@ -459,15 +465,98 @@ impl Scene {
         Some(Regime::of(rod, actuation.as_ref(), head.as_ref(), fluid, gravity))
     }
 
-    /// `[reactive]`, where it is taken: `auto` takes it above a Reynolds number of 0.1 of the depth, and where rods that nothing
-    /// bends but their own motion carry water of 2 % of their mass.
+    /// `[reactive]`, where it is taken: `auto` takes it where estimates of the scene's own motion say that it matters. Where there are
+    /// none, it is above a Reynolds number of 0.1 of the depth, and where rods that nothing bends but their own motion carry water of
+    /// 2 % of their mass.
     pub fn reactive_on(&self, rod: &Rod) -> Option<&ReactiveTable> {
-        let matters = || {
-            self.regime(rod).is_some_and(|regime| {
+        let matters = || match &self.taken {
+            Some(taken) => taken.reactive,
+            None => self.regime(rod).is_some_and(|regime| {
                 regime.reynolds > REACTIVE || (self.actuation.is_none() && regime.mass_ratio > CARRIED)
-            })
+            }),
         };
         self.reactive.as_ref().filter(|reactive| !reactive.auto || matters())
+    }
+
+    /// True where it leaves the law of drag, or the reactive force, to the program.
+    fn leaves_fluid(&self) -> [bool; 2] {
+        let drag = self.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
+        [drag, self.reactive.as_ref().is_some_and(|reactive| reactive.auto)]
+    }
+
+    /// The law of the fluid that it takes where it leaves that to the program, and why; none where it says so itself, or where nothing
+    /// can be estimated.
+    pub fn fluid_choice(&self) -> Option<&FluidChoice> {
+        self.taken.as_ref()
+    }
+
+    /// Takes a law of the fluid by estimates, where it leaves that to the program and they can be made.
+    pub(super) fn choose_fluid(&mut self) {
+        let [law_left, reactive_left] = self.leaves_fluid();
+        if !law_left && !reactive_left {
+            return;
+        }
+        let Ok(estimates) = self.fluid_estimates() else { return };
+        let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok());
+        let reactive = self.reactive.is_some();
+        self.taken = FluidChoice::of(&estimates, |law, with| {
+            let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
+            drag && (reactive_left || with == reactive)
+        });
+    }
+
+    /// What it comes to under the laws that `auto` takes one of, and under its own, each with the water that the rod accelerates and
+    /// without: by following its motion coarsely.
+    ///
+    /// # Errors
+    /// Why there are no estimates, in words.
+    pub fn fluid_estimates(&self) -> Result<FluidEstimates, String> {
+        let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
+        let nodes = nodes(waves).min(self.rod.nodes.get() as u64);
+        let regime = self.regime(&self.rod_on(nodes as usize)).ok_or("there is no fluid")?;
+        let held = self.head.kind != HeadKind::Free;
+        let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok()).filter(|law| *law != &laws::auto::LAW);
+        let mut wanted = laws::auto::CANDIDATES.to_vec();
+        let drag = fixed.filter(|law| !wanted.contains(law));
+        wanted.splice(0..0, drag);
+        let frequency = self.drive_frequency().filter(|frequency| *frequency > 0.0);
+        let ramp = self.start.ramp_s.map_or(0.0, Positive::get);
+        let duration = followed(self.solver.duration_s.get(), frequency, ramp);
+        let mut found = Vec::new();
+        for law in wanted {
+            let known = law.uncertainty.at(regime.reynolds).filter(|_| regime.reynolds <= law.reynolds);
+            // Out of its range a law is no candidate.
+            if known.is_none() && fixed != Some(law) {
+                continue;
+            }
+            for reactive in [false, true] {
+                let Ok((scene, dropped)) = self.with_fluid(law, reactive) else { continue };
+                let model = scene.with_nodes(nodes).model().map_err(|error| error.to_string())?;
+                let means = follow(&Arc::new(model), duration, frequency);
+                let means = means.map_err(|error| format!("under {} {error}", law.name));
+                match means {
+                    Ok(means) => found.push((law, reactive, means, dropped, known)),
+                    // A law out of its range may fail where the scene's own motion is none of its.
+                    Err(_) if known.is_none() => {}
+                    Err(reason) => return Err(reason),
+                }
+            }
+        }
+        // The highest law: it drops least of what the scene says, knows the water's inertia, and is least uncertain.
+        let rank = |(.., dropped, known): &(&DragLaw, bool, Means, usize, Option<Uncertainty>), reactive: bool| {
+            (*dropped, !reactive, known.map_or(f64::INFINITY, |known| known.measured(held)[0]))
+        };
+        let order = |a: &usize, b: &usize| {
+            let [a, b] = [a, b].map(|i| rank(&found[*i], found[*i].1));
+            a.0.cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2))
+        };
+        let known = (0..found.len()).filter(|i| found[*i].4.is_some());
+        let highest = known.min_by(order).ok_or("no law with a published uncertainty holds")?;
+        let uncertainty = found[highest].4.map_or([f64::INFINITY; 2], |known| known.measured(held));
+        let last = found.remove(highest);
+        found.push(last);
+        let found = found.into_iter().map(|(law, reactive, means, ..)| (law, reactive, means)).collect();
+        FluidEstimates::of(found, uncertainty, held).ok_or_else(|| "what the motion comes to is not finite".to_string())
     }
 
     /// The forces of the fluid on `rod`.

@@ -40,6 +40,7 @@ use value::Finite;
 
 use crate::error::{Error, Result};
 use crate::model::Model;
+use crate::reduced::FluidChoice;
 
 /// Fewest and most nodes a scene may have.
 pub const NODES: [u64; 2] = [3, 10_000_000];
@@ -90,6 +91,9 @@ pub struct Scene {
     /// Names the contents of its tables when it was read.
     #[serde(skip)]
     contents: u128,
+    /// The law of the fluid that was taken when it was read, where it leaves that to the program: scenes made from it keep it.
+    #[serde(skip)]
+    taken: Option<FluidChoice>,
 }
 
 impl Scene {
@@ -177,6 +181,7 @@ impl Scene {
         let mut nowhere = self.clone();
         (nowhere.name, nowhere.folder, nowhere.file) = <_>::default();
         nowhere.read_from = Files::default();
+        nowhere.taken = None; // follows from the rest
         // The text of what is left has every part of the scene, and every number to the bit.
         XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }

@@ -3,13 +3,14 @@
 use super::{DragLaw, Published, Recipe, cox, cross_flow};
 use crate::fluid::force::Validity;
 
-/// Re_d from which a fluid's inertia counts: viscous drag alone is off by 10 % in speed at 0.016 (a round swimmer).
+/// Re_d from which a fluid's inertia counts where nothing else is known: viscous drag alone is off by 10 % in speed at 0.016 (a round
+/// swimmer).
 pub const INERTIA: f64 = 1e-2;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
     name: "auto",
-    meaning: "cox below a Reynolds number of 1e-2 of the depth, cross-flow above",
+    meaning: "cox or cross-flow, by estimates of the scene's own motion",
     validity: Validity { range: "that of the law it takes", source: "of the law it takes" },
     reynolds: cross_flow::LAW.reynolds,
     uncertainty: Published::NOTHING,

@@ -43,8 +43,8 @@ impl Report<'_> {
                     }
                 }
                 let lines = self.settled(rows).into_iter().filter(|(_, e)| e[i] > floor && e[i] < 10.0);
-                let lines =
-                    level_lines(lines.map(|(row, e)| (format!("model error of {}", row.case.recipe), e[i])), &series);
+                let lines = lines.map(|(row, e)| (format!("model error of {}", row.case.recipe), e[i]));
+                let lines = level_lines(lines.chain(self.law_level(i)), &series);
                 series.extend(order_lines(&series));
                 series.extend(lines);
                 let chart = Chart {
@@ -71,6 +71,12 @@ impl Report<'_> {
         Ok(())
     }
 
+    /// The level of what the fluid's law leaves open in quantity `i`.
+    fn law_level(&self, i: usize) -> Option<(String, f64)> {
+        let (name, errors) = self.law()?;
+        Some((format!("law of the fluid, {name}"), errors[i]?))
+    }
+
     /// Error of the first quantity by the steps, one line per method, and by each mesh, as level lines.
     fn decomposition(&self, rows: &[Row<'_>], limit: &Results) -> Chart {
         let nodes = self.nodes();
@@ -87,7 +93,7 @@ impl Report<'_> {
         }
         let meshes = self.meshes.iter().zip(self.references);
         let levels = meshes.map(|(nodes, reference)| (format!("mesh, {nodes}"), reference.result.errors(limit)[0]));
-        let levels = level_lines(levels, &series);
+        let levels = level_lines(levels.chain(self.law_level(0)), &series);
         series.extend(levels);
         Chart {
             title: format!("{}: error of the steps against error of the mesh", self.scene.name),

@@ -105,6 +105,7 @@ impl Report<'_> {
         let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
         self.references_in_words(&mut findings);
         self.own_setting(&rows, &mut findings);
+        self.law_in_words(&rows, &mut findings);
         self.cheaper_models(&rows, &mut findings);
         self.recommend(&rows, &mut findings);
         self.meshes_in_words(limit.as_ref(), &mut findings);
@@ -179,6 +180,46 @@ impl Report<'_> {
                 milliseconds(row.trial.processor_s)
             ));
         }
+    }
+
+    /// How far the fluid's law is published to be from the truth in each quantity, relative; none of what nothing is known.
+    pub fn law(&self) -> Option<(String, [Option<f64>; 3])> {
+        let rod = self.scene.model().ok()?.rod;
+        let [motion, power] = self.scene.uncertainty(&rod)?.measured(self.is_held());
+        let (law, reactive) = self.scene.fluid_model(&rod);
+        let name = format!("{}{}", law?.name, if reactive { " + reactive" } else { "" });
+        Some((name, [Some(motion), None, Some(power)]))
+    }
+
+    /// What the fluid's law leaves open, beside what steps and mesh do.
+    fn law_in_words(&self, rows: &[Row<'_>], findings: &mut Findings) {
+        let Some((name, of_law)) = self.law() else { return };
+        for (quantity, error) in self.quantities().iter().zip(of_law) {
+            findings.numbers.insert(format!("law_error_{}", quantity.key), json!(error));
+        }
+        let [Some(law), _, Some(energy)] = of_law else { return };
+        let good = format!(
+            "the law of the fluid, {name}, is good to {} in {} and {} in energy, by what is published of it",
+            percent(law),
+            self.quantities()[0].within,
+            percent(energy)
+        );
+        let own = Recipe::own(self.scene).and_then(|own| {
+            let (pace, nodes) = (self.scene.pace(), self.nodes());
+            self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace)?.time
+        });
+        findings.answers.push(match own {
+            Some([step, ..]) if step < law => {
+                format!(
+                    "A smaller step is worth nothing here: {good}, and the scene's own steps err by {}.",
+                    percent(step)
+                )
+            }
+            Some([step, ..]) => {
+                format!("A smaller step is worth its time: the scene's own steps err by {}; {good}.", percent(step))
+            }
+            None => format!("No step is worth more than this: {good}."),
+        });
     }
 
     /// For every cheaper model that ran, the run with the finest tolerance on the scene's own mesh, and its errors: those
