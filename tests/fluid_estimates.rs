@@ -153,7 +153,7 @@ fn one() {
 
 #[test]
 fn estimates_are_honest_on_random_scenes_and_never_far_off() {
-    let wanted: u64 = std::env::var("CAUDAL_FLUIDS").ok().and_then(|count| count.parse().ok()).unwrap_or(40);
+    let wanted: u64 = std::env::var("CAUDAL_FLUIDS").ok().and_then(|count| count.parse().ok()).unwrap_or(24);
     let (next, all) = (AtomicUsize::new(0), Mutex::new((Vec::new(), Vec::new())));
     std::thread::scope(|scope| {
         for _ in 0..std::thread::available_parallelism().map_or(1, usize::from) {
