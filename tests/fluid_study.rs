@@ -122,9 +122,9 @@ fn a_swimmer_in_creeping_flow_needs_no_more_than_slender_body_theory_and_a_fish_
 
 #[test]
 fn the_study_s_speeds_are_those_of_runs() {
-    let found = findings(&scene_of(EEL, &["solver.duration_s=2"]));
+    let found = findings(&scene_of(EEL, &["solver.duration_s=3"]));
     for (reactive, change) in [(false, "drag={ law = \"cross-flow\" }"), (true, "reactive={}")] {
-        let scene = scene_of(EEL, &["solver.duration_s=2", change]);
+        let scene = scene_of(EEL, &["solver.duration_s=3", change]);
         let scene = if reactive { scene } else { scene.with_reactive(false) };
         let mut stepper = Stepper::of(&scene).unwrap();
         for span in scene.spans() {
