@@ -87,6 +87,13 @@ impl SteadyState {
     /// [`Unsteady`] where there is no rest, or none is found.
     pub fn of(mut model: Model) -> std::result::Result<Self, Unsteady> {
         let unsteady = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
+        if let Some(law) = model.forces.whole() {
+            let found = law.name();
+            let problem = format!(
+                "{found:?} has no matrix of a band, which eigenvalues are found from; allowed here: a law for each edge, as \"cox\""
+            );
+            return Err(unsteady("drag.law", &problem));
+        }
         if model.flow.is_some() {
             let problem = "the flow changes in time; allowed: a steady one, as [1.0, 0.0]";
             return Err(unsteady("medium.flow_m_s", problem));

@@ -19,8 +19,9 @@ use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::medium::Here;
-use crate::fluid::{Fluid, Forces, Kinematics, Layers, Sink};
+use crate::fluid::{Fluid, Force, Forces, Kinematics, Layers, Sink};
 use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
+use crate::linear::Coupling;
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
@@ -625,6 +626,10 @@ impl System for Dynamics {
             }
         }
         Ok(())
+    }
+
+    fn coupling(&self) -> Option<&dyn Coupling> {
+        self.model.forces.whole().and_then(Force::whole).map(|whole| whole as &dyn Coupling)
     }
 
     fn assemble_chain(

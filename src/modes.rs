@@ -124,7 +124,7 @@ pub struct Matrices {
     pub mass: Vec<f64>,
     /// Inertia M, kg.
     pub inertia: BandMatrix,
-    /// Drag C, N s/m; `None` without.
+    /// Drag C, N s/m; `None` without, and with a drag that couples every node with every other.
     pub damping: Option<BandMatrix>,
     /// Stiffness K, N/m.
     pub stiffness: BandMatrix,
@@ -138,7 +138,7 @@ impl Matrices {
     /// # Errors
     /// Those of [`System::assemble`].
     pub fn of(rod: &Rod, outside: Option<(Forces, Fluid, Option<Layers>)>) -> Result<Self> {
-        let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty());
+        let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.whole().is_none());
         let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
         let mut along = |direction: Direction| {

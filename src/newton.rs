@@ -178,7 +178,10 @@ impl Newton {
             Equations::Positions { jacobian, solver } => {
                 let linearisation = Linearisation { matrix: &mut *jacobian, direction };
                 system.assemble(state, increment, Some(linearisation))?;
-                let Solution { fallback, sizes } = solver.solve(jacobian, increment)?;
+                let Solution { fallback, sizes } = match system.coupling().filter(|_| direction.v != 0.0) {
+                    None => solver.solve(jacobian, increment)?,
+                    Some(coupling) => solver.solve_coupled(jacobian, coupling, direction.v, increment),
+                };
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);
                 let [size, residual] = match sizes {

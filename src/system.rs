@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, PivotedBand};
+use crate::linear::{BandMatrix, Coupling, PivotedBand};
 
 /// What Newton's method takes as unknowns. Both forms are the same discrete rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -190,6 +190,12 @@ pub trait System {
         _matrix: &mut ChainMatrix,
     ) -> Result<()> {
         Err(Error::Linear { unknowns: residual.len(), reason: "the system has no chain form".to_string() })
+    }
+
+    /// What [`assemble`](Self::assemble) left out of the matrix because it couples every node with every other, for the state
+    /// that was assembled last; it changes with velocities alone.
+    fn coupling(&self) -> Option<&dyn Coupling> {
+        None
     }
 
     /// Moves the links of `state` back by Newton's increment of the chain form, and reads curvature from the moments.

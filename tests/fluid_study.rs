@@ -96,12 +96,12 @@ fn the_parts_of_a_law_are_together_what_the_law_is() {
 }
 
 #[test]
-fn a_swimmer_in_creeping_flow_needs_no_more_than_slender_body_theory_and_a_fish_needs_all() {
+fn a_swimmer_in_creeping_flow_needs_nonlocal_drag_for_its_power_alone_and_a_fish_needs_all() {
     let sperm = findings(&scene_of(SPERM, &[]));
-    assert_eq!(sperm.numbers["law_that_suffices"], "cox", "{:?}", sperm.answers);
+    assert_eq!(sperm.numbers["law_that_suffices"], "nonlocal", "{:?}", sperm.answers);
     let [_, speed, power] = row(&sperm, "cox", false).unwrap();
-    // Measured 0.96 %, −1.2 %.
-    assert!((0.005..0.015).contains(&speed) && (-0.02..-0.005).contains(&power), "{speed} {power}");
+    // Measured 3.2 %, −17 %.
+    assert!((0.02..0.045).contains(&speed) && (-0.2..-0.14).contains(&power), "{speed} {power}");
     let fish = findings(&scene_of(FISH, &[]));
     assert_eq!(fish.numbers["law_that_suffices"], "cross-flow + reactive", "{:?}", fish.answers);
     let [_, speed, power] = row(&fish, "cross-flow", false).unwrap();
@@ -109,7 +109,7 @@ fn a_swimmer_in_creeping_flow_needs_no_more_than_slender_body_theory_and_a_fish_
     assert!((-0.7..-0.5).contains(&speed) && (-0.8..-0.6).contains(&power), "{speed} {power}");
     assert!(row(&fish, "cox", false).is_none(), "out of its range");
     assert!(fish.tables[1].rows.iter().any(|row| row[0] == "cox"));
-    for (findings, laws) in [(&sperm, 12), (&fish, 2)] {
+    for (findings, laws) in [(&sperm, 14), (&fish, 2)] {
         assert_eq!(findings.tables[0].rows.len(), laws, "{:?}", findings.tables[0].rows);
         assert!(findings.answers.last().unwrap().starts_with("Verdict: "));
         assert!(findings.motion.is_some());
@@ -141,7 +141,8 @@ fn beside_a_wall_the_highest_law_knows_the_wall() {
     let reference = found.numbers["reference"].as_str().unwrap();
     let [_, speed, _] = row(&found, "cox", false).unwrap();
     let [_, wall, _] = row(&found, "wall", false).unwrap();
-    assert!(reference.starts_with("cross-flow") || reference.starts_with("wall"), "{reference}");
+    assert!(reference.starts_with("nonlocal"), "{reference}");
+    println!("{reference} {speed} {wall}");
     assert!(speed < -0.2 && wall.abs() < 0.1, "{reference} {speed} {wall}");
 }
 

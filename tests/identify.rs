@@ -100,7 +100,7 @@ fn derivatives_by_every_number_of_every_law_are_those_of_whole_simulations() {
     const CURRENT: [&str; 3] =
         ["medium.flow_m_s=[-0.2, 0.6]", "loads={ gravity_m_s2 = [10.0, -40.0] }", "rod.youngs_modulus_pa=1e9"];
     let (mut worst, mut count) = (0.0_f64, 0);
-    for law in LAWS {
+    for law in LAWS.iter().filter(|law| !law.is_whole()) {
         let law = law_of(law);
         for head in ["head={ kind = \"free\" }", DRIVEN] {
             for (fluid, reactive) in [("medium.viscosity_pa_s=1.0", ""), ("medium.viscosity_pa_s=0.02", "reactive={}")]
@@ -161,7 +161,7 @@ fn derivatives_by_every_number_of_every_law_are_those_of_whole_simulations() {
         }
     }
     println!("{count} derivatives, worst {worst:.1e}");
-    assert!(count >= 4 * 2 * 2 * LAWS.len());
+    assert!(count >= 4 * 2 * 2 * LAWS.iter().filter(|law| !law.is_whole()).count());
 }
 
 /// What the data are made with, and the unknowns of the scene that does not know it.

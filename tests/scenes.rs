@@ -177,7 +177,7 @@ const MISTAKES: &[Mistake] = &[
     ("\"uniform\"", "\"unifrm\"", 0, "rod.mass_lumping", "found \"unifrm\"; allowed: `uniform` or `tributary`; did you mean `uniform`?"),
     ("\"travelling-wave\"", "\"standing\"", 0, "actuation.kind", "found \"standing\"; allowed: `travelling-wave`"),
     ("\"ramp\"", "\"rampe\"", 0, "start.kind", "found \"rampe\"; allowed: `jump`, `ramp`, `shaped`; did you mean `ramp`?"),
-    ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `cox`, `lighthill`, `gray-hancock`, `spheroid`, `coefficients`, `wall`, `weak-inertia`, `cross-flow`, `stokes-like`, `auto`; did you mean `stokes-like`?"),
+    ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `cox`, `lighthill`, `gray-hancock`, `spheroid`, `coefficients`, `wall`, `weak-inertia`, `cross-flow`, `nonlocal`, `stokes-like`, `auto`; did you mean `stokes-like`?"),
     ("\"driven\"", "\"held\"", 0, "head.kind", "found \"held\"; allowed: `free`, `clamped`, `driven`"),
     ("time_step_s = 5e-3", "time_step_s = 5e-3\ntolerance = 1e-4", 1, "solver.tolerance", "found beside time_step_s; allowed: one of the two"),
     ("time_step_s = 5e-3", "tolerance = 1e-4", 0, "solver.tolerance", "found with integrator = \"newmark\"; allowed: only with esdirk3"),

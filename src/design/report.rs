@@ -132,6 +132,13 @@ impl Design {
         let mut evidence = Evidence { numbers: dimensionless(&scene), ..Evidence::default() };
         let (mut answer, profile) = match table.goal {
             Goal::Identify if !table.is_searched() => {
+                if let Some(law) = dynamics.model.forces.whole() {
+                    let problem = format!(
+                        "{:?} found, whose drag at a node depends on all of the rod, and noise with it; allowed here: a law for each edge, as \"cox\"",
+                        law.name()
+                    );
+                    return Err(document.refuse(&crate::scene::Fault { key: "drag.law".into(), problem }));
+                }
                 let markers = data(LEAST)?.unwrap_or_default();
                 let found = identify(&mut dynamics, &markers, &table)?;
                 lines.extend(say_identified(&found));

@@ -11,6 +11,7 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
+use crate::linear::Coupling;
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -216,6 +217,14 @@ pub trait InPass {
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers;
 }
 
+/// A force on each node that depends on the motion of all of them. As [`Coupling`] it is what it adds to Newton's matrix by
+/// velocities, at the motion last evaluated; by positions it changes so little more that Newton's method does without.
+pub trait Whole: Coupling {
+    /// Adds to `out` how much more it opposes every node with where positions and velocities change by `change`, the flow by
+    /// `flow` (m/s).
+    fn add_change(&self, rod: &Kinematics<'_>, change: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]);
+}
+
 /// A force on the rod.
 pub trait Force: std::fmt::Debug + Send + Sync {
     /// Its name.
@@ -250,6 +259,12 @@ pub trait Force: std::fmt::Debug + Send + Sync {
     /// True where it depends on accelerations: it adds to the inertia.
     fn is_inertial(&self) -> bool {
         false
+    }
+
+    /// What is known of a force on each node that depends on the motion of them all; [`evaluate`](Self::evaluate) gives no
+    /// derivatives of it.
+    fn whole(&self) -> Option<&dyn Whole> {
+        None
     }
 
     /// True where it is linear in the velocities, apart from constants.
@@ -333,6 +348,11 @@ impl Forces {
     /// True where one of them adds to the inertia.
     pub fn are_inertial(&self) -> bool {
         self.iter().any(Force::is_inertial)
+    }
+
+    /// The one that depends on the motion of all nodes at once, see [`Force::whole`].
+    pub fn whole(&self) -> Option<&dyn Force> {
+        self.iter().find(|force| force.whole().is_some())
     }
 
     /// Visits what acts on each of `edges`.
@@ -565,6 +585,9 @@ fn visit_tip(force: &dyn Force, rod: &Kinematics<'_>, i: usize, mut visit: impl 
 /// Adds to `out` (two entries per node) how much more `force` opposes every node with where positions, velocities and
 /// accelerations change by `change`, the flow by `flow` (m/s).
 pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], flow: Vector2<f64>, out: &mut [f64]) {
+    if let Some(whole) = force.whole() {
+        return whole.add_change(rod, [change[0], change[1]], flow, out);
+    }
     for (i, along) in directions(force).iter().enumerate() {
         let against = if i == 1 && force.is_of_fluid() { flow } else { Vector2::zeros() };
         let d = |k: usize| node(change[i], k) - against;
@@ -582,7 +605,8 @@ pub fn add_change(force: &dyn Force, rod: &Kinematics<'_>, change: [&[f64]; 3], 
     }
 }
 
-/// The transpose of [`add_change`]: adds to `by` the derivatives of Σ c·F over the ends of `edges`, c the `cotangent` of a node.
+/// The transpose of [`add_change`], of a force that is not [`whole`](Force::whole): adds to `by` the derivatives of Σ c·F over the
+/// ends of `edges`, c the `cotangent` of a node.
 pub fn add_slopes(
     force: &dyn Force,
     rod: &Kinematics<'_>,

@@ -7,11 +7,13 @@ pub mod froude_krylov;
 pub mod laws;
 pub mod local;
 pub mod medium;
+#[cfg(feature = "faer")]
+pub mod nonlocal;
 pub mod reactive;
 pub mod spray;
 
 pub use buoyancy::Buoyancy;
-pub use force::{Force, Forces, Kinematics, Sink};
+pub use force::{Force, Forces, Kinematics, Sink, Whole};
 pub use froude_krylov::FroudeKrylov;
 pub use local::{HeadWeight, LocalDrag};
 pub use medium::{DENSITY, Fluid, Key, Layer, Layers, VISCOSITY};

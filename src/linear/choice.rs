@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 #[cfg(feature = "faer")]
 use super::FaerLu;
-use super::{BandMatrix, BlockBand, LinearSolver, PivotedLu};
+use super::{BandMatrix, BlockBand, Coupling, LinearSolver, PivotedLu};
 use crate::error::Result;
 
 /// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have: a few thousand
@@ -87,6 +87,20 @@ impl Chosen {
         };
         lu.factor_and_solve(matrix, rhs)?;
         Ok(Solution { fallback: self.choice == Choice::Auto, sizes: None })
+    }
+
+    /// Replaces `rhs` by the solution of the sum of `matrix` and what couples every node with every other, see
+    /// [`Coupling::solve`].
+    pub fn solve_coupled(
+        &mut self,
+        matrix: &BandMatrix,
+        coupling: &dyn Coupling,
+        by_velocity: f64,
+        rhs: &mut [f64],
+    ) -> Solution {
+        self.rhs.copy_from_slice(rhs);
+        coupling.solve(matrix, by_velocity, rhs);
+        Solution { fallback: false, sizes: None }
     }
 
     /// The right-hand side of the last system.

@@ -4,6 +4,8 @@ mod block;
 mod block_band;
 mod choice;
 #[cfg(feature = "faer")]
+mod dense_lu;
+#[cfg(feature = "faer")]
 mod faer_lu;
 mod pivoted_band;
 
@@ -14,6 +16,8 @@ use crate::error::Result;
 pub use block::{Block, lanes};
 pub use block_band::BlockBand;
 pub use choice::{Choice, Chosen, Solution};
+#[cfg(feature = "faer")]
+pub use dense_lu::DenseLu;
 #[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
 pub use pivoted_band::{PivotedBand, PivotedLu};
@@ -76,6 +80,12 @@ impl BandMatrix {
         }
         self.rows[k] = BlockRow::default();
         self.rows[k][REACH] = [1.0, 0.0, 0.0, 1.0];
+    }
+
+    /// True where the unknowns of node `k` are [prescribed](Self::prescribe).
+    pub fn is_prescribed(&self, k: usize) -> bool {
+        let row = &self.rows[k];
+        row[REACH] == [1.0, 0.0, 0.0, 1.0] && (0..row.len()).all(|j| j == REACH || row[j] == [0.0; 4])
     }
 
     /// Number of nodes, and of rows of blocks.
@@ -193,6 +203,13 @@ impl Sizes {
         };
         Checked { error, x, b }
     }
+}
+
+/// A part of a Jacobian that couples every node with every other.
+pub trait Coupling {
+    /// Replaces `rhs` by the solution of (B + c K) x = rhs, K the part, B the rest, `band`, and c how far velocities move,
+    /// `by_velocity`; values that are not finite where the sum is singular. Rows that `band` prescribes stay so.
+    fn solve(&self, band: &BandMatrix, by_velocity: f64, rhs: &mut [f64]);
 }
 
 /// A direct solver: the pattern is analysed once a run, values are factored once an iteration.

@@ -10,11 +10,12 @@ use serde::{Deserialize, Deserializer};
 
 use super::document::Fault;
 use super::layers::{LayerTable, ShearTable};
+use super::solver::FormKey;
 use super::value::{self, Along, Finite, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Recipe, SLENDER, Uncertainty};
+use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Uncertainty};
 use crate::fluid::reactive::{OMITTED, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
@@ -233,6 +234,45 @@ impl DragTable {
             let allowed = format!("above the rod's radius, {radius:e} m");
             return fault("height_m", value::refused(format!("{:e} m", recipe.height), allowed));
         }
+        match law.reach {
+            Reach::Edge => Ok(()),
+            Reach::Rod { least_spacing, most_nodes } => {
+                self.check_whole(scene, law, least_spacing(&recipe), most_nodes)
+            }
+        }
+    }
+
+    /// Checks what a `law` for the whole rod at once cannot do; it takes at most `most` nodes, at least `least` (m) apart.
+    fn check_whole(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), Fault> {
+        let name = law.name;
+        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+        let (length, nodes) = (scene.rod.length_m.get(), scene.rod.nodes.get());
+        let spacing = length / (nodes - 1) as f64;
+        if spacing < least || nodes > most {
+            let found = format!("{nodes} nodes, {spacing:.4e} m apart");
+            let most = most.min((length / least) as usize + 1);
+            let allowed =
+                format!("with law = \"{name}\", at most {most}, at least half a blob of √e radii apart, {least:.4e} m");
+            return fault("rod.nodes", value::refused(found, allowed));
+        }
+        if self.head_weight.is_some_and(|weight| weight.get() != 1.0) {
+            let problem = format!(
+                "found with law = \"{name}\", which knows no single part of the rod; remove it, or give [head_body]"
+            );
+            return fault("drag.head_weight", problem);
+        }
+        if scene.medium.as_ref().is_some_and(|medium| medium.stack().is_some()) {
+            let problem = format!(
+                "{name:?} found in a medium with layers or shear; it holds in one fluid: remove them, or take another law"
+            );
+            return fault("drag.law", problem);
+        }
+        if scene.solver.form == FormKey::Chain {
+            let problem = format!(
+                "\"chain\" found with law = \"{name}\", whose matrix has no band; allowed: \"positions\" or \"auto\""
+            );
+            return fault("solver.form", problem);
+        }
         Ok(())
     }
 
@@ -321,6 +361,11 @@ fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'
 }
 
 impl Scene {
+    /// True where the drag at a place depends on the motion of the whole rod.
+    pub fn has_whole_drag(&self) -> bool {
+        self.drag.as_ref().and_then(|drag| drag.law().ok()).is_some_and(DragLaw::is_whole)
+    }
+
     /// The same scene in a steady flow of that velocity, m/s; none where there is no medium.
     pub fn with_flow(&self, flow: [f64; 2]) -> Self {
         let mut scene = self.clone();

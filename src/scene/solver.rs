@@ -363,6 +363,7 @@ impl Scene {
         match (self.solver.form, Method::named(self.integrator_name())) {
             (FormKey::Positions, _) | (_, Some(Method { implicit: false, .. })) => Form::Positions,
             (FormKey::Chain, _) => Form::Chain,
+            (FormKey::Auto, _) if self.has_whole_drag() => Form::Positions,
             (FormKey::Auto, _) => chain::form(rod, self.typical_step()),
         }
     }

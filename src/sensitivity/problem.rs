@@ -87,6 +87,13 @@ impl Problem {
                 "derivatives need positions as unknowns; allowed: fewer nodes, or \"positions\"",
             );
         }
+        if let Some(law) = model.forces.whole() {
+            let problem = format!(
+                "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
+                law.name()
+            );
+            return refuse("drag.law", &problem);
+        }
         let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),

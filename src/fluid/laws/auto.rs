@@ -1,6 +1,6 @@
 //! The law that fits the flow that a scene makes: slender-body theory where the fluid has no inertia, cross-flow where it has.
 
-use super::{DragLaw, Published, Recipe, cox, cross_flow};
+use super::{DragLaw, Published, Reach, Recipe, cox, cross_flow};
 use crate::fluid::force::Validity;
 
 /// Re_d from which a fluid's inertia counts where nothing else is known: viscous drag alone is off by 10 % in speed at 0.016 (a round
@@ -14,6 +14,7 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity { range: "that of the law it takes", source: "of the law it takes" },
     reynolds: cross_flow::LAW.reynolds,
     uncertainty: Published::NOTHING,
+    reach: Reach::Edge,
     keys: cross_flow::LAW.keys,
     needs: &[],
     resistance: None,

@@ -1,7 +1,7 @@
 //! Resistance as an experiment gives it: ξ∥ and ξ⊥ along the rod, whatever the fluid.
 
 use super::resistance::{ACROSS, ALONG, Resistance};
-use super::{DragLaw, Published};
+use super::{DragLaw, Published, Reach};
 use crate::fluid::force::Validity;
 
 /// What is known of it.
@@ -11,6 +11,7 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity { range: "that of the measurement", source: "the scene" },
     reynolds: f64::INFINITY,
     uncertainty: Published::NOTHING,
+    reach: Reach::Edge,
     keys: &["along_n_s_m2", "across_n_s_m2"],
     needs: &["along_n_s_m2", "across_n_s_m2"],
     resistance: None,

@@ -3,7 +3,7 @@
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -25,6 +25,7 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "nonlocal slender-body theory by regularised Stokeslets on prescribed waves and driven tails of sperm number 1.5 to 3, radius over length up to 0.01; growth with inertia: a round swimmer against cross-flow",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -8,7 +8,7 @@
 
 use std::f64::consts::PI;
 
-use super::{Causes, DragLaw, Published, Recipe, Uncertainty};
+use super::{Causes, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::{Force, Validity};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
@@ -31,6 +31,7 @@ pub static LAW: DragLaw = DragLaw {
         ],
         source: "S. Kern & P. Koumoutsakos, J. Exp. Biol. 209 (2006), and others on the same eel, for speed; C. Sucker & H. Brauer (1975) for a cylinder's drag; at low Reynolds numbers that of cox",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m", "viscous", "form_drag", "thinning", "skin_friction", "turbulent_friction"],
     needs: &[],
     resistance: None,

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -20,6 +20,7 @@ pub static LAW: DragLaw = DragLaw {
         table: &[Uncertainty::at(1.0, [0.68, 0.48, 0.46])],
         source: "nonlocal slender-body theory on prescribed waves and driven tails",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -20,6 +20,7 @@ pub static LAW: DragLaw = DragLaw {
         table: &[Uncertainty::at(1.0, [0.31, 0.57, 0.20])],
         source: "nonlocal slender-body theory on prescribed waves, with and without a head, and driven tails",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -6,6 +6,8 @@ pub mod cox;
 pub mod cross_flow;
 pub mod gray_hancock;
 pub mod lighthill;
+#[cfg(feature = "faer")]
+pub mod nonlocal;
 pub mod resistance;
 pub mod spheroid;
 pub mod stokes_like;
@@ -26,6 +28,8 @@ pub static LAWS: &[&DragLaw] = &[
     &wall::LAW,
     &weak_inertia::LAW,
     &cross_flow::LAW,
+    #[cfg(feature = "faer")]
+    &nonlocal::LAW,
     &stokes_like::LAW,
     &auto::LAW,
 ];
@@ -38,6 +42,21 @@ pub const CREEPING: f64 = 1.0;
 
 /// Least ln(ℒ/a) of a body that counts as slender.
 pub const SLENDER: f64 = 1.3;
+
+/// What the force that a law makes at a place depends on.
+#[derive(Debug, Clone, Copy)]
+pub enum Reach {
+    /// On the edge there and its motion: matrices are banded, and derivatives exact.
+    Edge,
+    /// On the motion of the whole rod: Newton's matrix is dense, and a step on N nodes costs N³. It takes one fluid all around, and
+    /// has neither a chain form nor derivatives by positions, see [`Force::whole`].
+    Rod {
+        /// The least spacing of nodes, m.
+        least_spacing: fn(&Recipe<'_>) -> f64,
+        /// Most nodes whose steps take tenths of a second at most.
+        most_nodes: usize,
+    },
+}
 
 /// What is known of a law, and how to make it.
 #[derive(Debug)]
@@ -52,6 +71,8 @@ pub struct DragLaw {
     pub reynolds: f64,
     /// How far it is known to be from the truth.
     pub uncertainty: Published,
+    /// What the force at a place depends on.
+    pub reach: Reach,
     /// The keys of `[drag]` that it takes beside those of every law.
     pub keys: &'static [&'static str],
     /// Those of them that it cannot do without.
@@ -158,6 +179,11 @@ impl DragLaw {
             Some(parts) => parts(recipe),
             None => vec![("viscous", (self.build)(recipe))],
         }
+    }
+
+    /// True where the force at a place depends on the motion of the whole rod.
+    pub fn is_whole(&self) -> bool {
+        matches!(self.reach, Reach::Rod { .. })
     }
 }
 

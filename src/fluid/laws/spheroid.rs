@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -20,6 +20,7 @@ pub static LAW: DragLaw = DragLaw {
         table: &[Uncertainty::at(1.0, [0.15, 0.25, 0.45])],
         source: "that of cox, and what the drag of a cylinder along itself differs by",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -6,7 +6,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::{RATIO, Resistance};
-use super::{DragLaw, Published, Recipe};
+use super::{DragLaw, Published, Reach, Recipe};
 use crate::fluid::force::Validity;
 use crate::fluid::medium::VISCOSITY;
 use crate::rod::Half;
@@ -21,6 +21,7 @@ pub static LAW: DragLaw = DragLaw {
     },
     reynolds: 0.0,
     uncertainty: Published::NOTHING,
+    reach: Reach::Edge,
     keys: &["ratio"],
     needs: &["ratio"],
     resistance: Some(resistance),

@@ -3,7 +3,7 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Recipe, Uncertainty, cox};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty, cox};
 use crate::fluid::force::Validity;
 use crate::rod::Half;
 
@@ -20,6 +20,7 @@ pub static LAW: DragLaw = DragLaw {
         table: &[Uncertainty::at(1.0, [0.19, 0.19, 0.19])],
         source: "drag of a straight rod against nonlocal theory with Blake's images, height over length 0.03 to 2",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m", "height_m"],
     needs: &["height_m"],
     resistance: Some(resistance),

@@ -6,7 +6,7 @@
 
 use std::f64::consts::{LN_2, PI, TAU};
 
-use super::{DragLaw, Published, SLENDER, Uncertainty};
+use super::{DragLaw, Published, Reach, SLENDER, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
@@ -24,6 +24,7 @@ pub static LAW: DragLaw = DragLaw {
         table: &[Uncertainty::at(1e-3, [0.101, 0.20, 0.42]), Uncertainty::at(0.5, [0.15, 0.22, 0.44])],
         source: "that of cox, and the measured drag of a cylinder up to a Reynolds number of 1",
     },
+    reach: Reach::Edge,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: None,

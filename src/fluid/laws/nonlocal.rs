@@ -1,0 +1,32 @@
+//! Nonlocal drag: regularised Stokeslets along the rod, see [`nonlocal`](crate::fluid::nonlocal).
+
+use super::{DragLaw, Published, Reach, Recipe, Uncertainty};
+use crate::fluid::force::Validity;
+use crate::fluid::nonlocal::{Nonlocal, least_spacing};
+
+/// What is known of it.
+pub static LAW: DragLaw = DragLaw {
+    name: "nonlocal",
+    meaning: "the drag of a rod that moves the fluid around all of itself, beside a plane wall where height_m is given",
+    validity: Validity {
+        range: "steady creeping flow over the whole length (a Reynolds number of the length below about 1), nodes at least \
+            half a blob of 1.65 radii apart; drag of a straight cylinder within 2 % for length over radius of at least 100",
+        source: "R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971)",
+    },
+    reynolds: 0.5,
+    uncertainty: Published {
+        table: &[
+            Uncertainty::at(5e-4, [0.03, 0.05, 0.05]),
+            Uncertainty::at(0.016, [0.10, 0.10, 0.05]),
+            Uncertainty::at(0.26, [0.10, 0.10, 0.24]),
+        ],
+        source: "drag and rotation of straight cylinders against M. M. Tirado, C. López Martínez & J. García de la Torre (1984); growth with inertia: as of cox",
+    },
+    reach: Reach::Rod { least_spacing, most_nodes: 257 },
+    keys: &["height_m"],
+    needs: &[],
+    resistance: None,
+    slender: Some(|recipe: &Recipe<'_>| recipe.rod.length),
+    build: |recipe| Box::new(Nonlocal::new(&LAW, recipe)),
+    parts: None,
+};

@@ -1,0 +1,402 @@
+//! Nonlocal drag at low Reynolds number: every part of the rod moves the fluid around every other.
+//!
+//! The rod pushes the fluid with a force density f (N/m) that is linear between nodes, as regularised Stokeslets of blob size
+//! ε = √e a along its straight edges, a the local radius: both coefficients of slender-body theory for a cylinder follow from
+//! that ε. The velocity against the fluid at the nodes is w = M(q) f, its integrals along each edge in closed form, and the
+//! force on the nodes F = G f with G the consistent mass matrix. The motion is plane, the flow is not.
+//!
+//! Beside a plane wall, parallel to the plane of the motion at height h, each Stokeslet has its image. What the image leaves of
+//! the velocity at the wall, −2h x/(x² + h² + ε²)^{3/2} normal to it, is that of a point force at the depth H = √(h² + ε²), so Blake's
+//! correction for that depth, times h/H, takes it away exactly.
+//!
+//! R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971).
+
+use std::f64::consts::PI;
+use std::ops::Range;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use nalgebra::Vector2;
+
+use super::force::{Force, Kinematics, OnEdge, Tally, Validity, Whole};
+use super::laws::{DragLaw, Recipe};
+use super::medium::{Key, VISCOSITY};
+use crate::linear::{BandMatrix, Block, Coupling, DenseLu};
+use crate::rod::{Edge, Rod, add, node};
+use crate::system::Direction;
+
+/// Least spacing of nodes over the blob size: M is ill-conditioned below, 8e3 at 0.5 and 2e8 at 0.2.
+const FINEST: f64 = 0.5;
+
+/// The force densities of finite elements on an edge load its ends with these parts of its length: the near end's and the far
+/// end's.
+const SHARES: [f64; 2] = [1.0 / 3.0, 1.0 / 6.0];
+
+/// Blob size ε (m) for a `radius` (m).
+fn blob(radius: f64) -> f64 {
+    (0.5_f64).exp() * radius
+}
+
+/// The least spacing (m) of nodes on that rod.
+pub fn least_spacing(recipe: &Recipe<'_>) -> f64 {
+    FINEST * blob(recipe.rod.sections.outer.largest())
+}
+
+/// The force.
+#[derive(Debug)]
+pub struct Nonlocal {
+    law: &'static DragLaw,
+    /// First node of the rod itself.
+    front: usize,
+    /// The square of the blob size of every edge, m².
+    blobs: Vec<f64>,
+    /// Height above a wall, m.
+    height: Option<f64>,
+    /// What follows from the motion last looked at, which all that reads a step asks for.
+    flow: Mutex<Flow>,
+}
+
+/// The flow that a motion makes, for viscosity one; what is of the centre of a body plays no part in it.
+#[derive(Debug)]
+struct Flow {
+    /// Positions (m) that the mobility is of.
+    q: Vec<f64>,
+    /// 8πM by columns, two rows and columns per node.
+    mobility: Vec<f64>,
+    factors: DenseLu,
+    /// Velocities (m/s) against the fluid that the density is of.
+    w: Vec<f64>,
+    /// f/μ, m/s.
+    density: Vec<f64>,
+    viscosity: f64,
+    /// Lengths of the edges, m; zero for a neck.
+    lengths: Vec<f64>,
+    /// Room for a Jacobian.
+    jacobian: DenseLu,
+    room: Vec<f64>,
+}
+
+impl Nonlocal {
+    /// The force of `law` on the rod of `recipe`.
+    pub fn new(law: &'static DragLaw, recipe: &Recipe<'_>) -> Self {
+        let Rod { nodes, front, .. } = *recipe.rod;
+        let size = 2 * nodes;
+        let radius = |[first, second]: [crate::rod::Half; 2]| 0.5 * (first.radius + second.radius);
+        let flow = Flow {
+            q: vec![f64::NAN; size],
+            mobility: vec![0.0; size * size],
+            factors: DenseLu::new(size),
+            w: vec![f64::NAN; size],
+            density: vec![0.0; size],
+            viscosity: 0.0,
+            lengths: vec![0.0; nodes - 1],
+            jacobian: DenseLu::new(size),
+            room: vec![0.0; size],
+        };
+        Self {
+            law,
+            front,
+            blobs: recipe.rod.halves().map(|halves| blob(radius(halves)).powi(2)).collect(),
+            height: Some(recipe.height).filter(|height| height.is_finite()),
+            flow: Mutex::new(flow),
+        }
+    }
+
+    /// The flow that the motion `rod` makes.
+    fn flow(&self, rod: &Kinematics<'_>) -> MutexGuard<'_, Flow> {
+        let mut guard = self.last();
+        let flow = &mut *guard;
+        if flow.q != rod.q {
+            flow.q.copy_from_slice(rod.q);
+            self.mobility(rod, &mut flow.mobility);
+            for (e, (length, edge)) in flow.lengths.iter_mut().zip(rod.edges).enumerate() {
+                *length = if e < self.front { 0.0 } else { edge.length };
+            }
+            flow.factors.values_mut().copy_from_slice(&flow.mobility);
+            flow.factors.factor();
+            flow.w.fill(f64::NAN);
+        }
+        flow.viscosity = rod.fluid.viscosity;
+        let mut same = true;
+        for (k, w) in flow.w.as_chunks_mut::<2>().0.iter_mut().enumerate() {
+            let now = if k < self.front { [0.0; 2] } else { rod.against_fluid(k).into() };
+            same &= *w == now;
+            *w = now;
+        }
+        if !same {
+            flow.density.copy_from_slice(&flow.w);
+            flow.factors.solve(&mut flow.density);
+            flow.density.iter_mut().for_each(|f| *f *= 8.0 * PI);
+        }
+        guard
+    }
+
+    /// The flow that was last looked at.
+    fn last(&self) -> MutexGuard<'_, Flow> {
+        self.flow.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Writes 8πμM of the rod's nodes by columns, and the identity for those before it.
+    fn mobility(&self, rod: &Kinematics<'_>, columns: &mut [f64]) {
+        let size = rod.q.len();
+        columns.fill(0.0);
+        (0..2 * self.front).for_each(|i| columns[i * (size + 1)] = 1.0);
+        for (e, edge) in rod.edges.iter().enumerate().skip(self.front) {
+            let segment = Segment { edge, blob_squared: self.blobs[e], height: self.height };
+            let start = node(rod.q, e);
+            let four = &mut columns[2 * e * size..(2 * e + 4) * size];
+            let (first, second) = four.split_at_mut(2 * size);
+            let (x0, y0) = first.split_at_mut(size);
+            let (x1, y1) = second.split_at_mut(size);
+            for k in self.front..size / 2 {
+                let [near, far] = segment.at(node(rod.q, k) - start);
+                for (columns, [xx, xy, yy]) in [([&mut *x0, &mut *y0], near), ([&mut *x1, &mut *y1], far)] {
+                    let [x, y] = columns;
+                    x[2 * k] += xx;
+                    x[2 * k + 1] += xy;
+                    y[2 * k] += xy;
+                    y[2 * k + 1] += yy;
+                }
+            }
+        }
+    }
+
+    /// Adds 8πμ times `factor` times the velocities (m/s) that the force density `f` makes where the nodes are at `q`.
+    fn add_velocities(&self, q: &[f64], f: &[f64], factor: f64, out: &mut [f64]) {
+        for (e, blob_squared) in self.blobs.iter().enumerate().skip(self.front) {
+            let start = node(q, e);
+            let edge = Edge::new(node(q, e + 1) - start);
+            let segment = Segment { edge: &edge, blob_squared: *blob_squared, height: self.height };
+            let ends = [node(f, e), node(f, e + 1)];
+            for k in self.front..q.len() / 2 {
+                for ([xx, xy, yy], f) in segment.at(node(q, k) - start).into_iter().zip(ends) {
+                    add(out, k, Vector2::new(xx * f.x + xy * f.y, xy * f.x + yy * f.y) * factor);
+                }
+            }
+        }
+    }
+
+    /// What opposes the ends of edge `e`, N.
+    fn on_edge(flow: &Flow, e: usize) -> [Vector2<f64>; 2] {
+        on_ends(&flow.density, e, flow.viscosity * flow.lengths[e])
+    }
+}
+
+/// What a force `density` loads the ends of edge `e` of that `length` with.
+fn on_ends(density: &[f64], e: usize, length: f64) -> [Vector2<f64>; 2] {
+    let [near, far] = SHARES.map(|share| share * length);
+    let ends = [node(density, e), node(density, e + 1)];
+    [ends[0] * near + ends[1] * far, ends[0] * far + ends[1] * near]
+}
+
+/// An edge that pushes the fluid.
+#[derive(Debug)]
+pub struct Segment<'a> {
+    /// The edge.
+    pub edge: &'a Edge,
+    /// ε², m².
+    pub blob_squared: f64,
+    /// Height above a wall, m.
+    pub height: Option<f64>,
+}
+
+/// Entries xx, xy = yx and yy of a block.
+pub type Symmetric = [f64; 3];
+
+impl Segment<'_> {
+    /// 8πμ times the velocity at the place `d` (m) from its start, for force densities linear along it: of 1 at its start and 0 at
+    /// its end, and the reverse.
+    #[inline]
+    pub fn at(&self, d: Vector2<f64>) -> [Symmetric; 2] {
+        let Self { edge, blob_squared, height } = self;
+        let (along, across) = (d.dot(&edge.t), d.dot(&edge.n()));
+        let [from, to] = [-along, edge.length - along];
+        let square = across * across;
+        let mut sums = stokeslets(Powers::over([from, to], square + blob_squared), across, *blob_squared);
+        if let Some(height) = height {
+            let double = 4.0 * height * height;
+            let image = stokeslets(Powers::over([from, to], square + double + blob_squared), across, *blob_squared);
+            let depth = height + (height * height + blob_squared).sqrt();
+            let left = Powers::over([from, to], square + depth * depth).dipoles(across);
+            for i in 0..2 {
+                for j in 0..3 {
+                    sums[i][j] -= image[i][j] + 0.5 * double * left[i][j];
+                }
+            }
+        }
+        // The density at the end counts by (σ + `along`)/ℓ.
+        let [constant, linear] = sums;
+        let far: Symmetric = std::array::from_fn(|j| (along * constant[j] + linear[j]) * edge.per_length);
+        let near: Symmetric = std::array::from_fn(|j| constant[j] - far[j]);
+        let (c, s) = (edge.t.x, edge.t.y);
+        [near, far].map(|[tt, tn, nn]| {
+            [
+                tt * c * c - 2.0 * tn * c * s + nn * s * s,
+                (tt - nn) * c * s + tn * (c * c - s * s),
+                tt * s * s + 2.0 * tn * c * s + nn * c * c,
+            ]
+        })
+    }
+}
+
+/// Integrals ∫σᵐ/Rⁿ dσ with R² = σ² + h², over an edge.
+#[derive(Debug, Clone, Copy)]
+struct Powers {
+    /// n = 1, m = 0, 1.
+    first: [f64; 2],
+    /// n = 3, m = 0 … 3.
+    third: [f64; 4],
+    /// n = 5, m = 0 … 3.
+    fifth: [f64; 4],
+}
+
+impl Powers {
+    /// Those over `ends`, h² = `square`.
+    #[inline(always)]
+    fn over([from, to]: [f64; 2], square: f64) -> Self {
+        let [r0, r1] = [from, to].map(|s| (s * s + square).sqrt());
+        let [p0, p1] = [1.0 / r0, 1.0 / r1];
+        let per_square = 1.0 / square;
+        // σ + R, without cancellation where σ < 0.
+        let grown = |s: f64, r: f64| if s < 0.0 { square / (r - s) } else { s + r };
+        let logarithm = (grown(to, r1) / grown(from, r0)).ln();
+        let (c0, c1) = (from * p0, to * p1);
+        let (cubes, longer) = (p1 * p1 * p1 - p0 * p0 * p0, r1 - r0);
+        let (shorter, third) = (p0 - p1, c1 * c1 * c1 - c0 * c0 * c0);
+        let zeroth = (c1 - c0) * per_square;
+        let second = logarithm - (c1 - c0);
+        let per_cubes = to * p1 * p1 * p1 - from * p0 * p0 * p0;
+        Self {
+            first: [logarithm, longer],
+            third: [zeroth, shorter, second, longer - square * shorter],
+            fifth: [
+                (per_cubes + 2.0 * zeroth) * per_square / 3.0,
+                -cubes / 3.0,
+                third * per_square / 3.0,
+                shorter + square * cubes / 3.0,
+            ],
+        }
+    }
+
+    /// ∫ (I/R³ − 3rrᵀ/R⁵)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
+    #[inline(always)]
+    fn dipoles(&self, across: f64) -> [Symmetric; 2] {
+        let (third, fifth) = (&self.third, &self.fifth);
+        [0, 1].map(|m| {
+            [third[m] - 3.0 * fifth[m + 2], 3.0 * across * fifth[m + 1], third[m] - 3.0 * across * across * fifth[m]]
+        })
+    }
+}
+
+/// ∫ (I/R + ε²I/R³ + rrᵀ/R³)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
+#[inline(always)]
+fn stokeslets(Powers { first, third, .. }: Powers, across: f64, blob_squared: f64) -> [Symmetric; 2] {
+    [0, 1].map(|m| {
+        let isotropic = first[m] + blob_squared * third[m];
+        [isotropic + third[m + 2], -across * third[m + 1], isotropic + across * across * third[m]]
+    })
+}
+
+impl Coupling for Nonlocal {
+    /// With x = M y the system is (B M + c G) y = rhs, where B M is banded times dense.
+    fn solve(&self, band: &BandMatrix, by_velocity: f64, rhs: &mut [f64]) {
+        let mut guard = self.last();
+        let Flow { mobility, viscosity, lengths, jacobian, room, .. } = &mut *guard;
+        let size = rhs.len();
+        for (column, product) in mobility.chunks_exact(size).zip(jacobian.values_mut().chunks_exact_mut(size)) {
+            band.multiply(column, product, false);
+        }
+        let factor = 8.0 * PI * *viscosity * by_velocity;
+        let entries = jacobian.values_mut();
+        let mut put = |i: usize, j: usize, value: f64| {
+            if !(i == 0 && band.is_prescribed(0)) {
+                (0..2).for_each(|c| entries[(2 * j + c) * size + 2 * i + c] += factor * value);
+            }
+        };
+        for (e, length) in lengths.iter().enumerate() {
+            let [near, far] = SHARES.map(|share| share * length);
+            put(e, e, near);
+            put(e, e + 1, far);
+            put(e + 1, e, far);
+            put(e + 1, e + 1, near);
+        }
+        jacobian.factor();
+        jacobian.solve(rhs);
+        room.fill(0.0);
+        for (column, y) in mobility.chunks_exact(size).zip(&*rhs) {
+            room.iter_mut().zip(column).for_each(|(x, m)| *x += m * y);
+        }
+        rhs.copy_from_slice(room);
+        if band.is_prescribed(0) {
+            // Prescribed unknowns stay, to the bit.
+            rhs[..2].fill(0.0);
+        }
+    }
+}
+
+impl Whole for Nonlocal {
+    /// δF = δG f + G M⁻¹ (δw − δM f). δM f is a difference of fourth order of velocities that f makes, good to some 1e-11 of it.
+    fn add_change(&self, rod: &Kinematics<'_>, [dq, dv]: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]) {
+        /// The largest displacement of the differences over the smallest blob size.
+        const STEP: f64 = 2e-3;
+        let mut last = self.flow(rod);
+        let mut change: Vec<f64> =
+            dv.iter().zip([flow.x, flow.y].iter().cycle()).map(|(v, u)| 8.0 * PI * (v - u)).collect();
+        change[..2 * self.front].fill(0.0);
+        let most = dq.iter().fold(0.0_f64, |most, d| most.max(d.abs()));
+        if most > 0.0 {
+            let least = self.blobs.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
+            let step = STEP * least / most;
+            for (steps, weight) in [(1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0)] {
+                for sign in [1.0, -1.0] {
+                    let moved: Vec<f64> = rod.q.iter().zip(dq).map(|(q, d)| q + sign * steps * step * d).collect();
+                    self.add_velocities(&moved, &last.density, -sign * weight / step, &mut change);
+                }
+            }
+        }
+        last.factors.solve(&mut change);
+        for e in self.front..rod.edges.len() {
+            let longer = rod.edges[e].t.dot(&(node(dq, e + 1) - node(dq, e)));
+            let by_density = on_ends(&change, e, last.viscosity * last.lengths[e]);
+            let by_length = on_ends(&last.density, e, last.viscosity * longer);
+            (0..2).for_each(|i| add(out, e + i, by_density[i] + by_length[i]));
+        }
+    }
+}
+
+impl Force for Nonlocal {
+    fn name(&self) -> &'static str {
+        self.law.name
+    }
+
+    fn validity(&self) -> Validity {
+        self.law.validity
+    }
+
+    fn evaluate(&self, rod: &Kinematics<'_>, _along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+        let flow = self.flow(rod);
+        sums.each(edges, |e| OnEdge::new(Self::on_edge(&flow, e), [Block::ZERO; 2], [Block::ZERO; 2]));
+    }
+
+    fn whole(&self) -> Option<&dyn Whole> {
+        Some(self)
+    }
+
+    fn is_linear(&self) -> bool {
+        true
+    }
+
+    fn parameters(&self) -> &[Key] {
+        &[VISCOSITY]
+    }
+
+    fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
+        if key == VISCOSITY {
+            let flow = self.flow(rod);
+            for e in 0..rod.edges.len() {
+                let ends = Self::on_edge(&flow, e);
+                ends.into_iter().enumerate().for_each(|(i, force)| add(out, e + i, force / flow.viscosity));
+            }
+        }
+        [0.0; 2]
+    }
+}
