@@ -29,7 +29,7 @@ fn applied(force: &dyn Force, q: &[f64], v: &[f64]) -> (Vector3<f64>, f64) {
     let edges: Vec<Edge> = (1..q.len() / 2).map(|k| Edge::new(node(q, k) - node(q, k - 1))).collect();
     let a = vec![0.0; q.len()];
     let fluid = Fluid { viscosity: 1.0, ..Fluid::NONE };
-    let rod = Kinematics { t: 0.0, edges: &edges, q, v, a: &a, fluid, layers: None };
+    let rod = Kinematics { t: 0.0, edges: &edges, q, v, a: &a, fluid, layers: None, here: &[] };
     let mut sum = Vector3::zeros();
     force::visit_alone(force, &rod, |k, f| sum -= Vector3::new(f.x, f.y, node(q, k).perp(&f)));
     (sum, force::powers(force, &rod).against_fluid)
