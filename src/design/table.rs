@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::unknowns::{WIDE, parameter};
+use super::unknowns::WIDE;
 use crate::cycle::slopes;
 use crate::error::{Result, nearest};
 use crate::fluid::DENSITY;
@@ -461,7 +461,7 @@ impl Table {
         let fits = |key: &str| {
             let fluid = ["medium.viscosity_pa_s", "medium.density_kg_m3"].contains(&key) && model.buoyancy.is_none();
             let passive = ["solver.", "start."].iter().any(|part| key.starts_with(part));
-            parameter(key, &model).is_some() || !(fluid || passive)
+            Parameter::of_key(key, &model).is_some() || !(fluid || passive)
         };
         let mut numbers: Vec<Number> = Vec::new();
         let mut others = 0;
@@ -478,7 +478,7 @@ impl Table {
                     // The mass of a body may follow the density.
                     let alone =
                         place.is_empty() && (key != DENSITY || scene.head_body.is_none() && !self.neutral_buoyancy);
-                    let by = parameter(key, &model).filter(|_| alone).unwrap_or_else(of_scene);
+                    let by = Parameter::of_key(key, &model).filter(|_| alone).unwrap_or_else(of_scene);
                     let (key, place, whole) = (key.clone(), place.to_vec(), whole.clone());
                     numbers.push(Number { key, place, xi, unit, own, whole, by });
                 }

@@ -415,16 +415,3 @@ impl Unknowns {
         self.kept(x)
     }
 }
-
-/// What a simulation is differentiated by where the number `key` of its scene changes; none where it has no such derivative.
-pub fn parameter(key: &str, model: &Model) -> Option<Parameter> {
-    let of_forces = || {
-        let keys = model.forces.iter().flat_map(|force| force.parameters().iter().copied());
-        keys.into_iter().find(|own| *own == key).map(Parameter::OfForces)
-    };
-    match key {
-        "actuation.kappa_amp" => model.actuation.as_ref().map(|_| Parameter::Amplitude),
-        "actuation.frequency_hz" => model.actuation.as_ref().map(|_| Parameter::Frequency),
-        _ => of_forces(),
-    }
-}

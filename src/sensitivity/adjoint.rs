@@ -1,5 +1,6 @@
 //! Derivatives of one number by all parameters: back over a stored simulation, one transposed solve a step.
 
+use super::controls::{Cotangents, Weights};
 use super::ends::Ends;
 use super::equations::Equations;
 use super::output::{At, Gradient, Output, Point};
@@ -25,10 +26,34 @@ impl Problem {
         weights: &[f64],
         trajectory: &Trajectory,
     ) -> Result<Vec<f64>> {
-        let (nodes, steps) = (self.dynamics.nodes(), self.steps);
-        let expected = outputs.len() * (steps.count() + 1);
+        let expected = outputs.len() * (self.steps.count() + 1);
         if weights.len() != expected {
             return Err(Error::WrongLength { name: "weights", expected, found: weights.len() });
+        }
+        let weights = Weights { outputs: weights, ..Weights::default() };
+        Ok(self.pull_back(parameters, outputs, weights, trajectory)?.parameters)
+    }
+
+    /// The same with `weights` of positions and velocities too, and the derivatives by first state and controls beside those by
+    /// the `parameters`.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`] for weights of another simulation.
+    pub fn pull_back(
+        &mut self,
+        parameters: &[Parameter],
+        outputs: &[Output],
+        weights: Weights<'_>,
+        trajectory: &Trajectory,
+    ) -> Result<Cotangents> {
+        let (nodes, steps) = (self.dynamics.nodes(), self.steps);
+        let times = steps.count() + 1;
+        let given = [weights.outputs, weights.positions, weights.velocities];
+        for (values, width) in given.iter().zip([outputs.len(), 2 * nodes, 2 * nodes]) {
+            if !values.is_empty() && values.len() != times * width {
+                let (expected, found) = (times * width, values.len());
+                return Err(Error::WrongLength { name: "weights", expected, found });
+            }
         }
         let rules = self.rules()?;
         let summing = outputs.iter().any(|output| !output.work.is_empty());
@@ -45,16 +70,21 @@ impl Problem {
         let mut force = zeros();
         let mut total = vec![0.0; parameters.len()];
         let mut state = State::zeros(2 * nodes);
-        let Self { dynamics, moved, .. } = self;
+        let Self { dynamics, moved, controls, start: given, .. } = self;
         let mut scratch = Gradient::new(nodes, &[]);
         let held = dynamics.model.head.is_some();
+        let joints = dynamics.model.rod.joints();
+        let bends = controls.effects(&dynamics.model.rod, &shape);
+        let mut natural = vec![0.0; times * bends.len()];
+        let mut by_force = vec![0.0; if controls.force.is_some() { times * 2 * nodes } else { 0 }];
         // Weights of all later times, for what is summed or counted from the start.
         let mut later = vec![0.0; outputs.len()];
         for n in (0..=steps.count()).rev() {
             trajectory.load(n, &mut state);
             if summing {
-                ends.look(dynamics, steps, n);
+                ends.look(dynamics, controls, steps, n);
             }
+            controls.apply(dynamics, n);
             dynamics.move_to(state.t, &mut state);
             shape.take(dynamics, state.t);
             let rule = rules[usize::from(n > steps.whole)];
@@ -72,8 +102,11 @@ impl Problem {
             for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
                 moved.look(&state, (steps, n), summing, by)?;
             }
+            for (bar, weights) in [(&mut bar.q, weights.positions), (&mut bar.v, weights.velocities)] {
+                bar.iter_mut().zip(weights.iter().skip(2 * nodes * n)).for_each(|(bar, weight)| *bar += weight);
+            }
             for (o, output) in outputs.iter().enumerate() {
-                let weight = weights[n * outputs.len() + o];
+                let weight = weights.outputs.get(n * outputs.len() + o).copied().unwrap_or(0.0);
                 let begun = later[o];
                 later[o] += weight;
                 let own = if n == 0 && output.since_start { weight - later[o] } else { weight };
@@ -85,6 +118,9 @@ impl Problem {
                     gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
                     for (i, total) in of_scene(&effects, &mut total) {
                         *total += own * moved[i].output(output, None, &point, &mut scratch)?;
+                    }
+                    for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
+                        natural[n * bends.len() + j] += gradient.natural[k] * effect.natural(&shape, k);
                     }
                 }
                 for (i, factor) in [later[o], begun].into_iter().enumerate() {
@@ -100,6 +136,14 @@ impl Problem {
                     gather(&gradient, &effects, &shape, step, &mut bar, &mut total);
                     for (j, total) in of_scene(&effects, &mut total) {
                         *total += factor * moved[j].output(output, Some(i), &point, &mut scratch)?;
+                    }
+                    for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
+                        let own = effect.natural(&shape, k);
+                        natural[n * bends.len() + j] += gradient.natural[k] * own;
+                        // The change of κ̄ over the step from time n - 1 + i.
+                        let change = gradient.natural_step[k] * own;
+                        natural[(n + i) * bends.len() + j] += change;
+                        natural[(n + i).saturating_sub(1) * bends.len() + j] -= change;
                     }
                 }
             }
@@ -138,8 +182,13 @@ impl Problem {
             for (i, total) in of_scene(&effects, &mut total) {
                 *total += dot(&by_moved[i], &force);
             }
-            if n == 0 {
-                for (total, effect) in total.iter_mut().zip(&effects).filter(|(_, effect)| effect.bends()) {
+            for (by, effect) in natural.iter_mut().skip(n * bends.len()).zip(&bends) {
+                *by += pushed(&at, effect, &shape, &force);
+            }
+            by_force.iter_mut().skip(2 * nodes * n).zip(&force).for_each(|(by, force)| *by -= force);
+            if n == 0 && given.is_none() {
+                let by_natural = natural.iter_mut().zip(&bends);
+                for (total, effect) in total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends()) {
                     let [q, v] = start::first_by(bent.dynamics, effect, &shape);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
@@ -149,7 +198,7 @@ impl Problem {
                 }
             }
         }
-        Ok(total)
+        Ok(Cotangents { parameters: total, start: [bar.q, bar.v], natural, force: by_force })
     }
 }
 

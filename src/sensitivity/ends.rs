@@ -1,5 +1,6 @@
 //! The steps on both sides of a state, for work that is summed over them.
 
+use super::controls::Controls;
 use super::output::Span;
 use super::parameter::Shape;
 use super::problem::Steps;
@@ -28,10 +29,11 @@ impl Ends {
     }
 
     /// Looks around from time `n` of `count` + 1; `dynamics` is left at that time.
-    pub(super) fn look(&mut self, dynamics: &mut Dynamics, problem: Steps, n: usize) {
+    pub(super) fn look(&mut self, dynamics: &mut Dynamics, controls: &Controls, problem: Steps, n: usize) {
         let mut poses = [None; 3];
         for (i, m) in [(0, n.saturating_sub(1)), (2, (n + 1).min(problem.count())), (1, n)] {
             let t = problem.time(m);
+            controls.apply(dynamics, m);
             dynamics.move_to(t, &mut self.scratch);
             self.shapes[i].take(dynamics, t);
             self.natural[i].copy_from_slice(&dynamics.natural);

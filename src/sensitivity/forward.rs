@@ -72,6 +72,8 @@ impl Problem {
         let mut moved = std::mem::take(&mut self.moved);
         let mut by_moved = vec![vec![0.0; 2 * nodes]; moved.len()];
         let mut scratch = Gradient::new(nodes, &[]);
+        let controls = self.controls.clone();
+        let placed = self.start.is_none();
 
         let done = self.advance(|dynamics, n, state, h| {
             look(state);
@@ -83,8 +85,8 @@ impl Problem {
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
                 let first = |i: usize| moved[i].first();
-                columns =
-                    first_columns(dynamics, state, (&effects, &by_moved), &shape, &mut equations, &mut point, first)?;
+                let parameters = (&effects[..], &by_moved[..], placed);
+                columns = first_columns(dynamics, state, parameters, &shape, &mut equations, &mut point, first)?;
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
                 let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
@@ -109,7 +111,7 @@ impl Problem {
                 return Ok(());
             }
             if summing {
-                ends.look(dynamics, steps, n);
+                ends.look(dynamics, &controls, steps, n);
             }
             let at = At { bent: dynamics.shape(state)?, point: &point };
             let derivatives = |gradient: &Gradient, step: Option<[&Shape; 2]>, row: &mut [f64]| {
@@ -177,7 +179,7 @@ impl Problem {
 fn first_columns(
     dynamics: &mut Dynamics,
     state: &State,
-    (effects, by_moved): (&[Effect], &[Vec<f64>]),
+    (effects, by_moved, placed): (&[Effect], &[Vec<f64>], bool),
     shape: &Shape,
     equations: &mut Equations,
     point: &mut Point,
@@ -189,7 +191,11 @@ fn first_columns(
     let (dynamics, at) = (bent.dynamics, At { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
     for effect in effects {
-        let [q, v] = effect.moved.map_or_else(|| start::first_by(dynamics, effect, shape), &mut first);
+        let [q, v] = match effect.moved {
+            _ if !placed => [vec![0.0; state.q.len()], vec![0.0; state.q.len()]],
+            Some(moved) => first(moved),
+            None => start::first_by(dynamics, effect, shape),
+        };
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);
         resist(equations, &at, (effect, by_moved), shape, 1.0, &v, &mut a);

@@ -16,6 +16,7 @@
 //!
 //! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules: DESIGN.md.
 mod adjoint;
+mod controls;
 mod cycles;
 mod ends;
 mod equations;
@@ -27,6 +28,7 @@ mod problem;
 mod start;
 mod trajectory;
 
+pub use controls::{Controls, Cotangents, Weights};
 pub use forward::Sensitivities;
 pub use moved::Moved;
 pub use output::{Output, Quantity, Work};

@@ -5,6 +5,7 @@
 //! is differentiated as by any other parameter, and no solve is added. With δ = 2·10⁻⁴ p truncation and rounding are both
 //! about 10⁻¹² of what is differenced. At a kink the derivative is the mean of those on both sides.
 
+use super::controls::Controls;
 use super::ends::Ends;
 use super::output::{At, Gradient, Output, Point};
 use super::problem::Steps;
@@ -95,7 +96,7 @@ impl Moved {
         let mut residual = vec![0.0; force.len()];
         for Place { dynamics, weight, ends, state: own, .. } in &mut self.places {
             if wanted {
-                ends.look(dynamics, steps, n);
+                ends.look(dynamics, &Controls::default(), steps, n);
             }
             own.clone_from(state);
             dynamics.move_to(state.t, own);

@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::output::{At, Gradient};
 use crate::actuation::Wave;
 use crate::fluid::Key;
-use crate::model::Dynamics;
+use crate::model::{Dynamics, Model};
 use crate::rod::Rod;
 
 /// A parameter of a simulation. Joints are named by their nodes.
@@ -101,6 +101,18 @@ impl Effect {
 }
 
 impl Parameter {
+    /// What a simulation is differentiated by where the number `key` of its scene changes; none where it has no such derivative.
+    pub fn of_key(key: &str, model: &Model) -> Option<Self> {
+        match key {
+            "actuation.kappa_amp" => model.actuation.as_ref().map(|_| Self::Amplitude),
+            "actuation.frequency_hz" => model.actuation.as_ref().map(|_| Self::Frequency),
+            _ => {
+                let keys = model.forces.iter().flat_map(|force| force.parameters().iter().copied());
+                keys.into_iter().find(|own| *own == key).map(Self::OfForces)
+            }
+        }
+    }
+
     /// How it moves the equations at the time of `shape`.
     pub(super) fn effect(self, rod: &Rod, shape: &Shape) -> Effect {
         let none = Effect {

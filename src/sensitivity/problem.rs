@@ -2,7 +2,10 @@
 
 use std::sync::Arc;
 
+use super::controls::Controls;
+use super::forward::Sensitivities;
 use super::moved::Moved;
+use super::output::Output;
 use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
@@ -25,6 +28,9 @@ pub struct Problem {
     tolerance: f64,
     linear: Choice,
     pub(super) steps: Steps,
+    pub(super) controls: Controls,
+    /// First positions and velocities, where they are not those of the scene's start.
+    pub(super) start: Option<[Vec<f64>; 2]>,
 }
 
 /// The times of a simulation.
@@ -103,7 +109,52 @@ impl Problem {
             tolerance: scene.solver.newton_tolerance.get(),
             linear: scene.solver.linear,
             steps: Steps { whole: whole as usize, length, last },
+            controls: Controls::default(),
+            start: None,
         })
+    }
+
+    /// Sets natural curvature and forces over time. Derivatives by [`moved`](Self::moved) numbers do not know them.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`].
+    pub fn set_controls(&mut self, controls: Controls) -> Result<()> {
+        let (rod, times) = (&self.model().rod, self.steps.count() + 1);
+        let lists = [
+            ("natural_curvature_1_m", &controls.natural, rod.joints().len()),
+            ("force_x_n", &controls.force, 2 * rod.nodes),
+        ];
+        for (name, values, width) in lists {
+            if let Some(values) = values
+                && values.len() != times * width
+            {
+                return Err(Error::WrongLength { name, expected: times * width, found: values.len() });
+            }
+        }
+        self.controls = controls;
+        Ok(())
+    }
+
+    /// Begins with these positions (m) and velocities (m/s), two entries per node; a held node 0 stays where its motion has it.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`].
+    pub fn set_start(&mut self, positions: Vec<f64>, velocities: Vec<f64>) -> Result<()> {
+        let expected = 2 * self.model().rod.nodes;
+        for (name, values) in [("x_m", &positions), ("vx_m_s", &velocities)] {
+            if values.len() != expected {
+                return Err(Error::WrongLength { name, expected, found: values.len() });
+            }
+        }
+        self.start = Some([positions, velocities]);
+        Ok(())
+    }
+
+    /// The first positions and velocities, two entries per node.
+    pub fn first(&mut self) -> [Vec<f64>; 2] {
+        self.controls.apply(&mut self.dynamics, 0);
+        let State { q, v, .. } = self.dynamics.first_state();
+        [q, v]
     }
 
     /// The model as it is now.
@@ -197,7 +248,13 @@ impl Problem {
         let steps = self.steps;
         let dynamics = &mut self.dynamics;
         let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
+        self.controls.apply(dynamics, 0);
         let mut state = dynamics.first_state();
+        if let Some([q, v]) = &self.start {
+            state.q.copy_from_slice(q);
+            state.v.copy_from_slice(v);
+            dynamics.move_to(0.0, &mut state);
+        }
         newton.iterate(dynamics, &mut state, Direction::ACCELERATIONS)?;
         self.integrator.begin(&mut state);
         let mut next = state.clone();
@@ -205,6 +262,7 @@ impl Problem {
         for n in 1..=steps.count() {
             let h = steps.length(n);
             next.t = steps.time(n);
+            self.controls.apply(dynamics, n);
             self.integrator.step(dynamics, &mut newton, &state, h, &mut next)?;
             std::mem::swap(&mut state, &mut next);
             look(dynamics, n, &state, h)?;
@@ -223,5 +281,15 @@ impl Problem {
             Ok(())
         })?;
         Ok(trajectory)
+    }
+
+    /// Simulates, with the values of `outputs` at every time.
+    ///
+    /// # Errors
+    /// A step that fails; it is not halved.
+    pub fn simulate_with(&mut self, outputs: &[Output]) -> Result<(Trajectory, Sensitivities)> {
+        let mut trajectory = Trajectory::default();
+        let values = self.forward(&[], outputs, 1, |state| trajectory.push(state))?;
+        Ok((trajectory, values))
     }
 }

@@ -8,6 +8,7 @@ mod design;
 mod error;
 mod run;
 mod scene;
+mod simulation;
 mod stepper;
 mod study;
 mod sweep;
@@ -24,6 +25,8 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stepper::Stepper>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::variable, module)?)?;
+    module.add_class::<simulation::Simulation>()?;
+    module.add_function(wrap_pyfunction!(simulation::parameters, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_class::<sweep::SweepAtWork>()?;
     module.add_function(wrap_pyfunction!(sweep::cases, module)?)?;

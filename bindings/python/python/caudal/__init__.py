@@ -16,6 +16,7 @@ from . import errors
 from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
 from .designing import design
 from .errors import Error
+from .gradients import Parameter, Simulation, parameters, simulate, value_and_grad
 from .result import Result, load, run
 from .studying import Findings, study
 from .sweeping import sweep
@@ -23,8 +24,10 @@ from .sweeping import sweep
 __all__ = [
     "Error",
     "Findings",
+    "Parameter",
     "Result",
     "Scene",
+    "Simulation",
     "Snapshot",
     "Stepper",
     "Variable",
@@ -32,7 +35,10 @@ __all__ = [
     "design",
     "errors",
     "load",
+    "parameters",
     "run",
+    "simulate",
     "study",
     "sweep",
+    "value_and_grad",
 ]

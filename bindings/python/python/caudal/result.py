@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Optional, U
 import numpy as np
 import numpy.typing as npt
 
-from ._caudal import Scene, Variable, _run
+from ._caudal import Scene, Variable, _run, _vtk
 from .errors import UnknownVariableError
 
+from .optional import optional
+
 if TYPE_CHECKING:
+    import matplotlib.animation
     import matplotlib.figure
     import pandas
+    import xarray
 
 #: What a scene is made from: one there is, the path of a TOML file, or the tables themselves.
 Source = Union[Scene, str, "os.PathLike[str]", Mapping[str, Any]]
@@ -182,15 +186,45 @@ class Result(Mapping[str, Array]):
         pandas.DataFrame
             One row per time, with the time as index; an array of variables has a column ``name[node]`` for each entry.
         """
-        import pandas
-
+        pandas = optional("pandas", "to_pandas()")
         columns: dict[str, Array] = {}
         for name, values in self.items():
             if values.ndim == 1:
                 columns[name] = values
             else:
                 columns.update({f"{name}[{k}]": column for k, column in zip(self._entries(name), values.T)})
-        return pandas.DataFrame(columns).set_index("time_s")
+        frame: pandas.DataFrame = pandas.DataFrame(columns).set_index("time_s")
+        return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Everything as a labelled dataset.
+
+        Returns
+        -------
+        xarray.Dataset
+            Dimensions ``time_s``, ``node`` and ``joint``, which are numbers of nodes; every variable has the attributes
+            ``units`` and ``long_name``. ``dataset.to_netcdf("run.nc", engine="h5netcdf")`` keeps it in a file.
+        """
+        xarray = optional("xarray", "to_xarray()")
+        coordinates: dict[str, Any] = {"time_s": ("time_s", self["time_s"], self._attributes("time_s"))}
+        variables: dict[str, Any] = {}
+        for name, values in self.items():
+            if name == "time_s":
+                continue
+            dimensions = ["time_s"]
+            if values.ndim == 2:
+                dimension = "node" if self.variables[name].shape == (self.scene.nodes,) else "joint"
+                coordinates[dimension] = (dimension, np.asarray(list(self._entries(name))), {"long_name": "number of the node"})
+                dimensions.append(dimension)
+            variables[name] = (dimensions, values, self._attributes(name))
+        attributes = {"title": self.scene.name, "source": f"caudal {self.summary['caudal_version']}"}
+        attributes["comment"] = self.summary["ending"]
+        dataset: xarray.Dataset = xarray.Dataset(variables, coordinates, attributes)
+        return dataset
+
+    def _attributes(self, name: str) -> dict[str, str]:
+        variable = self.variables[name]
+        return {"units": variable.unit, "long_name": variable.description}
 
     def _entries(self, name: str) -> Iterable[Any]:
         """The nodes of a variable's columns: those recorded, or the joints, of which the last is before the tip."""
@@ -212,6 +246,7 @@ class Result(Mapping[str, Array]):
         matplotlib.figure.Figure
             The figure.
         """
+        optional("matplotlib", "plot()")
         from matplotlib.figure import Figure
 
         if not names:
@@ -253,6 +288,42 @@ class Result(Mapping[str, Array]):
         for axes in (shapes, path, energies):
             axes.grid(alpha=0.3)
         return figure
+
+    def animate(self, path: Union[str, os.PathLike[str]], *, fps: int = 25, speed: float = 1.0, dpi: int = 100) -> None:
+        """Write the moving rod to a file.
+
+        Parameters
+        ----------
+        path : str or os.PathLike
+            ``.gif``, or ``.mp4`` where the program ffmpeg is installed.
+        fps : int, optional
+            Pictures per second.
+        speed : float, optional
+            Seconds of the run per second of the film.
+        dpi : int, optional
+            Dots per inch, of 7 by 3.5 inches.
+        """
+        optional("matplotlib", "animate()")
+        from .drawing import animate
+
+        animate(self, os.fspath(path), fps, speed, dpi)
+
+    def to_vtk(self, folder: Union[str, os.PathLike[str]]) -> list[str]:
+        """Write the run for ParaView and other programs that read VTK.
+
+        Parameters
+        ----------
+        folder : str or os.PathLike
+            It gets a collection, ``<name>.pvd``, and one file for every time. What is recorded becomes fields: of nodes and
+            joints at the points, pairs of velocities as vectors, numbers as field data. ``x_m`` and ``y_m`` must be among it.
+
+        Returns
+        -------
+        list of str
+            The files.
+        """
+        columns = [(name, np.ascontiguousarray(values)) for name, values in self.items()]
+        return _vtk(self.scene, os.fspath(folder), columns)
 
     def to_html(self) -> str:
         """A self-contained page that plays the run.

@@ -7,6 +7,7 @@ import os
 from typing import TYPE_CHECKING, Any, Callable, Literal, Optional, Union
 
 from ._caudal import Scene, _study
+from .optional import optional
 from .result import Source, load
 
 if TYPE_CHECKING:
@@ -108,9 +109,9 @@ class Findings:
         pandas.DataFrame
             One row per entry.
         """
-        import pandas
-
-        return pandas.DataFrame(self.tables[next(iter(self.tables)) if table is None else table])
+        pandas = optional("pandas", "to_pandas()")
+        frame: pandas.DataFrame = pandas.DataFrame(self.tables[next(iter(self.tables)) if table is None else table])
+        return frame
 
     def _repr_html_(self) -> str:
         answers = "".join(f"<p>{html.escape(answer)}</p>" for answer in self.answers)

@@ -1,0 +1,218 @@
+"""Exact derivatives of simulations, by the adjoint of the time stepping: one simulation back, whatever the number of parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple, Optional, Union
+
+import numpy as np
+import numpy.typing as npt
+
+from ._caudal import Scene, _parameters, _Simulation
+from .result import Array, Source, load
+
+#: A number, or an array.
+Value = Union[float, Array]
+
+
+class Parameter(NamedTuple):
+    """What a simulation can be differentiated by.
+
+    Attributes
+    ----------
+    value : float or numpy.ndarray
+        What it is in the scene: a number, or one for each joint or node.
+    unit : str
+        SI unit; ``"1"`` where there is none.
+    description : str
+        What it is.
+    """
+
+    value: Value
+    unit: str
+    description: str
+
+
+def parameters(scene: Source) -> dict[str, Parameter]:
+    """All that simulations of a scene can be differentiated by.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `load` makes one from: with fixed steps (``solver.time_step_s``) by a method of one stage.
+
+    Returns
+    -------
+    dict of str to Parameter
+        Numbers of the scene by their keys; stiffness, factors and phases of the actuation at the joints; natural curvature and
+        forces, constant or over time; and the first positions and velocities of the nodes.
+
+    Raises
+    ------
+    caudal.errors.SceneError
+        For a scene without fixed steps.
+
+    Examples
+    --------
+    >>> import caudal
+    >>> known = caudal.parameters("models/glycerol.toml")
+    >>> known["medium.viscosity_pa_s"].value, known["joint_stiffness_n_m2"].value.shape
+    (1.0, (7,))
+    """
+    scene = scene if isinstance(scene, Scene) else load(scene)
+    return {name: Parameter(*content) for name, content in _parameters(scene).items()}
+
+
+class Simulation:
+    """A simulation whose outputs have derivatives.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    times_s : numpy.ndarray
+        Its times, the start's first.
+    outputs : dict of str to numpy.ndarray
+        What was read: a number per time, of ``x_m``, ``y_m``, ``vx_m_s`` and ``vy_m_s`` a row per time.
+    """
+
+    def __init__(self, scene: Scene, content: _Simulation) -> None:
+        self.scene = scene
+        self.times_s: Array = content.times
+        self.outputs: dict[str, Array] = content.values()
+        self._content = content
+
+    def pull_back(self, weights: Mapping[str, npt.ArrayLike], with_respect_to: Iterable[str]) -> dict[str, Value]:
+        """Derivatives of a weighted sum of all outputs over all times.
+
+        Parameters
+        ----------
+        weights : dict of str to array_like
+            Weights by output, each of its shape; outputs that are not named have none.
+        with_respect_to : iterable of str
+            Names of `parameters`. First positions and velocities must have been given.
+
+        Returns
+        -------
+        dict of str to float or numpy.ndarray
+            The derivatives, each of the shape of what it is by.
+        """
+        rows = []
+        for name, weight in weights.items():
+            if name not in self.outputs:
+                raise ValueError(f"`{name}` was not read; allowed: {', '.join(self.outputs)}")
+            shape = self.outputs[name].shape
+            array = np.ascontiguousarray(weight, dtype=np.float64)
+            if array.shape != shape:
+                raise ValueError(f"weights of {name}: found the shape {array.shape}; allowed: {shape}")
+            rows.append((name, array))
+        return self._content.pull_back(rows, list(with_respect_to))
+
+    def __repr__(self) -> str:
+        return f"<caudal.Simulation of {self.scene.name!r}: {', '.join(self.outputs)} at {len(self.times_s)} times>"
+
+
+def simulate(
+    scene: Source, outputs: Union[str, Iterable[str]], values: Optional[Mapping[str, npt.ArrayLike]] = None
+) -> Simulation:
+    """Simulate a scene so that its outputs can be differentiated.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `load` makes one from.
+    outputs : str or iterable of str
+        Names of recorded variables, or ``x_m``, ``y_m``, ``vx_m_s``, ``vy_m_s`` of the nodes.
+    values : dict of str to array_like, optional
+        Values of `parameters` in place of the scene's. Natural curvature and forces may have a row for each time: values at
+        the steps of a function of time. With implicit Euler this is what a `Stepper` does whose inputs are set before each step.
+
+    Returns
+    -------
+    Simulation
+        The outputs, and their derivatives.
+
+    Examples
+    --------
+    >>> import caudal
+    >>> short = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.1})
+    >>> simulation = caudal.simulate(short, "tip_y_m", {"medium.viscosity_pa_s": 2.0})
+    >>> weights = {"tip_y_m": simulation.times_s == simulation.times_s[-1]}     # the tip at the end
+    >>> list(simulation.pull_back(weights, ["medium.viscosity_pa_s"]))
+    ['medium.viscosity_pa_s']
+    """
+    scene = scene if isinstance(scene, Scene) else load(scene)
+    names = [outputs] if isinstance(outputs, str) else list(outputs)
+    given = [(name, np.ascontiguousarray(value, dtype=np.float64)) for name, value in (values or {}).items()]
+    return Simulation(scene, _Simulation(scene, given, names))
+
+
+def value_and_grad(
+    scene: Source,
+    output: str,
+    with_respect_to: Union[str, Iterable[str]],
+    values: Optional[Mapping[str, npt.ArrayLike]] = None,
+) -> tuple[float, dict[str, Value]]:
+    """A number that a simulation ends with, and its exact derivatives.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `load` makes one from.
+    output : str
+        A recorded variable, whose value at the end counts, or a mean over the last whole cycles such as
+        ``cycle_forward_speed_m_s``; these leave the cycles where they are if the frequency changes.
+    with_respect_to : str or iterable of str
+        Names of `parameters`.
+    values : dict of str to array_like, optional
+        Values of `parameters` in place of the scene's.
+
+    Returns
+    -------
+    value : float
+        The number.
+    gradient : dict of str to float or numpy.ndarray
+        Its derivatives by name.
+
+    Examples
+    --------
+    >>> import caudal
+    >>> scene = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.5})
+    >>> value, gradient = caudal.value_and_grad(scene, "x_com_m", ["actuation.kappa_amp", "joint_stiffness_n_m2"])
+    >>> gradient["joint_stiffness_n_m2"].shape
+    (7,)
+    """
+    scene = scene if isinstance(scene, Scene) else load(scene)
+    names = [with_respect_to] if isinstance(with_respect_to, str) else list(with_respect_to)
+    given = dict(values or {})
+    first = ("x_m", "y_m", "vx_m_s", "vy_m_s")
+    if any(name in first for name in names) and not any(name in first for name in given):
+        own = parameters(scene)
+        given.update({name: own[name].value for name in first})
+    if output.startswith("cycle_"):
+        return simulate(scene, (), given)._content.cycle_mean(output, names)
+    simulation = simulate(scene, output, given)
+    values_of = simulation.outputs[output]
+    if values_of.ndim != 1:
+        raise ValueError(f"{output} has a number for every node; take one of them from caudal.simulate(...)")
+    weights = np.zeros_like(values_of)
+    weights[-1] = 1.0
+    return float(values_of[-1]), simulation.pull_back({output: weights}, names)
+
+
+class Recent:
+    """The last simulations of a function of arrays, so that its derivative need not simulate again."""
+
+    def __init__(self, scene: Source, outputs: Iterable[str], size: int = 4) -> None:
+        self.scene = scene if isinstance(scene, Scene) else load(scene)
+        self.outputs = list(outputs)
+        self._size = size
+        self._kept: dict[tuple[Any, ...], Simulation] = {}
+
+    def __call__(self, values: Mapping[str, Array]) -> Simulation:
+        key = tuple((name, array.shape, array.tobytes()) for name, array in values.items())
+        found = self._kept.pop(key, None) or simulate(self.scene, self.outputs, values)
+        self._kept[key] = found
+        while len(self._kept) > self._size:
+            self._kept.pop(next(iter(self._kept)))
+        return found

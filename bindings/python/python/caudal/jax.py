@@ -1,0 +1,82 @@
+"""Simulations as functions of JAX, with derivatives (``pip install "caudal[jax]"``)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any, Callable
+
+import numpy as np
+
+from .gradients import Recent, parameters
+from .optional import optional
+from .result import Source
+
+jax: Any = optional("jax", "caudal.jax")
+jnp: Any = optional("jax.numpy", "caudal.jax")
+
+
+def function(scene: Source, outputs: Iterable[str]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """A simulation as a differentiable function.
+
+    It goes through ``jit``, ``grad``, ``vmap`` (one simulation after the other) and ``value_and_grad``; derivatives are
+    reverse-mode. Numbers are JAX's own, single precision unless ``jax_enable_x64`` is set; the simulation is in double.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `caudal.load` makes one from.
+    outputs : iterable of str
+        What it returns, see `caudal.simulate`.
+
+    Returns
+    -------
+    callable
+        From a dictionary of values of `caudal.parameters` to a dictionary of the outputs over time.
+    """
+    outputs = list(outputs)
+    recent = Recent(scene, outputs)
+    known = parameters(recent.scene)
+    first = recent({})
+    shapes = {name: values.shape for name, values in first.outputs.items()}
+
+    # In any other order the same values would be another simulation.
+    def sorted_arrays(values: dict[str, Any]) -> dict[str, Any]:
+        return {name: np.asarray(values[name], dtype=np.float64) for name in sorted(values)}
+
+    def unknown(values: dict[str, Any]) -> None:
+        wrong = [name for name in values if name not in known]
+        if wrong:
+            raise ValueError(f"no derivative by {', '.join(wrong)}; caudal.parameters(scene) lists what there is")
+
+    def forward(values: dict[str, Any]) -> dict[str, Any]:
+        found = recent(sorted_arrays(values)).outputs
+        dtype = jnp.result_type(float)
+        return {name: found[name].astype(dtype) for name in outputs}
+
+    def back(values: dict[str, Any], weights: dict[str, Any]) -> dict[str, Any]:
+        simulation = recent(sorted_arrays(values))
+        found = simulation.pull_back({name: np.asarray(weights[name], dtype=np.float64) for name in outputs}, list(values))
+        return {name: np.asarray(found[name], dtype=values[name].dtype).reshape(values[name].shape) for name in values}
+
+    def call(values: dict[str, Any]) -> dict[str, Any]:
+        unknown(values)
+        result = {name: jax.ShapeDtypeStruct(shapes[name], jnp.result_type(float)) for name in outputs}
+        return jax.pure_callback(forward, result, values, vmap_method="sequential")
+
+    @jax.custom_vjp
+    def simulated(values: dict[str, Any]) -> dict[str, Any]:
+        return call(values)
+
+    def simulated_forward(values: dict[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+        return call(values), values
+
+    def simulated_back(values: dict[str, Any], weights: dict[str, Any]) -> tuple[dict[str, Any]]:
+        result = {name: jax.ShapeDtypeStruct(value.shape, value.dtype) for name, value in values.items()}
+        return (jax.pure_callback(back, result, values, weights, vmap_method="sequential"),)
+
+    simulated.defvjp(simulated_forward, simulated_back)
+
+    def of(values: dict[str, Any]) -> dict[str, Any]:
+        return simulated({name: jnp.asarray(value, dtype=float) for name, value in values.items()})
+
+    return of

@@ -1,0 +1,231 @@
+"""Derivatives are those of differences of whole simulations, whatever asks for them."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import caudal
+
+#: A soft tail in a thick fluid, short, with every part that has derivatives; solved to rounding.
+SOFT = {
+    "solver.integrator": "generalized-alpha",
+    "solver.time_step_s": 0.01,
+    "solver.duration_s": 0.2,
+    "solver.newton_tolerance": 1e-13,
+    "rod.youngs_modulus_pa": 4e5,
+    "rod.nodes": 7,
+    "start.kind": "shaped",
+}
+FIRST = ["x_m", "y_m", "vx_m_s", "vy_m_s"]
+
+
+def scene(**changes):
+    return caudal.load("models/glycerol.toml", set={**SOFT, **changes})
+
+
+def total(scene, output, values, weights):
+    return float(np.sum(weights * caudal.simulate(scene, output, values).outputs[output]))
+
+
+def difference(of, values, name, direction, size):
+    """The derivative of `of` along a direction of one value, by central differences, extrapolated once."""
+
+    def central(h):
+        ends = [of({**values, name: np.asarray(values[name]) + sign * h * direction}) for sign in (1, -1)]
+        return (ends[0] - ends[1]) / (2 * h)
+
+    return (4 * central(size) - central(2 * size)) / 3
+
+
+def own_values(scene):
+    return {name: parameter.value for name, parameter in caudal.parameters(scene).items()}
+
+
+SIZES = {"joint_stiffness_n_m2": 1e-3, "force_x_n": 1e-3, "force_y_n": 1e-3, "x_m": 1e-5, "y_m": 1e-5}
+
+
+@pytest.mark.parametrize("method", ["implicit-euler", "newmark", "generalized-alpha"])
+@pytest.mark.parametrize("output", ["x_com_m", "viscous_work_j", "tip_y_m", "x_m", "vy_m_s"])
+def test_every_parameter_has_the_derivative_of_differences(output, method):
+    own = scene(**{"solver.integrator": method})
+    values = own_values(own)
+    dice = np.random.default_rng(1)
+    simulation = caudal.simulate(own, output, values)
+    weights = dice.standard_normal(simulation.outputs[output].shape)
+    found = simulation.pull_back({output: weights}, list(values))
+    worst = 0.0
+    for name, value in values.items():
+        direction = dice.standard_normal(np.shape(value))
+        if np.ndim(value) == 0:
+            direction = np.asarray(1.0)
+        typical = float(np.max(np.abs(value))) or 1.0
+        size = SIZES.get(name, 1e-4) * (typical if name not in SIZES else 1.0)
+        if name == "joint_stiffness_n_m2":
+            size = 1e-3 * typical
+        expected = difference(lambda values: total(own, output, values, weights), values, name, direction, size)
+        exact = float(np.sum(direction * found[name]))
+        scale = float(np.sqrt(np.sum((direction * found[name]) ** 2))) or 1.0
+        worst = max(worst, abs(exact - expected) / scale)  # measured: 2.5e-8, of differences
+        assert abs(exact - expected) <= 1e-7 * scale, (name, exact, expected)
+    print(f"{output} {method}: {worst:.1e}")
+
+
+@pytest.mark.parametrize("output", ["tip_y_m", "actuation_work_j", "x_m"])
+def test_controls_over_time_have_the_derivatives_of_differences(output):
+    own = scene()
+    times = len(caudal.simulate(own, "x_com_m").times_s)
+    dice = np.random.default_rng(2)
+    known = caudal.parameters(own)
+    values = {
+        "natural_curvature_1_m": dice.standard_normal((times, len(known["natural_curvature_1_m"].value))),
+        "force_y_n": 1e-3 * dice.standard_normal((times, own.nodes)),
+    }
+    simulation = caudal.simulate(own, output, values)
+    weights = dice.standard_normal(simulation.outputs[output].shape)
+    found = simulation.pull_back({output: weights}, list(values))
+    for name, size in (("natural_curvature_1_m", 1e-3), ("force_y_n", 1e-4)):
+        direction = dice.standard_normal(values[name].shape)
+        expected = difference(lambda values: total(own, output, values, weights), values, name, direction, size)
+        exact = float(np.sum(direction * found[name]))
+        scale = float(np.sqrt(np.sum((direction * found[name]) ** 2)))
+        assert abs(exact - expected) <= 1e-6 * scale, (name, exact, expected, scale)
+
+
+def test_controls_are_what_a_stepper_does_that_sets_its_inputs_before_each_step():
+    own = scene(**{"solver.integrator": "implicit-euler"})
+    times = caudal.simulate(own, "x_com_m").times_s
+    natural = np.random.default_rng(3).standard_normal((len(times), len(caudal.parameters(own)["natural_curvature_1_m"].value)))
+    natural[0] = 0.0
+    path = caudal.simulate(own, ["x_m", "vy_m_s"], {"natural_curvature_1_m": natural}).outputs
+    tail = caudal.Stepper(own)
+    for n in range(1, len(times)):
+        tail.set("natural_curvature_1_m", natural[n])
+        tail.do_step(times[n] - times[n - 1])
+        np.testing.assert_allclose(path["x_m"][n], tail.get("x_m"), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(path["vy_m_s"][-1], tail.get("vy_m_s"), rtol=0, atol=1e-8)
+
+
+def test_a_value_and_its_gradient_are_those_of_a_run():
+    own = scene()
+    value, gradient = caudal.value_and_grad(own, "net_displacement_m", ["actuation.kappa_amp", "joint_stiffness_n_m2", "x_m"])
+    assert value == pytest.approx(caudal.run(own).summary["net_displacement_m"], rel=1e-9)
+    assert gradient["x_m"].shape == (own.nodes,)
+    # The whole rod moved at the start moves the net displacement nowhere.
+    assert abs(np.sum(gradient["x_m"])) <= 1e-9
+
+
+def test_means_over_cycles_have_the_derivatives_of_differences():
+    own = scene(**{"solver.duration_s": 1.0})
+    mean, gradient = caudal.value_and_grad(own, "cycle_forward_speed_m_s", ["actuation.kappa_amp", "medium.viscosity_pa_s"])
+    assert mean == pytest.approx(caudal.run(own).summary["cycle_forward_speed_m_s"], rel=1e-8)
+    for name, exact in gradient.items():
+        value = caudal.parameters(own)[name].value
+
+        def of(values, name=name):
+            return caudal.value_and_grad(own, "cycle_forward_speed_m_s", [], values)[0]
+
+        expected = difference(of, {name: value}, name, 1.0, 1e-4 * value)
+        assert exact == pytest.approx(expected, rel=1e-6)
+
+
+def test_what_has_no_derivative_is_refused_by_name():
+    own = scene()
+    times = len(caudal.simulate(own, "x_com_m").times_s)
+    joints = len(caudal.parameters(own)["natural_curvature_1_m"].value)
+    with pytest.raises(ValueError, match="allowed: .*medium.viscosity_pa_s"):
+        caudal.simulate(own, "x_com_m", {"rod.length_m": 1.0})
+    with pytest.raises(caudal.errors.SceneError, match="did you mean `length_m`"):
+        caudal.simulate(own, "x_com_m", {"rod.length": 1.0})
+    with pytest.raises(ValueError, match="caudal.parameters"):
+        caudal.value_and_grad(own, "x_com_m", "rod.length_m")
+    with pytest.raises(caudal.errors.UnknownVariableError, match="x_com_m"):
+        caudal.value_and_grad(own, "x_comm_m", "medium.viscosity_pa_s")
+    with pytest.raises(ValueError, match=r"allowed: \(5,\)|allowed: \("):
+        caudal.simulate(own, "x_com_m", {"natural_curvature_1_m": np.zeros(joints + 1)})
+    with pytest.raises(ValueError, match="rate is not given"):
+        given = {"natural_curvature_1_m": np.zeros((times, joints))}
+        caudal.value_and_grad(own, "actuation_power_w", "natural_curvature_1_m", given)
+    with pytest.raises(caudal.errors.SceneError, match="method of one stage"):
+        caudal.parameters(caudal.load("models/glycerol.toml", set={"solver.integrator": "esdirk3"}))
+
+
+def steered(function, lib, own, target, steps, rate, gradient_of):
+    """A policy, two numbers per joint, that brings the tip to a target: the losses on the way."""
+    losses = []
+    policy = np.zeros(2 * len(caudal.parameters(own)["natural_curvature_1_m"].value))
+    for _ in range(steps):
+        loss, slope = gradient_of(policy)
+        losses.append(float(loss))
+        policy = policy - rate * np.asarray(slope)
+    return losses
+
+
+def policy_rows(lib, policy, times):
+    """Natural curvature over time: a constant and a ramp at each joint."""
+    half = policy.shape[0] // 2
+    ramp = lib.asarray(times / times[-1])[:, None]
+    return policy[None, :half] + ramp * policy[None, half:]
+
+
+def test_jax_differentiates_compiles_and_trains():
+    jax = pytest.importorskip("jax")
+    jax.config.update("jax_enable_x64", True)
+    import jax.numpy as jnp
+
+    import caudal.jax
+
+    own = scene()
+    times = caudal.simulate(own, "x_com_m").times_s
+    simulated = caudal.jax.function(own, ["tip_x_m", "tip_y_m"])
+
+    def loss(policy):
+        path = simulated({"natural_curvature_1_m": policy_rows(jnp, policy, times)})
+        return 1e3 * (path["tip_y_m"][-1] - 0.05) ** 2
+
+    gradient_of = jax.jit(jax.value_and_grad(loss))
+    joints = len(caudal.parameters(own)["natural_curvature_1_m"].value)
+    begun = np.linspace(-1, 1, 2 * joints)
+    exact = np.asarray(gradient_of(begun)[1])
+    direction = np.random.default_rng(5).standard_normal(exact.shape)
+    numeric = difference(lambda v: float(loss(v["p"])), {"p": begun}, "p", direction, 1e-3)
+    assert float(exact @ direction) == pytest.approx(numeric, rel=1e-6)
+    losses = steered(simulated, jnp, own, 0.05, 25, 3.0, gradient_of)
+    assert losses[-1] < 0.02 * losses[0], losses
+    both = jax.vmap(lambda amplitude: simulated({"actuation.kappa_amp": amplitude})["tip_y_m"][-1])(jnp.array([0.5, 1.0]))
+    assert both.shape == (2,) and float(both[0]) != float(both[1])
+
+
+def test_torch_differentiates_and_trains():
+    torch = pytest.importorskip("torch", reason="torch is not installed: its wheels bring CUDA, 3 GB")
+    import caudal.torch
+
+    own = scene()
+    times = caudal.simulate(own, "x_com_m").times_s
+    simulated = caudal.torch.function(own, ["tip_y_m"])
+
+    def loss(policy):
+        path = simulated({"natural_curvature_1_m": policy_rows(torch, policy, times)})
+        return 1e3 * (path["tip_y_m"][-1] - 0.05) ** 2
+
+    joints = len(caudal.parameters(own)["natural_curvature_1_m"].value)
+    policy = torch.linspace(-1, 1, 2 * joints, dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(loss, (policy,), eps=1e-5, atol=1e-6, rtol=1e-5)
+    policy = torch.zeros(2 * joints, dtype=torch.float64, requires_grad=True)
+    optimiser = torch.optim.SGD([policy], lr=3.0)
+    losses = []
+    for _ in range(25):
+        optimiser.zero_grad()
+        now = loss(policy)
+        now.backward()
+        optimiser.step()
+        losses.append(float(now.detach()))
+    assert losses[-1] < 0.02 * losses[0], losses
+
+
+def test_a_missing_package_says_what_to_install(monkeypatch):
+    for name in ("jax", "torch"):
+        monkeypatch.setitem(sys.modules, name, None)
+        monkeypatch.delitem(sys.modules, f"caudal.{name}", raising=False)
+        with pytest.raises(ImportError, match=rf'pip install "caudal\[{name}\]"'):
+            __import__(f"caudal.{name}")

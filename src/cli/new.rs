@@ -1,0 +1,209 @@
+//! `caudal new`: a commented scene to begin with.
+
+use std::io::{IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::str::FromStr;
+
+use caudal::error::{Error, Result};
+use caudal::scene::Document;
+use clap::{Args, ValueEnum};
+
+use super::{complain, exit, say};
+
+/// What swims.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Kind {
+    /// A body that bends in a travelling wave and swims freely
+    Swimmer,
+    /// The same body with its head held, to measure its thrust
+    Held,
+    /// A passive elastic tail whose base is turned to and fro
+    Tail,
+}
+
+/// What it swims in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Fluid {
+    /// Viscosity 1 mPa s, density 1000 kg/m³
+    Water,
+    /// 1.4 Pa s, 1260 kg/m³
+    Glycerol,
+    /// Silicone oil, 5 Pa s, 970 kg/m³
+    Oil,
+}
+
+impl Fluid {
+    /// Viscosity (Pa s) and density (kg/m³).
+    fn properties(self) -> [f64; 2] {
+        match self {
+            Self::Water => [1e-3, 1000.0],
+            Self::Glycerol => [1.4, 1260.0],
+            Self::Oil => [5.0, 970.0],
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub struct Arguments {
+    /// The file to write; asks what is not given, where it can
+    file: PathBuf,
+    /// What swims [default: swimmer]
+    #[arg(long, value_enum)]
+    kind: Option<Kind>,
+    /// What it swims in [default: water]
+    #[arg(long, value_enum)]
+    fluid: Option<Fluid>,
+    /// Its length, m [default: 0.2]
+    #[arg(long, value_name = "M")]
+    length: Option<f64>,
+    /// How often it beats, Hz [default: 2]
+    #[arg(long, value_name = "HZ")]
+    frequency: Option<f64>,
+    /// Replace a file of that name
+    #[arg(long)]
+    force: bool,
+}
+
+/// The lengths (m) and frequencies (Hz) that make sense here.
+const LENGTHS: [f64; 2] = [1e-6, 1e3];
+const FREQUENCIES: [f64; 2] = [1e-4, 1e4];
+
+pub fn new(arguments: &Arguments) -> Result<ExitCode> {
+    let Arguments { file, force, .. } = arguments;
+    if !force && file.exists() {
+        complain(&format!("{}: there already; --force replaces it", file.display()));
+        return Ok(ExitCode::from(exit::WRONG_INPUT));
+    }
+    let choices = |values: &[&str]| values.join(", ");
+    let kind = asked(arguments.kind, "what swims", &choices(&["swimmer", "held", "tail"]), Kind::Swimmer, by_name)?;
+    let fluid = asked(arguments.fluid, "in what", &choices(&["water", "glycerol", "oil"]), Fluid::Water, by_name)?;
+    let number = |text: &str| f64::from_str(text).ok();
+    let length = asked(arguments.length, "its length, m", "0.2", 0.2, number)?;
+    let frequency = asked(arguments.frequency, "how often it beats, Hz", "2", 2.0, number)?;
+    for (name, value, [least, most]) in [("length", length, LENGTHS), ("frequency", frequency, FREQUENCIES)] {
+        if !(least..=most).contains(&value) {
+            complain(&format!("--{name}: found {value}; allowed: {least:e} to {most:e}"));
+            return Ok(ExitCode::from(exit::WRONG_INPUT));
+        }
+    }
+    let name = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
+    let text = scene(&name, kind, fluid, length, frequency);
+    Document::new(file.clone(), text.clone()).scene()?;
+    write(file, &text)?;
+    say(&format!("{}: caudal run {}", file.display(), file.display()));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Written beside and renamed, so that nothing half-written stays.
+fn write(file: &Path, text: &str) -> Result<()> {
+    let fail = |e: std::io::Error| Error::Write { path: file.to_path_buf(), reason: e.to_string() };
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    std::fs::create_dir_all(folder).map_err(fail)?;
+    let mut beside = tempfile::NamedTempFile::new_in(folder).map_err(fail)?;
+    beside.write_all(text.as_bytes()).map_err(fail)?;
+    beside.persist(file).map_err(|e| fail(e.error))?;
+    Ok(())
+}
+
+fn by_name<T: ValueEnum>(text: &str) -> Option<T> {
+    T::from_str(text, true).ok()
+}
+
+/// What was given, else what a user at a terminal answers, else the default.
+fn asked<T: Copy>(given: Option<T>, question: &str, allowed: &str, default: T, read: fn(&str) -> Option<T>) -> Result<T> {
+    if let Some(given) = given {
+        return Ok(given);
+    }
+    let (input, mut output) = (std::io::stdin(), std::io::stderr());
+    if !input.is_terminal() || !output.is_terminal() {
+        return Ok(default);
+    }
+    loop {
+        let _ = write!(output, "{question} [{allowed}; Enter takes the first]: ");
+        let _ = output.flush();
+        let mut line = String::new();
+        if input.read_line(&mut line).unwrap_or(0) == 0 || line.trim().is_empty() {
+            return Ok(default);
+        }
+        match read(line.trim()) {
+            Some(answer) => return Ok(answer),
+            None => complain(&format!("found {:?}; allowed: {allowed}", line.trim())),
+        }
+    }
+}
+
+/// The scene, with a word on every key.
+fn scene(name: &str, kind: Kind, fluid: Fluid, length: f64, frequency: f64) -> String {
+    let [viscosity, density] = fluid.properties();
+    // So stiff that a body takes the shape it is told, in its own inertia and in the fluid; a tail so soft that it yields.
+    let by_inertia = density * (frequency * length).powi(2);
+    let by_viscosity = viscosity * frequency;
+    let swims = kind != Kind::Tail;
+    let stiffness = match swims {
+        true => (1.6e3 * by_inertia).max(6e8 * by_viscosity),
+        false => (5.1e5 * by_inertia).max(1.3e7 * by_viscosity),
+    };
+    let (period, spheroid) = (1.0 / frequency, [0.01, 0.0275, 0.0225, 0.005].map(|part| part * length));
+    let radius = match swims {
+        true => format!(
+            "[[0.0, {:e}], [0.1, {:e}], [0.6, {:e}], [1.0, {:e}]]   # a number, or points [xi, value] along it",
+            spheroid[0], spheroid[1], spheroid[2], spheroid[3]
+        ),
+        false => format!("{:e}", 0.02 * length),
+    };
+    let actuation = match swims {
+        true => format!(
+            r#"
+[actuation]                        # the natural curvature that muscles or motors ask for
+kind = "travelling-wave"
+kappa_amp = {:e}                # curvature, 1/m
+frequency_hz = {frequency}
+wavelength_m = {:e}
+envelope = [0.3, 0.7]              # grows from 0.3 of it at the head to 1 at the tip
+"#,
+            5.6 / length,
+            0.8 * length
+        ),
+        false => String::new(),
+    };
+    let head = match kind {
+        Kind::Swimmer => String::new(),
+        Kind::Held => "\n[head]                             # held where it is: its force is the thrust\nkind = \"clamped\"\n".into(),
+        Kind::Tail => format!(
+            r#"
+[head]                             # moved as the scene says; a host may move it instead
+kind = "driven"
+angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency} }}
+"#
+        ),
+    };
+    format!(
+        r#"#:schema scene.schema.json
+# An editor that knows the schema completes and checks keys: caudal schema > scene.schema.json
+# caudal check {name}.toml says what this will compute; caudal run {name}.toml computes it.
+name = "{name}"
+reactive = "auto"                  # the water that the body accelerates, where it matters
+
+[rod]
+nodes = 33                         # more are finer; `caudal study accuracy` says what that is worth
+length_m = {length:e}
+outer_radius_m = {radius}
+youngs_modulus_pa = {stiffness:.3e}
+density_kg_m3 = {density:.1}             # neutrally buoyant
+{actuation}
+[medium]
+viscosity_pa_s = {viscosity:e}
+density_kg_m3 = {density:.1}
+
+[drag]
+law = "auto"                       # the law that holds for the flow of this motion; `caudal check` says which
+{head}
+[solver]
+time_step_s = {:e}             # a hundredth of a period
+duration_s = {:e}               # ten periods
+"#,
+        0.01 * period,
+        10.0 * period
+    )
+}
