@@ -5,13 +5,33 @@ use std::process::ExitCode;
 use caudal::check::Assessment;
 use caudal::error::Result;
 use caudal::report::Output;
+use serde_json::json;
 
-use super::{Prepared, SceneArguments, output_folder, refuse, say};
+use super::{Prepared, SceneArguments, output_folder, print, refuse, say};
 
-pub fn check(arguments: &SceneArguments) -> Result<ExitCode> {
+pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
     let Prepared { document, scene, stepper, assessment } = arguments.prepare()?;
     let facts =
         [&assessment.facts[..], &Assessment::fluids(&scene, &stepper), &Assessment::ladder(&scene, &stepper)?].concat();
+    let refused =
+        assessment.refused(&document).or_else(|| Output::fits(&output_folder(&scene), &scene, &stepper).err());
+    if json {
+        let facts: Vec<_> = facts.iter().map(|fact| json!({ "name": fact.name, "text": fact.text })).collect();
+        let content = json!({
+            "name": scene.name,
+            "facts": facts,
+            "warnings": assessment.warnings,
+            "first_frequency_rad_s": assessment.first_frequency,
+            "tip_amplitude_m": assessment.tip_amplitude,
+            "reynolds_number": assessment.reynolds,
+            "frequency_ratio": assessment.frequency_ratio,
+            "sperm_number": assessment.sperm_number,
+            "inertia_ratio": assessment.inertia_ratio,
+            "refused": refused.as_ref().map(ToString::to_string),
+        });
+        print(&format!("{content:#}"));
+        return Ok(refused.map_or(ExitCode::SUCCESS, |error| refuse(&error)));
+    }
     let width = facts.iter().map(|fact| fact.name.chars().count()).max().unwrap_or(0);
     for fact in &facts {
         let blanks = " ".repeat(width - fact.name.chars().count());
@@ -20,7 +40,5 @@ pub fn check(arguments: &SceneArguments) -> Result<ExitCode> {
     for warning in &assessment.warnings {
         say(&format!("warning: {warning}"));
     }
-    let refused =
-        assessment.refused(&document).or_else(|| Output::fits(&output_folder(&scene), &scene, &stepper).err());
     Ok(refused.map_or(ExitCode::SUCCESS, |error| refuse(&error)))
 }

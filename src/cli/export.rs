@@ -99,6 +99,7 @@ fn summary(folder: &Path) -> Result<(PathBuf, Option<String>)> {
     let text = std::fs::read_to_string(&path).map_err(|e| read(e.to_string()))?;
     let summary: serde_json::Value = serde_json::from_str(&text).map_err(|e| read(e.to_string()))?;
     let entry = |key: &str| summary.get(key).and_then(|value| value.as_str()).map(str::to_string);
-    let file = entry("scene_file").ok_or_else(|| read("it is not that of a run; give its scene instead".to_string()))?;
+    let file =
+        entry("scene_file").ok_or_else(|| read("it is not that of a run; give its scene instead".to_string()))?;
     Ok((PathBuf::from(file), entry("scene_fingerprint")))
 }

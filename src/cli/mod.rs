@@ -3,8 +3,11 @@
 mod check;
 #[cfg(feature = "design")]
 mod design;
+mod export;
 mod fmu;
+mod new;
 mod run;
+mod shell;
 mod study;
 mod sweep;
 mod variables;
@@ -12,6 +15,7 @@ mod variables;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::check::Assessment;
 use caudal::error::{Error, Result};
@@ -39,6 +43,9 @@ mod exit {
     2 the input is wrong, nothing is written; 130 interrupted by Ctrl-C, the files are valid to that time."
 )]
 struct Cli {
+    /// Print errors only
+    #[arg(long, short, global = true)]
+    quiet: bool,
     #[command(subcommand)]
     command: Command,
 }
@@ -58,6 +65,9 @@ enum Command {
         /// Replace the results of another scene in the folder
         #[arg(long)]
         force: bool,
+        /// Print the content of summary.json, and nothing else
+        #[arg(long)]
+        json: bool,
     },
     /// Run a scene along axes, every case once, on all cores: one table, figures and a report; a killed sweep goes on where it was
     Sweep(sweep::Arguments),
@@ -74,6 +84,9 @@ enum Command {
     Check {
         #[command(flatten)]
         scene: SceneArguments,
+        /// Print it as JSON
+        #[arg(long)]
+        json: bool,
     },
     /// Study a scene: its natural modes, and how speed, accuracy and stability depend on method, step and mesh
     #[command(subcommand)]
@@ -105,6 +118,26 @@ enum Command {
     Variables {
         /// The scene [default: every variable there is]
         scene: Option<PathBuf>,
+    },
+    /// Write a commented scene to begin with; asks what it is not told
+    New(new::Arguments),
+    /// Write a run for other programs: VTK for ParaView (pictures and films: caudal.run(...).plot() and .animate() in Python)
+    Export(export::Arguments),
+    /// Print the JSON Schema of scenes, by which editors complete and check them
+    Schema {
+        /// Of sweeps
+        #[arg(long)]
+        sweep: bool,
+    },
+    /// Print completions of this command for a shell
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Write man pages of this command
+    Man {
+        /// Folder for the pages
+        folder: PathBuf,
     },
 }
 
@@ -151,8 +184,13 @@ fn output_folder(scene: &Scene) -> PathBuf {
 
 /// Says what files there are and what could not be written; the exit code of that.
 fn say_kept(kept: &Kept, folder: &Path) -> ExitCode {
+    say_written(kept, folder, "report.html")
+}
+
+/// The same, with the file to `open`.
+fn say_written(kept: &Kept, folder: &Path, open: &str) -> ExitCode {
     if kept.lost.is_empty() {
-        say(&format!("{} files in {}: open report.html", kept.files.len(), folder.display()));
+        say(&format!("{} files in {}: open {open}", kept.files.len(), folder.display()));
         return ExitCode::SUCCESS;
     }
     // The first says why, and it is the same for the others.
@@ -167,17 +205,24 @@ fn say_kept(kept: &Kept, folder: &Path) -> ExitCode {
 }
 
 pub fn main() -> ExitCode {
-    let outcome = match Cli::parse().command {
-        Command::Run { scene, out, verify, force } => run::run(&scene, out, verify, force),
+    let Cli { quiet, command } = Cli::parse();
+    hush(quiet);
+    let outcome = match command {
+        Command::Run { scene, out, verify, force, json } => run::run(&scene, out, verify, force, json),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         #[cfg(feature = "design")]
         Command::Design { scene, out } => design::design(&scene, out),
-        Command::Check { scene } => check::check(&scene),
+        Command::Check { scene, json } => check::check(&scene, json),
         Command::Study(study) => study::study(&study),
         Command::Fmu { scene, out, fmi, library, variables, nodes, plain } => {
             fmu::fmu(&scene, out, fmi, library, Choice { variables, nodes, plain })
         }
         Command::Variables { scene } => variables::variables(scene.as_deref()),
+        Command::New(arguments) => new::new(&arguments),
+        Command::Export(arguments) => export::export(&arguments),
+        Command::Schema { sweep } => shell::schema(sweep),
+        Command::Completions { shell } => Ok(shell::completions(shell)),
+        Command::Man { folder } => shell::man(&folder),
     };
     outcome.unwrap_or_else(|error| {
         complain(&error.to_string());
@@ -185,8 +230,27 @@ pub fn main() -> ExitCode {
     })
 }
 
-/// Prints a line to standard output; a reader that has gone away is no failure.
+/// True where only errors are printed.
+static QUIET: AtomicBool = AtomicBool::new(false);
+
+/// From now on nothing is said, where it `is` so.
+fn hush(is: bool) {
+    QUIET.fetch_or(is, Ordering::Relaxed);
+}
+
+fn is_quiet() -> bool {
+    QUIET.load(Ordering::Relaxed)
+}
+
+/// Prints a line to standard output, unless nothing but errors is to be printed.
 fn say(line: &str) {
+    if !is_quiet() {
+        print(line);
+    }
+}
+
+/// Prints what was asked for; a reader that has gone away is no failure.
+fn print(line: &str) {
     let _ = writeln!(std::io::stdout(), "{line}");
 }
 

@@ -111,7 +111,13 @@ fn by_name<T: ValueEnum>(text: &str) -> Option<T> {
 }
 
 /// What was given, else what a user at a terminal answers, else the default.
-fn asked<T: Copy>(given: Option<T>, question: &str, allowed: &str, default: T, read: fn(&str) -> Option<T>) -> Result<T> {
+fn asked<T: Copy>(
+    given: Option<T>,
+    question: &str,
+    allowed: &str,
+    default: T,
+    read: fn(&str) -> Option<T>,
+) -> Result<T> {
     if let Some(given) = given {
         return Ok(given);
     }
@@ -144,11 +150,11 @@ fn scene(name: &str, kind: Kind, fluid: Fluid, length: f64, frequency: f64) -> S
         true => (1.6e3 * by_inertia).max(6e8 * by_viscosity),
         false => (5.1e5 * by_inertia).max(1.3e7 * by_viscosity),
     };
-    let (period, spheroid) = (1.0 / frequency, [0.01, 0.0275, 0.0225, 0.005].map(|part| part * length));
+    let (period, profile) = (1.0 / frequency, [0.01, 0.0275, 0.0225, 0.005].map(|part| part * length));
     let radius = match swims {
         true => format!(
             "[[0.0, {:e}], [0.1, {:e}], [0.6, {:e}], [1.0, {:e}]]   # a number, or points [xi, value] along it",
-            spheroid[0], spheroid[1], spheroid[2], spheroid[3]
+            profile[0], profile[1], profile[2], profile[3]
         ),
         false => format!("{:e}", 0.02 * length),
     };
@@ -161,6 +167,10 @@ kappa_amp = {:e}                # curvature, 1/m
 frequency_hz = {frequency}
 wavelength_m = {:e}
 envelope = [0.3, 0.7]              # grows from 0.3 of it at the head to 1 at the tip
+
+[start]                            # bends from straight over the first period
+kind = "ramp"
+ramp_s = {period:e}
 "#,
             5.6 / length,
             0.8 * length
@@ -169,12 +179,15 @@ envelope = [0.3, 0.7]              # grows from 0.3 of it at the head to 1 at th
     };
     let head = match kind {
         Kind::Swimmer => String::new(),
-        Kind::Held => "\n[head]                             # held where it is: its force is the thrust\nkind = \"clamped\"\n".into(),
+        Kind::Held => {
+            "\n[head]                             # held where it is: its force is the thrust\nkind = \"clamped\"\n"
+                .into()
+        }
         Kind::Tail => format!(
             r#"
 [head]                             # moved as the scene says; a host may move it instead
 kind = "driven"
-angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency} }}
+angle_rad = {{ amplitude = 0.4, frequency_hz = {frequency}, phase_rad = 1.5707963267948966 }}
 "#
         ),
     };
@@ -199,11 +212,13 @@ density_kg_m3 = {density:.1}
 [drag]
 law = "auto"                       # the law that holds for the flow of this motion; `caudal check` says which
 {head}
-[solver]
-time_step_s = {:e}             # a hundredth of a period
+[solver]                           # without time_step_s the steps are chosen by their estimated error
 duration_s = {:e}               # ten periods
+
+[record]
+interval_s = {:e}             # a hundredth of a period
 "#,
-        0.01 * period,
-        10.0 * period
+        10.0 * period,
+        0.01 * period
     )
 }

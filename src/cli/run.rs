@@ -6,18 +6,26 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use caudal::error::Result;
+use caudal::error::{Error, Result};
 use caudal::reduced::Measure;
 use caudal::report::Output;
 use caudal::run::{Ending, Summary, Verification, run as run_scene};
+use caudal::scene::Scene;
 use indicatif::{ProgressBar, ProgressStyle};
 
-use super::{Prepared, SceneArguments, complain, exit, output_folder, refuse, say, say_kept};
+use super::{Prepared, SceneArguments, complain, exit, hush, is_quiet, output_folder, print, refuse, say, say_kept};
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
 
-pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force: bool) -> Result<ExitCode> {
+pub fn run(
+    arguments: &SceneArguments,
+    out: Option<PathBuf>,
+    verify: bool,
+    force: bool,
+    json: bool,
+) -> Result<ExitCode> {
+    hush(json);
     let Prepared { document, scene, mut stepper, assessment } = arguments.prepare()?;
     if let Some(error) = assessment.refused(&document) {
         return Ok(refuse(&error));
@@ -37,9 +45,8 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force
     let raised =
         || if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) };
     let bar = progress_bar();
-    let duration = scene.solver.duration_s.get();
     let outcome = run_scene(&scene, &mut stepper, |stepper| {
-        bar.set_position((stepper.time() / duration * PROGRESS as f64) as u64);
+        bar.set_position(part(stepper.time(), &scene));
         match output.step(stepper, &mut || raised())? {
             ControlFlow::Continue(()) => Ok(raised()),
             stop => Ok(stop),
@@ -90,6 +97,10 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force
         say(&format!("{} steps did not converge at first and were halved", summary.step_halvings));
     }
     let whole = say_kept(&kept, &folder);
+    if json {
+        let text = serde_json::to_string_pretty(&summary).map_err(|e| Error::Page { reason: e.to_string() })?;
+        print(&text);
+    }
     Ok(match outcome.ending {
         Ending::Complete => whole,
         Ending::Interrupted => {
@@ -102,6 +113,11 @@ pub fn run(arguments: &SceneArguments, out: Option<PathBuf>, verify: bool, force
             ExitCode::from(exit::FAILED)
         }
     })
+}
+
+/// Where `time` (s) is on the bar.
+pub(super) fn part(time: f64, scene: &Scene) -> u64 {
+    (time / scene.solver.duration_s.get() * PROGRESS as f64) as u64
 }
 
 /// A flag that Ctrl-C (or a request to terminate) raises; a second one ends the program at once.
@@ -118,8 +134,8 @@ pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
 }
 
 /// A bar with the time left on a terminal, nothing elsewhere.
-fn progress_bar() -> ProgressBar {
-    let bar = ProgressBar::new(PROGRESS);
+pub(super) fn progress_bar() -> ProgressBar {
+    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(PROGRESS) };
     if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  {eta} left") {
         bar.set_style(style);
     }

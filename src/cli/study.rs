@@ -9,7 +9,7 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, say, say_kept};
+use super::{SceneArguments, complain, exit, is_quiet, say, say_kept};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
@@ -117,7 +117,7 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
     let (document, scene) = common.scene.read()?;
     let folder = common.out.unwrap_or_else(|| study.folder(&scene));
     let interrupted = watch_for_interrupts();
-    let bar = ProgressBar::new(0);
+    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(0) };
     if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  run {pos}/{len}  {eta} left") {
         bar.set_style(style);
     }

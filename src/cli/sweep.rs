@@ -13,7 +13,7 @@ use clap::{Args, Subcommand};
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::run::watch_for_interrupts;
-use super::{complain, exit, refuse, say, say_kept};
+use super::{complain, exit, is_quiet, refuse, say, say_kept};
 
 /// Names of journals end in this.
 const JOURNAL: &str = "journal";
@@ -209,7 +209,7 @@ fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
 
 /// A bar with the time left and failures so far on a terminal, nothing elsewhere.
 fn progress_bar(cases: usize) -> ProgressBar {
-    let bar = ProgressBar::new(cases as u64);
+    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(cases as u64) };
     if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  case {pos}/{len}  {eta} left  {msg}") {
         bar.set_style(style);
     }

@@ -7,12 +7,12 @@ use caudal::error::Result;
 use caudal::scene::Scene;
 use caudal::variable::{Size, VARIABLES, Variable};
 
-use super::say;
+use super::print;
 
 pub fn variables(scene: Option<&Path>) -> Result<ExitCode> {
     let row = |variable: &Variable, size: String| {
         let Variable { name, unit, causality, description, .. } = variable;
-        say(&format!("{name:<26} {size:>8}  {unit:<6} {:<12} {description}", causality.name()));
+        print(&format!("{name:<26} {size:>8}  {unit:<6} {:<12} {description}", causality.name()));
     };
     match scene {
         Some(path) => {

@@ -213,12 +213,15 @@ fn points() -> usize {
 
 /// `[design]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Table {
     /// What is wanted.
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
     /// What identification finds and a dynamic goal may change; stiffness where it is absent.
     #[serde(default = "stiffness")]
+    #[cfg_attr(feature = "schema", schemars(with = "Vec<String>"))]
     pub variables: Vec<Variable>,
     /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
@@ -288,6 +291,20 @@ fn wide() -> [f64; 2] {
 
 fn stiffness() -> Vec<Variable> {
     vec![Variable::Stiffness]
+}
+
+#[cfg(feature = "schema")]
+impl Table {
+    /// The JSON Schema of `[design]`, to be part of that of a scene.
+    pub fn schema() -> serde_json::Value {
+        let mut schema = crate::scene::schema::of::<Self>();
+        if let Some(table) = schema.as_object_mut() {
+            table.remove("$schema");
+        }
+        let measures = slopes::smooth().map(|measure| measure.key);
+        schema["properties"]["goal"]["enum"] = GOALS.iter().map(|(name, _)| *name).chain(measures).collect();
+        schema
+    }
 }
 
 impl Table {

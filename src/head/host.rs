@@ -14,6 +14,7 @@ use super::{Sample, Signal};
 
 /// What the pose is that a host gives before a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum HeadInput {
     /// The pose at that time.

@@ -14,6 +14,7 @@ const BACKWARD_ERROR: f64 = 1e-12;
 
 /// Choice of the linear solver; adding one is its file and its line here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Choice {
     /// [`BlockBand`], its solution checked; [`PivotedLu`] for every system that it does not solve to rounding.

@@ -21,6 +21,7 @@ pub const NOISE: f64 = 1e-9;
 
 /// A quantity that runs are compared by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum Measure {
     /// Of the centre of mass through the fluid: the largest distance over the course, relative to the larger of the net

@@ -14,6 +14,7 @@ mod record;
 mod svg;
 pub(crate) mod tables;
 pub mod trajectory;
+pub mod vtk;
 
 pub use chart::Figure;
 pub use findings::{Findings, Table};

@@ -66,6 +66,7 @@ pub fn add(values: &mut [f64], k: usize, vector: Vector2<f64>) {
 
 /// How an edge's mass is given to nodes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum MassLumping {
     /// ρAΔL at every node: the source study's; total mass ρAL·N/(N−1), mesh error of first order.

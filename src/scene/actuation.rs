@@ -14,10 +14,12 @@ use crate::rod::{Profile, Rod};
 
 /// `[actuation]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ActuationTable {
     /// Kind of actuation.
     #[serde(deserialize_with = "kind")]
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub kind: &'static Kind,
     /// Amplitude, a turning per reference length.
     pub kappa_amp: Finite,

@@ -16,6 +16,7 @@ const SPHERE: f64 = 0.47;
 
 /// `[head_body]`. Its centre is node 0 and the rod's first node is node 1.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeadBodyTable {
     /// Semi-axis along the rod, m: the rod begins at its end.

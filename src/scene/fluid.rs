@@ -26,6 +26,7 @@ use crate::rod::Rod;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct MediumTable {
     /// Dynamic viscosity, Pa s.
@@ -71,6 +72,7 @@ impl MediumTable {
 
 /// `[drag]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct DragTable {
     /// Name of the law; `cox` where it is not given, or `stokes-like` beside a ratio.
@@ -139,6 +141,27 @@ impl<'de> Deserialize<'de> for ReactiveTable {
             }
         }
         deserializer.deserialize_any(Either)
+    }
+}
+
+#[cfg(feature = "schema")]
+impl schemars::JsonSchema for ReactiveTable {
+    fn schema_name() -> std::borrow::Cow<'static, str> {
+        "ReactiveTable".into()
+    }
+
+    fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
+        schemars::json_schema!({ "anyOf": [
+            { "const": "auto", "description": "there only if it matters, by the motion that the scene prescribes" },
+            {
+                "type": "object",
+                "properties": { "shedding": {
+                    "type": "number", "minimum": 0, "maximum": 1, "default": 1.0,
+                    "description": "Share of what Lighthill's theory sheds at the tail: 1 of a sharp end, 0 of a pointed one."
+                } },
+                "additionalProperties": false
+            }
+        ] })
     }
 }
 

@@ -12,6 +12,7 @@ use crate::head::{HeadInput, Motion, Signal};
 
 /// `[head]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeadTable {
     /// Kind of head.
@@ -27,6 +28,7 @@ pub struct HeadTable {
 
 /// Kinds of head.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum HeadKind {
     /// Nothing holds it.

@@ -11,6 +11,7 @@ use crate::fluid::medium::{Layer, Layers, MOST};
 
 /// `[medium.beyond]`, or one of `[[medium.layers]]`: what lies where normal·x > offset_m.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LayerTable {
     /// Direction across the interface, towards this fluid, of any length; of the first layer where it is not given.
@@ -31,6 +32,7 @@ pub struct LayerTable {
 
 /// `[medium.shear]`: a flow that grows linearly.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ShearTable {
     /// How much the flow gains per metre along the normal, 1/s, in the direction of the normal turned by −90°.

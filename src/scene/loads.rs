@@ -10,6 +10,7 @@ use crate::rod::Rod;
 
 /// `[loads]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LoadsTable {
     /// Gravity, m/s²; a neutrally buoyant tail has none.
@@ -25,6 +26,7 @@ pub struct LoadsTable {
 
 /// `[[loads.point]]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PointLoad {
     /// Node; a negative one counts from the tip, −1. Node 0 is the centre of a body, where the scene has one.

@@ -12,6 +12,8 @@ mod loads;
 pub mod parameter;
 mod record;
 mod rod;
+#[cfg(feature = "schema")]
+pub(crate) mod schema;
 mod solver;
 mod start;
 mod table;
@@ -47,6 +49,7 @@ pub const NODES: [u64; 2] = [3, 10_000_000];
 
 /// A scene: everything there is to say about a run.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Scene {
     /// Name; the file's where the scene has none.
@@ -78,6 +81,7 @@ pub struct Scene {
     #[serde(default)]
     pub record: RecordTable,
     /// What `caudal design` is asked for; a run takes no notice of it.
+    #[cfg_attr(feature = "schema", schemars(with = "Option<serde_json::Map<String, serde_json::Value>>"))]
     pub design: Option<toml::Table>,
     /// Folder that tables are looked for in.
     #[serde(skip)]

@@ -8,6 +8,7 @@ use super::value::{self, NotNegative, Positive, Whole};
 
 /// `[record]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RecordTable {
     /// Steps between recorded times, 1 where it is not given; the first and the last time are always recorded.
@@ -25,6 +26,7 @@ pub struct RecordTable {
 
 /// Forms of the table of node positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum NodesTable {
     /// nodes.csv: one row per time, two columns per node.

@@ -11,6 +11,7 @@ use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Stiffness};
 
 /// `[rod]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RodTable {
     /// Number of nodes; the centre of a body before the rod is one more.

@@ -19,6 +19,7 @@ use crate::system::Form;
 
 /// `[solver]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolverTable {
     /// Name of the method; see [`Scene::integrator_name`] for scenes that say nothing.
     pub integrator: Option<String>,
@@ -47,11 +48,13 @@ pub struct SolverTable {
     pub form: FormKey,
     /// The method's own parameters.
     #[serde(flatten)]
+    #[cfg_attr(feature = "schema", schemars(skip))]
     pub parameters: BTreeMap<String, toml::Value>,
 }
 
 /// Choices of the [`Form`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum FormKey {
     /// Positions where their rounding error stays below [`chain::ACCURACY`], else the chain form.

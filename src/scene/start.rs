@@ -9,6 +9,7 @@ use crate::start::Start;
 
 /// `[start]`.
 #[derive(Debug, Clone, PartialEq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct StartTable {
     /// Kind of start.
@@ -22,6 +23,7 @@ pub struct StartTable {
 
 /// Kinds of start, see [`Start`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StartKind {
     /// See [`Start::Jump`].

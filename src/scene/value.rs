@@ -467,3 +467,90 @@ impl<'de> Deserialize<'de> for VectorSignal {
         deserializer.deserialize_any(Vector).map(Self)
     }
 }
+
+/// The JSON schemas of these values.
+#[cfg(feature = "schema")]
+mod schema {
+    use std::borrow::Cow;
+
+    use schemars::{JsonSchema, Schema, SchemaGenerator, json_schema};
+
+    use super::*;
+
+    macro_rules! described {
+        ($([$($generic:tt)*] $name:ty, $title:literal, |$generator:ident| $schema:expr;)*) => {$(
+            impl<$($generic)*> JsonSchema for $name {
+                fn inline_schema() -> bool {
+                    true
+                }
+
+                fn schema_name() -> Cow<'static, str> {
+                    $title.into()
+                }
+
+                #[allow(unused_variables, reason = "only some are made of others")]
+                fn json_schema($generator: &mut SchemaGenerator) -> Schema {
+                    $schema
+                }
+            }
+        )*};
+    }
+
+    /// A function of time whose values are as `value` says, or a table.
+    fn signal(constant: Schema, value: Schema, phase: Schema) -> Schema {
+        json_schema!({ "anyOf": [
+            constant,
+            {
+                "type": "object",
+                "properties": {
+                    "amplitude": value,
+                    "frequency_hz": { "type": "number", "minimum": 0 },
+                    "phase_rad": phase,
+                    "offset": value
+                },
+                "required": ["amplitude", "frequency_hz"],
+                "additionalProperties": false
+            },
+            {
+                "type": "object",
+                "properties": { "table": { "type": "string", "description": "a CSV file beside the scene: time, value[, rate]" } },
+                "required": ["table"],
+                "additionalProperties": false
+            }
+        ] })
+    }
+
+    fn two(of: Schema) -> Schema {
+        json_schema!({ "type": "array", "items": of, "minItems": 2, "maxItems": 2 })
+    }
+
+    described! {
+        [] Positive, "Positive", |generator| json_schema!({ "type": "number", "exclusiveMinimum": 0 });
+        [] NotNegative, "NotNegative", |generator| json_schema!({ "type": "number", "minimum": 0 });
+        [] Finite, "Finite", |generator| json_schema!({ "type": "number" });
+        [] Gradient, "Gradient", |generator| json_schema!({ "type": "number", "exclusiveMinimum": -1 });
+        [] Tolerance, "Tolerance", |generator| json_schema!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
+        [] Share, "Share", |generator| json_schema!({ "type": "number", "minimum": 0, "maximum": 1 });
+        [const MIN: u64, const MAX: u64] Whole<MIN, MAX>, "Whole", |generator|
+            json_schema!({ "type": "integer", "minimum": MIN, "maximum": MAX });
+        [T: JsonSchema] Along<T>, "Along", |generator| {
+            let value = T::json_schema(generator);
+            let point = json_schema!({
+                "type": "array",
+                "prefixItems": [{ "type": "number", "minimum": 0, "maximum": 1 }, value],
+                "minItems": 2,
+                "maxItems": 2
+            });
+            json_schema!({ "anyOf": [value, { "type": "array", "items": point, "minItems": 1 }] })
+        };
+        [] ScalarSignal, "ScalarSignal", |generator| {
+            let number = || json_schema!({ "type": "number" });
+            signal(number(), number(), number())
+        };
+        [] VectorSignal, "VectorSignal", |generator| {
+            let number = || json_schema!({ "type": "number" });
+            let either = json_schema!({ "anyOf": [number(), two(number())] });
+            signal(two(signal(number(), number(), number())), two(number()), either)
+        };
+    }
+}

@@ -11,7 +11,8 @@ use crate::scene::value::refused;
 const MOST_LEVELS: usize = 1_000_000;
 
 /// Keys that tell an axis from a table of the scene.
-const MARKS: [&str; 10] = ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
+pub(super) const MARKS: [&str; 10] =
+    ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
 
 /// What the levels do to the keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,6 +48,7 @@ pub struct Axis {
 
 /// `[samples]`: a Latin hypercube.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct Samples {
     /// Number of points.

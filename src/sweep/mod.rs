@@ -43,23 +43,34 @@ const ROW: f64 = 5000.0;
 
 /// A sweep's file.
 #[derive(Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 struct File {
+    /// Name; the file's where it has none.
     #[serde(default)]
     name: String,
+    /// The base scene, a file beside this one.
     scene: String,
+    /// What is set in the base scene for every case.
     #[serde(default)]
+    #[cfg_attr(feature = "schema", schemars(with = "serde_json::Map<String, serde_json::Value>"))]
     set: toml::Table,
+    /// The axes: keys of the scene with their levels.
+    #[cfg_attr(feature = "schema", schemars(with = "serde_json::Map<String, serde_json::Value>"))]
     axes: toml::Table,
+    /// How many points a Latin hypercube has.
     samples: Option<Samples>,
+    /// What is kept of a case.
     #[serde(default)]
     record: RecordTable,
+    /// What the report shows.
     #[serde(default)]
     report: ReportTable,
 }
 
 /// `[record]` of a sweep: what is kept of a case beside its row of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct RecordTable {
     /// Number of cases, chosen evenly by chance, whose motion is kept for the report to play.
@@ -78,6 +89,7 @@ impl Default for RecordTable {
 
 /// `[report]` of a sweep.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(default, deny_unknown_fields)]
 pub struct ReportTable {
     /// The axis whose levels have figures of their own, and are compared.
@@ -133,6 +145,75 @@ pub struct Case {
     pub levels: Vec<usize>,
     /// The scene's keys that the axes move: axis, key and value.
     pub settings: Vec<(usize, String, Value)>,
+}
+
+#[cfg(feature = "schema")]
+impl Sweep {
+    /// The JSON Schema (draft 2020-12) of sweeps.
+    pub fn schema() -> serde_json::Value {
+        use serde_json::{Value, json};
+        let mut schema = crate::scene::schema::of::<File>();
+        schema["title"] = "A sweep of caudal".into();
+        let values = json!({ "type": "array", "minItems": 1 });
+        let scale = json!({ "enum": ["linear", "log"] });
+        let mut marked = json!({
+            "values": { "anyOf": [values, { "$ref": "#/$defs/Range" }] },
+            "factors": { "anyOf": [values, { "$ref": "#/$defs/Range" }] },
+            "zip": { "type": "object" },
+            "keys": { "type": "array", "items": { "type": "string" } },
+            "labels": values
+        });
+        let range = json!({
+            "from": {},
+            "to": {},
+            "count": { "type": "integer", "minimum": 1 },
+            "between": { "type": "array", "items": { "type": "number" }, "minItems": 2, "maxItems": 2 },
+            "scale": scale
+        });
+        if let (Value::Object(marked), Value::Object(range)) = (&mut marked, &range) {
+            marked.extend(range.clone());
+        }
+        let any_mark: Vec<Value> = axis::MARKS.iter().map(|mark| json!({ "required": [mark] })).collect();
+        schema["$defs"]["Range"] = json!({ "type": "object", "properties": range, "additionalProperties": false });
+        schema["$defs"]["Axis"] = json!({ "anyOf": [
+            values,
+            { "type": "object", "properties": marked, "additionalProperties": false, "anyOf": any_mark },
+            {
+                "type": "object",
+                "not": { "anyOf": any_mark },
+                "additionalProperties": { "$ref": "#/$defs/Axis" }
+            }
+        ] });
+        schema["properties"]["axes"]["additionalProperties"] = json!({ "$ref": "#/$defs/Axis" });
+        // What is set are keys of the scene, any of them; its tables get names of their own.
+        let mut scene = Scene::schema();
+        optional(&mut scene, "Scene");
+        if let Some(table) = scene.as_object_mut() {
+            table.remove("$schema");
+            if let Some(Value::Object(parts)) = table.remove("$defs") {
+                parts.into_iter().for_each(|(name, part)| schema["$defs"][format!("Scene{name}")] = part);
+            }
+            table.insert("title".into(), "What is set in the base scene for every case".into());
+        }
+        schema["properties"]["set"] = scene;
+        schema
+    }
+}
+
+/// Lets every key of a schema be absent, and puts `prefix` before the names of its parts where these are referred to.
+#[cfg(feature = "schema")]
+fn optional(value: &mut serde_json::Value, prefix: &str) {
+    match value {
+        serde_json::Value::Array(values) => values.iter_mut().for_each(|value| optional(value, prefix)),
+        serde_json::Value::Object(entries) => {
+            entries.remove("required");
+            if let Some(serde_json::Value::String(place)) = entries.get_mut("$ref") {
+                *place = place.replace("#/$defs/", &format!("#/$defs/{prefix}"));
+            }
+            entries.values_mut().for_each(|value| optional(value, prefix));
+        }
+        _ => {}
+    }
 }
 
 impl Sweep {

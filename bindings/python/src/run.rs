@@ -3,12 +3,14 @@
 use std::ops::ControlFlow;
 use std::path::PathBuf;
 
+use caudal::Error;
 use caudal::check::Assessment;
 use caudal::report::Output;
 use caudal::report::trajectory::{Column, Trajectory};
+use caudal::report::vtk;
 use caudal::run::{Ending, Summary};
-use caudal::variable::Size;
-use numpy::{PyArray1, PyArrayMethods};
+use caudal::variable::{Size, VARIABLES};
+use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -100,4 +102,28 @@ pub fn run<'py>(
         Ending::Complete | Ending::Interrupted => attention.failure,
     };
     Ok((content, failure))
+}
+
+/// Writes what was recorded of a run as VTK files; their paths.
+#[pyfunction]
+#[pyo3(name = "_vtk")]
+pub fn write_vtk(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    folder: PathBuf,
+    arrays: Vec<(String, PyReadonlyArrayDyn<'_, f64>)>,
+) -> PyResult<Vec<PathBuf>> {
+    let Scene { scene, .. } = scene.get();
+    let model = scene.model().or_raise(py)?;
+    let mut columns = Vec::with_capacity(arrays.len());
+    for (name, array) in arrays {
+        let unknown = || exception(py, &Error::UnknownVariable { name: name.clone(), nearest: None });
+        let variable = VARIABLES.iter().find(|variable| variable.name == name).ok_or_else(unknown)?;
+        let nodes = match variable.size {
+            Size::Nodes => scene.recorded_nodes(),
+            Size::Scalar | Size::Joints => variable.entries(&model).collect(),
+        };
+        columns.push(Column { variable, nodes, values: array.as_array().iter().copied().collect() });
+    }
+    py.detach(|| vtk::write(&folder, &scene.name, &model.rod, &columns)?.complete()).or_raise(py)
 }

@@ -67,6 +67,12 @@ impl Scene {
         &self.scene.name
     }
 
+    /// The file that it was read from; of one that was given as a dictionary ``"scene"``.
+    #[getter]
+    fn file(&self) -> &PathBuf {
+        &self.path
+    }
+
     /// Number of nodes.
     #[getter]
     fn nodes(&self) -> usize {

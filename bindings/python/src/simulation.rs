@@ -33,9 +33,19 @@ enum By {
 const NAMED: [(By, &str, &str, &str); 11] = [
     (By::Stiffness, "joint_stiffness_n_m2", "N m^2", "bending stiffness of the joints"),
     (By::Amplitude, "actuation.amplitude_profile", "1", "factors of the actuation's amplitude at the joints"),
-    (By::PhaseProfile, "actuation.phase_profile_rad", "rad", "phases subtracted inside the actuation's sine at the joints"),
+    (
+        By::PhaseProfile,
+        "actuation.phase_profile_rad",
+        "rad",
+        "phases subtracted inside the actuation's sine at the joints",
+    ),
     (By::Phase, "actuation_phase_rad", "rad", "phase subtracted inside the actuation's sine"),
-    (By::Natural, "natural_curvature_1_m", "1/m", "natural curvature of the joints beside the actuation's; may be given over time"),
+    (
+        By::Natural,
+        "natural_curvature_1_m",
+        "1/m",
+        "natural curvature of the joints beside the actuation's; may be given over time",
+    ),
     (By::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
     (By::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
     (By::Position(0), "x_m", "m", "nodes at the start, x"),
@@ -162,7 +172,9 @@ fn rows(name: &str, values: &PyReadonlyArrayDyn<'_, f64>, times: usize, width: u
     match values.shape() {
         [n] if *n == width => Ok((flat, false)),
         [t, n] if *t == times && *n == width => Ok((flat, true)),
-        found => Err(PyValueError::new_err(format!("{name}: found the shape {found:?}; allowed: ({width},) or ({times}, {width})"))),
+        found => Err(PyValueError::new_err(format!(
+            "{name}: found the shape {found:?}; allowed: ({width},) or ({times}, {width})"
+        ))),
     }
 }
 
@@ -269,8 +281,9 @@ impl Inner {
             let forced = matches!(by, By::Force(_)) && NEEDS_FORCE.contains(&output);
             if timed || forced {
                 let reason = if timed { "over time, whose rate is not given" } else { "" };
-                return Err(PyValueError::new_err(format!("{output} has no derivative by {name} {reason}").trim_end()
-                    .to_string()));
+                return Err(PyValueError::new_err(
+                    format!("{output} has no derivative by {name} {reason}").trim_end().to_string(),
+                ));
             }
         }
         Ok(())
@@ -279,7 +292,9 @@ impl Inner {
     fn by(&self, names: Vec<String>) -> PyResult<Vec<(String, By)>> {
         let find = |name: String| match By::named(&name, &self.problem, &self.numbers) {
             Some((by, ..)) => Ok((name, by)),
-            None => Err(PyValueError::new_err(format!("no derivative by `{name}`; caudal.parameters(scene) lists them"))),
+            None => {
+                Err(PyValueError::new_err(format!("no derivative by `{name}`; caudal.parameters(scene) lists them")))
+            }
         };
         names.into_iter().map(find).collect()
     }
@@ -460,7 +475,10 @@ impl Simulation {
         let problem = &mut inner.problem;
         let found = py.detach(|| problem.cycle_mean(&measure, &parameters)).or_raise(py)?;
         let Some((value, slopes)) = found else {
-            return Err(PyValueError::new_err(format!("this run has no {}: no whole cycle, or nothing to average", measure.key)));
+            return Err(PyValueError::new_err(format!(
+                "this run has no {}: no whole cycle, or nothing to average",
+                measure.key
+            )));
         };
         let mut parts = slopes.into_iter();
         let result = PyDict::new(py);

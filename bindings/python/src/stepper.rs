@@ -71,6 +71,15 @@ pub fn variable(name: &str, shape: Py<PyTuple>) -> PyResult<Variable> {
     Ok(Variable::with(found, shape))
 }
 
+/// Unit and meaning of all variables by name.
+#[pyfunction]
+#[pyo3(name = "_units")]
+pub fn units(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+    let all = PyDict::new(py);
+    VARIABLES.iter().try_for_each(|variable| all.set_item(variable.name, (variable.unit, variable.description)))?;
+    Ok(all)
+}
+
 impl Variable {
     fn with(variable: &'static caudal::variable::Variable, shape: Py<PyTuple>) -> Self {
         Self {

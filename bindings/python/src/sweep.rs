@@ -80,6 +80,13 @@ impl SweepAtWork {
         &self.folder
     }
 
+    /// Its axes: name, what its column shows at each level, and whether it goes with the sample.
+    #[getter]
+    fn axes<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>, bool)>> {
+        let axes = self.sweep.axes.iter();
+        axes.map(|axis| Ok((axis.name.clone(), pythonize::pythonize(py, &axis.labels)?, axis.sampled))).collect()
+    }
+
     /// The cases that the journal lacks.
     fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
         self.with_journal(|journal| Ok((0..self.sweep.size()).filter(|index| !journal.has(*index)).collect()), py)

@@ -51,7 +51,7 @@ impl<'py> Numbers<'py> {
 }
 
 /// A Python value as TOML; NumPy's scalars and arrays become Python's first.
-pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<toml::Value> {
+pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<::toml::Value> {
     let plain = match value.getattr_opt("tolist")? {
         Some(tolist) => tolist.call0()?,
         None => value.clone(),
@@ -62,4 +62,11 @@ pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<toml::Value> {
             plain.repr().map_or_else(|_| "this value".to_string(), |text| text.to_string())
         ))
     })
+}
+
+/// A Python value as the right side of a key of a TOML file.
+#[pyfunction]
+#[pyo3(name = "_toml")]
+pub fn toml(value: &Bound<'_, PyAny>) -> PyResult<String> {
+    to_toml(value).map(|value| value.to_string())
 }

@@ -14,14 +14,15 @@ Examples
 
 from . import errors
 from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
-from .designing import design
+from .designing import Design, design
 from .errors import Error
 from .gradients import Parameter, Simulation, parameters, simulate, value_and_grad
 from .result import Result, load, run
 from .studying import Findings, study
-from .sweeping import sweep
+from .sweeping import Sweep, sweep
 
 __all__ = [
+    "Design",
     "Error",
     "Findings",
     "Parameter",
@@ -30,6 +31,7 @@ __all__ = [
     "Simulation",
     "Snapshot",
     "Stepper",
+    "Sweep",
     "Variable",
     "__version__",
     "design",

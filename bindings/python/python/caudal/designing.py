@@ -2,11 +2,81 @@
 
 from __future__ import annotations
 
+import html
 import os
-from typing import Any, Callable, Optional, Union
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 from ._caudal import Scene, _design
+from .optional import optional
 from .result import Source, load
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+
+
+class Design(Mapping[str, Any]):
+    """What a design found: the content of design.json, by keys and as attributes.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        Where its files are.
+    answer, lines, status, xi, stiffness_n_m2, ...
+        What the goal leaves in design.json, by the names there.
+    """
+
+    def __init__(self, content: dict[str, Any]) -> None:
+        self._content = content
+
+    def __getitem__(self, key: str) -> Any:
+        return self._content[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def __len__(self) -> int:
+        return len(self._content)
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self.__dict__["_content"][name]
+        except KeyError:
+            raise AttributeError(f"a design has no {name!r}") from None
+
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self._content]
+
+    def __repr__(self) -> str:
+        return f"<caudal.Design {self._content.get('name')!r}: {self._content.get('status')}>"
+
+    @property
+    def scene(self) -> Scene:
+        """The scene with what was designed, as `run` takes it."""
+        return load(Path(self.folder) / f"{self['name']}-designed.toml")
+
+    def plot(self) -> matplotlib.figure.Figure:
+        """Draw the stiffness along the rod.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        optional("matplotlib", "plot()")
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7, 4), layout="constrained")
+        axes = figure.subplots()
+        axes.plot(self["xi"], self["stiffness_n_m2"], "o-")
+        axes.set(xlabel="xi, from the head at 0 to the tip at 1", ylabel="bending stiffness (N m²)", title=self["name"])
+        axes.grid(alpha=0.3)
+        return figure
+
+    def _repr_html_(self) -> str:
+        lines = "".join(f"<p>{html.escape(str(line))}</p>" for line in self._content.get("lines", []))
+        return lines + f"<p>{html.escape(str(self.folder))}/report.html</p>"
 
 
 def design(
@@ -14,7 +84,7 @@ def design(
     *,
     out: Optional[Union[str, os.PathLike[str]]] = None,
     progress: Optional[Callable[[int, float], Any]] = None,
-) -> dict[str, Any]:
+) -> Design:
     """Design what the scene's ``[design]`` asks for, and leave the files of ``caudal design``.
 
     Parameters
@@ -30,7 +100,7 @@ def design(
 
     Returns
     -------
-    dict
+    Design
         The content of design.json, and ``folder``: among others ``status``, ``stiffness_n_m2`` at ``xi`` (joints, from the
         head at 0 to the tip at 1), ``answer`` and ``lines``, the answer in words. The scene with the designed stiffness is
         ``<name>-designed.toml`` in the folder.
@@ -43,7 +113,8 @@ def design(
         For a wrong ``[design]``.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    found, failure = _design(scene, out, progress)
+    content, failure = _design(scene, out, progress)
+    found = Design(content)
     if failure is not None:
         failure.result = found  # type: ignore[attr-defined]
         raise failure

@@ -3,19 +3,150 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
-from typing import Any, Callable, Optional, Union
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
-from ._caudal import _Sweep
+import numpy as np
+
+from ._caudal import Scene, _Sweep, _toml, _units
 from .distributing import Distribution, Engine
 from .errors import LostCasesError
+from .optional import optional
+from .result import Source, load
+from .showing import table
+
+if TYPE_CHECKING:
+    import matplotlib.figure
+    import pandas
+    import xarray
+
+
+class Sweep(list[dict[str, Any]]):
+    """The rows of a sweep, one dictionary per case.
+
+    Attributes
+    ----------
+    folder : pathlib.Path
+        Where its files are.
+    axes : dict of str to list
+        What the column of each axis shows at each level.
+    sampled : set of str
+        The axes that go together through the points of a sample.
+    """
+
+    def __init__(self, rows: list[dict[str, Any]], folder: Path, axes: list[tuple[str, list[Any], bool]]) -> None:
+        super().__init__(rows)
+        self.folder = folder
+        self.axes = {name: labels for name, labels, _ in axes}
+        self.sampled = {name for name, _, sampled in axes if sampled}
+
+    @property
+    def complete(self) -> bool:
+        """True if every case reached its end."""
+        return all(row["complete"] for row in self)
+
+    def __repr__(self) -> str:
+        axes = ", ".join(f"{name} ({len(levels)})" for name, levels in self.axes.items())
+        failed = sum(not row["complete"] for row in self)
+        return f"<caudal.Sweep of {len(self)} cases over {axes}; {failed} failed>"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Sweep, (list(self), self.folder, [(name, axis, name in self.sampled) for name, axis in self.axes.items()])
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """The table as a data frame.
+
+        Returns
+        -------
+        pandas.DataFrame
+            One row per case, whose number is the index.
+        """
+        pandas = optional("pandas", "to_pandas()")
+        frame: pandas.DataFrame = pandas.DataFrame(list(self)).set_index("case")
+        return frame
+
+    def to_xarray(self) -> xarray.Dataset:
+        """The numbers of the table over the axes.
+
+        Returns
+        -------
+        xarray.Dataset
+            A dimension for each axis, and one, ``sample``, for those that go through a sample together; cases that are not
+            there or have no such number are NaN. Variables of the table of variables have ``units`` and ``long_name``.
+        """
+        xarray = optional("xarray", "to_xarray()")
+        dimensions: dict[str, int] = {}
+        coordinates: dict[str, Any] = {}
+        for name, levels in self.axes.items():
+            dimension = "sample" if name in self.sampled else name
+            dimensions.setdefault(dimension, len(levels))
+            coordinates[name] = (dimension, levels)
+        shape = tuple(dimensions.values())
+        known = _units()
+        variables: dict[str, Any] = {}
+        names = {name: None for row in self for name, value in row.items() if isinstance(value, (int, float))}
+        for name in names:
+            if name == "case" or name in self.axes:
+                continue
+            values = np.full(int(np.prod(shape)), np.nan)
+            for row in self:
+                value = row.get(name)
+                values[row["case"]] = np.nan if not isinstance(value, (int, float)) else value
+            unit, meaning = known.get(name, (None, None))
+            attributes = {} if unit is None else {"units": unit, "long_name": meaning}
+            variables[name] = (tuple(dimensions), values.reshape(shape), attributes)
+        dataset: xarray.Dataset = xarray.Dataset(variables, coordinates, {"title": self.folder.name})
+        return dataset
+
+    def plot(self, name: str) -> matplotlib.figure.Figure:
+        """Draw a quantity over the last axis, one line per level of the others.
+
+        Parameters
+        ----------
+        name : str
+            A column of the table.
+
+        Returns
+        -------
+        matplotlib.figure.Figure
+            The figure.
+        """
+        optional("matplotlib", "plot()")
+        from matplotlib.figure import Figure
+
+        if not any(name in row for row in self):
+            raise KeyError(f"{name} is no column; allowed: {', '.join(sorted({key for row in self for key in row}))}")
+        *others, last = self.axes
+        lines: dict[tuple[Any, ...], list[tuple[Any, Any]]] = {}
+        for row in self:
+            lines.setdefault(tuple(row[other] for other in others), []).append((row[last], row.get(name)))
+        figure = Figure(figsize=(7, 4), layout="constrained")
+        axes = figure.subplots()
+        for levels, points in lines.items():
+            text = ", ".join(f"{other} = {level}" for other, level in zip(others, levels))
+            axes.plot([x for x, _ in points], [np.nan if y is None else y for _, y in points], "o-", label=text or None)
+        axes.set(xlabel=last, ylabel=name)
+        axes.grid(alpha=0.3)
+        if others and len(lines) <= 12:
+            axes.legend(fontsize="small")
+        return figure
+
+    def _repr_html_(self) -> str:
+        columns = ["case", *self.axes, "ending", "x_com_m", "y_com_m", "net_displacement_m"]
+        rows = [[row.get(column) for column in columns] for row in self[:20]]
+        more = "" if len(self) <= 20 else f"<p>and {len(self) - 20} more: {self.folder}/report.html</p>"
+        return table(columns, rows) + more
 
 
 def sweep(
-    path: Union[str, os.PathLike[str]],
+    path: Union[Source, str, os.PathLike[str]],
+    axes: Optional[Mapping[str, Any]] = None,
     *,
+    samples: Optional[Mapping[str, int]] = None,
     set: Optional[Mapping[str, Any]] = None,
     out: Optional[Union[str, os.PathLike[str]]] = None,
     jobs: Optional[int] = None,
@@ -26,7 +157,7 @@ def sweep(
     patience_s: float = 60.0,
     progress: Union[Callable[[int, int], Any], bool, None] = None,
     rows: bool = True,
-) -> list[dict[str, Any]]:
+) -> Sweep:
     """Run the cases of a sweep, and leave the files of ``caudal sweep``: table, figures, report, and a journal.
 
     Cases that the folder has already are not run again: after Ctrl-C, or the end of any part of a cluster, the same call goes
@@ -34,8 +165,13 @@ def sweep(
 
     Parameters
     ----------
-    path : str or os.PathLike
-        The sweep, a TOML file with a base scene and axes.
+    path : str, os.PathLike, Scene or dict
+        The sweep, a TOML file with a base scene and axes; or, with `axes`, the base scene.
+    axes : dict, optional
+        Levels by key of the scene, as in ``[axes]`` of a file: lists, NumPy arrays, or tables such as
+        ``{"from": 9, "to": 33, "count": 4}`` and ``{"between": [1.5, 6.0]}``. The last one changes fastest.
+    samples : dict, optional
+        ``{"count": 100, "seed": 1}`` of a Latin hypercube over the axes that are between bounds.
     set : dict, optional
         Overrides of the base scene by dotted key.
     out : str or os.PathLike, optional
@@ -61,9 +197,9 @@ def sweep(
 
     Returns
     -------
-    list of dict
-        One row per case: ``case``, the level of every axis, and the quantities of its summary; of a case that failed,
-        ``ending`` says why. ``pandas.DataFrame(rows)`` makes a table of them.
+    Sweep
+        A list with one dictionary per case: ``case``, the level of every axis, and the quantities of its summary; of a case that failed,
+        ``ending`` says why. It has ``to_pandas()``, ``to_xarray()`` and ``plot(name)``.
 
     Raises
     ------
@@ -75,7 +211,21 @@ def sweep(
         Where the engine cannot go on: its scheduler is gone, or a worker has another version.
     caudal.errors.LostCasesError
         For cases that end the worker that runs them; the table has all others.
+
+    Examples
+    --------
+    >>> import caudal, tempfile
+    >>> scene = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.1})
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     rows = caudal.sweep(scene, {"actuation.kappa_amp": [0.3, 0.6], "rod.nodes": [9, 17]}, out=folder)
+    >>> rows
+    <caudal.Sweep of 4 cases over actuation.kappa_amp (2), rod.nodes (2); 0 failed>
     """
+    if axes is not None or isinstance(path, (Scene, Mapping)):
+        path, out = _written(path, dict(axes or {}), samples, set, out)
+        set = None
+    elif samples is not None:
+        raise TypeError("samples belong to axes that are given here; a file has its own")
     if client is not None and executor is not None:
         raise TypeError("give either client or executor")
     engine = None if client is None and executor is None else Engine(client, executor, workers)
@@ -99,7 +249,39 @@ def sweep(
         )
         error.cases, error.rows = lost, table
         raise error
-    return table
+    return Sweep(table, at_work.folder, at_work.axes)
+
+
+def _written(
+    source: Source,
+    axes: dict[str, Any],
+    samples: Optional[Mapping[str, int]],
+    set: Optional[Mapping[str, Any]],
+    out: Optional[Union[str, os.PathLike[str]]],
+) -> tuple[Path, Path]:
+    """A sweep of Python objects as files in its folder, from where the same sweep goes on: `caudal sweep` takes them too."""
+    scene = load(source, set)
+    folder = Path(out) if out is not None else Path("out") / f"{scene.name}-sweep"
+    folder.mkdir(parents=True, exist_ok=True)
+    base = Path(scene.file)
+    # A scene stays where its tables are; what has no file of its own, or another text by now, gets one here.
+    if not (base.is_file() and base.read_text(encoding="utf-8") == scene.text):
+        base = folder / "scene.toml"
+        _replace(base, scene.text)
+    lines = [f"name = {_toml(f'{scene.name}-sweep')}", f"scene = {_toml(str(base.resolve()))}", "[set]", *scene.overrides]
+    lines += ["[axes]", *(f"{key} = {_toml(levels)}" for key, levels in axes.items())]
+    if samples is not None:
+        lines += ["[samples]", *(f"{key} = {_toml(value)}" for key, value in samples.items())]
+    path = folder / "sweep.toml"
+    _replace(path, "\n".join(lines) + "\n")
+    return path, folder
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file beside and put it in place."""
+    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
+        file.write(text)
+    os.replace(file.name, path)
 
 
 @contextmanager
@@ -111,6 +293,7 @@ def _told(progress: Union[Callable[[int, int], Any], bool, None]) -> Iterator[Op
     if not progress:
         yield None
         return
+    optional("tqdm", "progress=True")
     from tqdm.auto import tqdm
 
     with tqdm(unit="case") as bar:

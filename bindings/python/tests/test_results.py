@@ -1,0 +1,137 @@
+"""What comes out goes where users work: labelled datasets, tables, files of other programs, pictures and films."""
+
+import json
+import pickle
+import shutil
+import subprocess
+import sys
+import xml.etree.ElementTree as xml
+
+import numpy as np
+import pytest
+
+import caudal
+
+RECORDED = ["x_m", "y_m", "vx_m_s", "vy_m_s", "curvature_1_m", "x_com_m", "viscous_work_j"]
+
+
+@pytest.fixture
+def result():
+    scene = caudal.load("models/driven-head.toml", set={"solver.duration_s": 0.1, "rod.nodes": 9})
+    return caudal.run(scene, record=RECORDED)
+
+
+def test_a_result_is_a_dataset_with_units_and_comes_back_from_netcdf(result, tmp_path):
+    xarray = pytest.importorskip("xarray")
+    dataset = result.to_xarray()
+    assert dict(dataset.sizes) == {"time_s": 51, "node": 9, "joint": 8}
+    assert dataset["vx_m_s"].dims == ("time_s", "node") and dataset["curvature_1_m"].dims == ("time_s", "joint")
+    for name in RECORDED:
+        np.testing.assert_array_equal(dataset[name].values, result[name])
+        assert dataset[name].attrs["units"] == result.variables[name].unit
+    assert float(dataset["x_m"].sel(node=8).isel(time_s=-1)) == result["x_m"][-1, -1]
+    dataset.to_netcdf(tmp_path / "run.nc", engine="h5netcdf")
+    with xarray.open_dataset(tmp_path / "run.nc", engine="h5netcdf") as back:
+        assert dataset.identical(back.load())
+
+
+def test_vtk_files_hold_what_was_recorded(result, tmp_path, command):
+    files = result.to_vtk(tmp_path / "vtk")
+    assert len(files) == 51 + 1
+    collection = xml.parse(tmp_path / "vtk/driven-head.pvd").getroot().findall("./Collection/DataSet")
+    assert [float(part.get("timestep")) for part in collection] == list(result["time_s"])
+    piece = xml.parse(tmp_path / "vtk" / collection[-1].get("file")).getroot().find("./PolyData/Piece")
+    fields = {array.get("Name"): np.array(array.text.split(), float) for array in piece.findall("./PointData/DataArray")}
+    points = np.array(piece.find("./Points/DataArray").text.split(), float).reshape(-1, 3)
+    np.testing.assert_array_equal(points.T, [result["x_m"][-1], result["y_m"][-1], np.zeros(9)])
+    velocity = fields["velocity_m_s"].reshape(-1, 3)
+    np.testing.assert_array_equal(velocity.T, [result["vx_m_s"][-1], result["vy_m_s"][-1], np.zeros(9)])
+    np.testing.assert_array_equal(fields["curvature_1_m"][:-1], result["curvature_1_m"][-1])
+    assert np.isnan(fields["curvature_1_m"][-1])  # no joint at the tip
+    np.testing.assert_allclose(fields["radius_m"], 0.004)
+    # The command's are the same, made from the folder of a run.
+    overrides = [f"--set={assignment}" for assignment in result.scene.overrides]
+    command(None, "run", "models/driven-head.toml", "--out", tmp_path / "run", *overrides)
+    command(None, "export", tmp_path / "run", "--vtk", "--fields", ",".join(RECORDED), *overrides)
+    for file in (tmp_path / "vtk").iterdir():
+        assert file.read_bytes() == (tmp_path / "run/vtk" / file.name).read_bytes()
+    with pytest.raises(subprocess.CalledProcessError) as caught:
+        command(None, "export", tmp_path / "run", "--vtk")
+    assert caught.value.returncode == 2 and "--set" in caught.value.stderr
+
+
+def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, monkeypatch):
+    image = pytest.importorskip("PIL.Image")
+    result.animate(tmp_path / "tail.gif", fps=20, speed=0.1)
+    with image.open(tmp_path / "tail.gif") as film:
+        assert film.n_frames == 20
+    result.plot().savefig(tmp_path / "tail.pdf")
+    result.plot("x_com_m").savefig(tmp_path / "tail.png")
+    assert (tmp_path / "tail.pdf").read_bytes().startswith(b"%PDF")
+    with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
+        result.animate(tmp_path / "tail.avi")
+    if shutil.which("ffmpeg"):
+        result.animate(tmp_path / "tail.mp4", fps=10, speed=0.1)
+        assert b"ftyp" in (tmp_path / "tail.mp4").read_bytes()[:12]
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    with pytest.raises(RuntimeError, match="ffmpeg"):
+        result.animate(tmp_path / "other.mp4")
+    assert not list(tmp_path.glob("*.partial*"))
+
+
+def test_a_sweep_of_objects_is_that_of_a_file_and_a_dataset_over_its_axes(tmp_path, command):
+    scene = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.05})
+    axes = {
+        "actuation.kappa_amp": np.array([0.3, 0.6]),
+        "fluid": {"zip": {"medium.viscosity_pa_s": [1.0, 2.0, 3.0], "medium.density_kg_m3": [1000.0, 1100.0, 1200.0]}},
+    }
+    rows = caudal.sweep(scene, axes, out=tmp_path / "sweep")
+    assert len(rows) == 6 and rows.complete and rows[5]["medium.viscosity_pa_s"] == 3.0
+    for row in rows:
+        own = caudal.load(scene, set={key: row[key] for key in ("actuation.kappa_amp", "medium.viscosity_pa_s", "medium.density_kg_m3")})
+        assert caudal.run(own, record=["x_com_m"]).summary["x_com_m"] == row["x_com_m"]
+    command(None, "sweep", tmp_path / "sweep/sweep.toml", "--out", tmp_path / "again")
+    assert (tmp_path / "again/table.csv").read_bytes() == (tmp_path / "sweep/table.csv").read_bytes()
+    frame = rows.to_pandas()
+    assert list(frame["x_com_m"]) == [row["x_com_m"] for row in rows]
+    pytest.importorskip("xarray")
+    dataset = rows.to_xarray()
+    assert dict(dataset.sizes) == {"actuation.kappa_amp": 2, "fluid": 3}
+    assert float(dataset["x_com_m"][1, 2]) == rows[5]["x_com_m"] and dataset["x_com_m"].attrs["units"] == "m"
+    assert pickle.loads(pickle.dumps(rows)).axes == rows.axes
+    assert rows.plot("x_com_m").axes and "<table>" in rows._repr_html_()
+
+
+def test_samples_share_a_dimension(tmp_path):
+    axes = {"actuation.kappa_amp": {"between": [0.3, 0.6]}, "medium.viscosity_pa_s": {"between": [1.0, 2.0]}}
+    changes = {"solver.duration_s": 0.02}
+    rows = caudal.sweep("models/glycerol.toml", axes, samples={"count": 5, "seed": 1}, set=changes, out=tmp_path)
+    assert len(rows) == 5 and rows.sampled == set(axes)
+    pytest.importorskip("xarray")
+    dataset = rows.to_xarray()
+    assert dict(dataset.sizes) == {"sample": 5}
+    assert list(dataset["medium.viscosity_pa_s"].values) == [row["medium.viscosity_pa_s"] for row in rows]
+
+
+def test_a_design_is_an_object_and_its_scene_runs(tmp_path):
+    found = caudal.design("models/design-identify.toml", out=tmp_path)
+    assert found.status == found["status"] and len(found.stiffness_n_m2) == len(found.xi)
+    assert json.loads((tmp_path / "design.json").read_text())["answer"] == found.answer
+    assert found.scene.name.endswith("-designed") and "Design" in repr(found) and found.lines[0] in found._repr_html_().replace("&#x27;", "'")
+    with pytest.raises(AttributeError, match="stifness"):
+        found.stifness
+    assert pickle.loads(pickle.dumps(found)) == found
+
+
+@pytest.mark.parametrize(
+    "module, ask",
+    [
+        ("pandas", lambda result: result.to_pandas()),
+        ("xarray", lambda result: result.to_xarray()),
+        ("matplotlib", lambda result: result.plot()),
+    ],
+)
+def test_a_missing_package_says_what_to_install(module, ask, result, monkeypatch):
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=r'pip install "caudal\['):
+        ask(result)

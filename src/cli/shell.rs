@@ -1,0 +1,66 @@
+//! `caudal schema`, `caudal completions` and `caudal man`: what editors and shells know of scenes and of the command.
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use caudal::error::{Error, Result};
+use caudal::scene::Scene;
+use caudal::sweep::Sweep;
+use clap::{Command, CommandFactory};
+use clap_complete::Shell;
+
+use super::{Cli, print, say};
+
+/// Prints the JSON Schema of scenes, or of sweeps.
+pub fn schema(sweep: bool) -> Result<ExitCode> {
+    let schema = match sweep {
+        true => Sweep::schema(),
+        false => scene(),
+    };
+    print(&format!("{schema:#}"));
+    Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(feature = "design")]
+fn scene() -> serde_json::Value {
+    let mut schema = Scene::schema();
+    schema["properties"]["design"] = caudal::design::Table::schema();
+    schema
+}
+
+#[cfg(not(feature = "design"))]
+fn scene() -> serde_json::Value {
+    Scene::schema()
+}
+
+/// Prints what `shell` completes the command by.
+pub fn completions(shell: Shell) -> ExitCode {
+    let mut text = Vec::new();
+    clap_complete::generate(shell, &mut Cli::command(), "caudal", &mut text);
+    print(String::from_utf8_lossy(&text).trim_end());
+    ExitCode::SUCCESS
+}
+
+/// Writes a page for the command and one for each of its parts to `folder`.
+pub fn man(folder: &Path) -> Result<ExitCode> {
+    let fail = |path: &Path, e: std::io::Error| Error::Write { path: path.to_path_buf(), reason: e.to_string() };
+    std::fs::create_dir_all(folder).map_err(|e| fail(folder, e))?;
+    let mut pages = Vec::new();
+    collect(Cli::command(), "caudal", &mut pages);
+    for (name, command) in &pages {
+        let path: PathBuf = folder.join(format!("{name}.1"));
+        let mut text = Vec::new();
+        clap_mangen::Man::new(command.clone()).title(name).render(&mut text).map_err(|e| fail(&path, e))?;
+        std::fs::write(&path, text).map_err(|e| fail(&path, e))?;
+    }
+    say(&format!("{} pages in {}: man {}/caudal.1", pages.len(), folder.display(), folder.display()));
+    Ok(ExitCode::SUCCESS)
+}
+
+fn collect(command: Command, name: &str, pages: &mut Vec<(String, Command)>) {
+    for part in command.get_subcommands() {
+        collect(part.clone(), &format!("{name}-{}", part.get_name()), pages);
+    }
+    let spoken = name.replace('-', " ");
+    pages.push((name.to_string(), command.display_name(spoken.clone()).bin_name(spoken)));
+}
