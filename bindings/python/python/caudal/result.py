@@ -186,14 +186,14 @@ class Result(Mapping[str, Array]):
         pandas.DataFrame
             One row per time, with the time as index; an array of variables has a column ``name[node]`` for each entry.
         """
-        pandas = optional("pandas", "to_pandas()")
+        pd = optional("pandas", "to_pandas()")
         columns: dict[str, Array] = {}
         for name, values in self.items():
             if values.ndim == 1:
                 columns[name] = values
             else:
                 columns.update({f"{name}[{k}]": column for k, column in zip(self._entries(name), values.T)})
-        frame: pandas.DataFrame = pandas.DataFrame(columns).set_index("time_s")
+        frame: pandas.DataFrame = pd.DataFrame(columns).set_index("time_s")
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
@@ -205,7 +205,7 @@ class Result(Mapping[str, Array]):
             Dimensions ``time_s``, ``node`` and ``joint``, which are numbers of nodes; every variable has the attributes
             ``units`` and ``long_name``. ``dataset.to_netcdf("run.nc", engine="h5netcdf")`` keeps it in a file.
         """
-        xarray = optional("xarray", "to_xarray()")
+        xr = optional("xarray", "to_xarray()")
         coordinates: dict[str, Any] = {"time_s": ("time_s", self["time_s"], self._attributes("time_s"))}
         variables: dict[str, Any] = {}
         for name, values in self.items():
@@ -219,7 +219,7 @@ class Result(Mapping[str, Array]):
             variables[name] = (dimensions, values, self._attributes(name))
         attributes = {"title": self.scene.name, "source": f"caudal {self.summary['caudal_version']}"}
         attributes["comment"] = self.summary["ending"]
-        dataset: xarray.Dataset = xarray.Dataset(variables, coordinates, attributes)
+        dataset: xarray.Dataset = xr.Dataset(variables, coordinates, attributes)
         return dataset
 
     def _attributes(self, name: str) -> dict[str, str]:

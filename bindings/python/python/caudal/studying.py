@@ -109,8 +109,8 @@ class Findings:
         pandas.DataFrame
             One row per entry.
         """
-        pandas = optional("pandas", "to_pandas()")
-        frame: pandas.DataFrame = pandas.DataFrame(self.tables[next(iter(self.tables)) if table is None else table])
+        pd = optional("pandas", "to_pandas()")
+        frame: pandas.DataFrame = pd.DataFrame(self.tables[next(iter(self.tables)) if table is None else table])
         return frame
 
     def _repr_html_(self) -> str:

@@ -65,8 +65,8 @@ class Sweep(list[dict[str, Any]]):
         pandas.DataFrame
             One row per case, whose number is the index.
         """
-        pandas = optional("pandas", "to_pandas()")
-        frame: pandas.DataFrame = pandas.DataFrame(list(self)).set_index("case")
+        pd = optional("pandas", "to_pandas()")
+        frame: pandas.DataFrame = pd.DataFrame(list(self)).set_index("case")
         return frame
 
     def to_xarray(self) -> xarray.Dataset:
@@ -78,7 +78,7 @@ class Sweep(list[dict[str, Any]]):
             A dimension for each axis, and one, ``sample``, for those that go through a sample together; cases that are not
             there or have no such number are NaN. Variables of the table of variables have ``units`` and ``long_name``.
         """
-        xarray = optional("xarray", "to_xarray()")
+        xr = optional("xarray", "to_xarray()")
         dimensions: dict[str, int] = {}
         coordinates: dict[str, Any] = {}
         for name, levels in self.axes.items():
@@ -99,7 +99,7 @@ class Sweep(list[dict[str, Any]]):
             unit, meaning = known.get(name, (None, None))
             attributes = {} if unit is None else {"units": unit, "long_name": meaning}
             variables[name] = (tuple(dimensions), values.reshape(shape), attributes)
-        dataset: xarray.Dataset = xarray.Dataset(variables, coordinates, {"title": self.folder.name})
+        dataset: xarray.Dataset = xr.Dataset(variables, coordinates, {"title": self.folder.name})
         return dataset
 
     def plot(self, name: str) -> matplotlib.figure.Figure:

@@ -1,0 +1,165 @@
+"""Simulations as environments of Gymnasium (``pip install "caudal[gymnasium]"``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Callable, Optional, Union
+
+import numpy as np
+
+from ._caudal import Stepper
+from .optional import optional
+from .result import Array, Source, load
+
+gymnasium: Any = optional("gymnasium", "caudal.gymnasium")
+
+#: The least and largest value of an input, for all its entries.
+Bounds = Mapping[str, tuple[float, float]]
+
+
+class TailEnv(gymnasium.Env):
+    """A tail that an agent drives: actions are inputs and observations outputs of the table of variables.
+
+    Actions are from -1 to 1 and go linearly to the bounds of the inputs; they hold over a period. The reward is what
+    `reward` says of the stepper before and after. An episode is truncated at its duration; a step that fails, because the agent
+    folds the rod for instance, terminates it with the reward `failure`.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `caudal.load` makes one from.
+    actions : dict of str to tuple of float
+        Least and largest value of each input that the agent sets, such as ``{"natural_curvature_1_m": (-5.0, 5.0)}``.
+    observations : sequence of str
+        Variables that it sees, one after the other.
+    reward : callable
+        From the observed variables before and after a period, dictionaries of arrays, to a number.
+    period_s : float
+        Time between actions, s.
+    duration_s : float, optional
+        Duration of an episode, s; by default the scene's.
+    scales : dict of str to float, optional
+        What observations are divided by, by variable; 1 where it is not given.
+    groups : int, optional
+        An input of the joints or nodes is set in this many groups of neighbours; by default each by itself.
+    failure : float, optional
+        The reward of a step that fails.
+
+    Examples
+    --------
+    >>> import caudal.gymnasium
+    >>> env = caudal.gymnasium.TailEnv(
+    ...     "models/glycerol.toml",
+    ...     actions={"natural_curvature_1_m": (-2.0, 2.0)},
+    ...     observations=["tip_x_m", "tip_y_m", "x_com_m"],
+    ...     reward=lambda before, after: float(after["x_com_m"][0] - before["x_com_m"][0]),
+    ...     period_s=0.05,
+    ...     groups=3,
+    ... )
+    >>> observation, _ = env.reset(seed=1)
+    >>> observation.shape, env.action_space.shape
+    ((3,), (3,))
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "render_fps": 20}
+
+    def __init__(
+        self,
+        scene: Source,
+        *,
+        actions: Bounds,
+        observations: Sequence[str],
+        reward: Callable[[dict[str, Array], dict[str, Array]], float],
+        period_s: float,
+        duration_s: Optional[float] = None,
+        scales: Optional[Mapping[str, float]] = None,
+        groups: Optional[int] = None,
+        failure: float = -1.0,
+        render_mode: Optional[str] = None,
+    ) -> None:
+        self._stepper = Stepper(load(scene))
+        self._start = self._stepper.save()
+        self._reward, self._period, self._failure = reward, period_s, failure
+        self._steps = max(1, round((duration_s or self._stepper.scene.duration_s) / period_s))
+        self._made = 0
+        self.render_mode = render_mode
+        known = self._stepper.variables
+        for name in (*actions, *observations):
+            if name not in known:
+                raise ValueError(f"this scene has no variable `{name}`; allowed: {', '.join(known)}")
+        wrong = [name for name in actions if known[name].causality != "input"]
+        if wrong:
+            inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
+            raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
+        self._scales = {name: float((scales or {}).get(name, 1.0)) for name in observations}
+        # For each input: its bounds, and which of the action's entries each of its own takes.
+        self._inputs: dict[str, tuple[float, float, Any]] = {}
+        first = 0
+        for name, (least, most) in actions.items():
+            count = int(np.prod(known[name].shape))
+            parts = min(groups or count, count)
+            entries = first + np.arange(count) * parts // count
+            self._inputs[name] = (least, most, entries if known[name].shape else first)
+            first += parts
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (first,), np.float32)
+        size = self._flat(self._observed()).shape
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, size, np.float32)
+
+    def _observed(self) -> dict[str, Array]:
+        return {name: np.atleast_1d(self._stepper.get(name)) for name in self._scales}
+
+    def _flat(self, observed: dict[str, Array]) -> Any:
+        return np.concatenate([observed[name] / scale for name, scale in self._scales.items()]).astype(np.float32)
+
+    @property
+    def stepper(self) -> Stepper:
+        """The simulation."""
+        return self._stepper
+
+    def reset(self, *, seed: Optional[int] = None, options: Optional[dict[str, Any]] = None) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode, at the scene's start."""
+        super().reset(seed=seed)
+        self._stepper.restore(self._start)
+        self._made = 0
+        return self._flat(self._observed()), {"time_s": 0.0}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Set the inputs and move on by a period."""
+        from .errors import Error
+
+        action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        before = self._observed()
+        values: dict[str, Union[float, Array]] = {}
+        for name, (least, most, entries) in self._inputs.items():
+            value = least + (most - least) * 0.5 * (action[entries] + 1.0)
+            values[name] = float(value) if np.ndim(value) == 0 else value
+        self._stepper.set_all(values)
+        info: dict[str, Any] = {}
+        failed = False
+        try:
+            self._stepper.do_step(self._period)
+        except Error as error:
+            failed, info["error"] = True, str(error)
+        self._made += 1
+        after = self._observed()
+        info["time_s"] = self._stepper.time_s
+        reward = self._failure if failed else float(self._reward(before, after))
+        return self._flat(after), reward, failed, self._made >= self._steps, info
+
+    def render(self) -> Any:
+        """A picture of the rod, red, green and blue."""
+        if self.render_mode != "rgb_array":
+            return None
+        optional("matplotlib", "render()")
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(5, 3), layout="constrained")
+        canvas = FigureCanvasAgg(figure)
+        axes = figure.subplots()
+        x, y = self._stepper.get("x_m"), self._stepper.get("y_m")
+        axes.plot(x, y, color="#0072b2", linewidth=2.5)
+        axes.plot(x[:1], y[:1], "o", color="#d55e00")
+        axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title=f"t = {self._stepper.time_s:.2f} s")
+        canvas.draw()
+        return np.asarray(canvas.buffer_rgba())[..., :3].copy()
