@@ -1,6 +1,8 @@
 """A tail learns to swim to a point: a policy of two numbers per observation, by an evolution strategy of twenty lines.
 
-Run it with `python bindings/python/examples/learn_to_swim.py`. Any library that takes Gymnasium's environments learns it too.
+Run it with `python bindings/python/examples/learn_to_swim.py`. Any library that takes Gymnasium's environments learns it too:
+`PPO("MlpPolicy", make_environment(), seed=1, n_steps=1200, batch_size=200, gamma=0.98, learning_rate=1e-3).learn(24000)` of
+stable-baselines3 2.9.2 comes 18.3 mm nearer.
 """
 
 import numpy as np

@@ -17,7 +17,7 @@ from .distributing import Distribution, Engine
 from .errors import LostCasesError
 from .optional import optional
 from .result import Source, load
-from .showing import table
+from .showing import table as html_table
 
 if TYPE_CHECKING:
     import matplotlib.figure
@@ -139,7 +139,7 @@ class Sweep(list[dict[str, Any]]):
         columns = ["case", *self.axes, "ending", "x_com_m", "y_com_m", "net_displacement_m"]
         rows = [[row.get(column) for column in columns] for row in self[:20]]
         more = "" if len(self) <= 20 else f"<p>and {len(self) - 20} more: {self.folder}/report.html</p>"
-        return table(columns, rows) + more
+        return html_table(columns, rows) + more
 
 
 def sweep(
