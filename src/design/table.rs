@@ -186,7 +186,7 @@ pub fn moved(document: &Document, numbers: &[Number], values: &[(String, f64)]) 
 
 /// Least and largest of what is unknown, over what it is in the scene: of all alike, or by keys.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
-#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(untagged)]
 pub enum Bounds {
     /// Of all.
