@@ -197,9 +197,11 @@ pub enum Bounds {
 
 /// A second goal: the front of designs on which neither goal can be better without loss of the other.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(deny_unknown_fields)]
 pub struct Front {
     /// The second goal, a mean over the cycles, `distance` or `efficiency`.
+    #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
     /// Which is better: "larger", where it is absent, or "smaller".
     pub better: Option<String>,
