@@ -195,7 +195,7 @@ fn interrupted_runs_end_with_130_and_valid_files() {
     let folder = tempfile::tempdir().unwrap();
     let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
-        .args(["run", "models/baseline.toml", "--set", "solver.duration_s=1e5", "--out"])
+        .args(["run", "models/baseline.toml", "--set", "solver.duration_s=1e5", "--set", "record.every=10", "--out"])
         .arg(folder.path())
         .stderr(std::process::Stdio::piped())
         .stdout(std::process::Stdio::null())
