@@ -20,7 +20,7 @@ pub static LAW: DragLaw = DragLaw {
             Uncertainty::at(0.016, [0.10, 0.10, 0.05]),
             Uncertainty::at(0.26, [0.10, 0.10, 0.24]),
         ],
-        source: "drag and rotation of straight cylinders against M. M. Tirado, C. López Martínez & J. García de la Torre (1984); growth with inertia: as of cox",
+        source: "compared here, in drag and rotation of straight cylinders, with M. M. Tirado, C. López Martínez & J. García de la Torre (1984); growth with inertia: as of cox",
     },
     reach: Reach::Rod { least_spacing, most_nodes: 257 },
     keys: &["height_m"],
