@@ -150,7 +150,12 @@ impl<'a> Report<'a> {
                 .then(a.rung.law.reynolds.total_cmp(&b.rung.law.reynolds))
                 .then(uncertain(a).total_cmp(&uncertain(b)))
         };
-        let taken = rows.iter().filter(|row| row.rung.holds).filter(within).min_by(order).unwrap_or(reference);
+        let enough = || rows.iter().filter(|row| row.rung.holds).filter(within);
+        // A law that suffices without the reactive force is the simpler one, whatever the two took on this machine.
+        let needless = |row: &Row<'_>| {
+            row.rung.reactive && enough().any(|other| !other.rung.reactive && other.rung.law == row.rung.law)
+        };
+        let taken = enough().filter(|row| !needless(row)).min_by(order).unwrap_or(reference);
         let motion = self.motion();
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
