@@ -57,6 +57,7 @@
 pub mod error;
 pub mod linear;
 pub mod system;
+pub mod words;
 
 pub mod newton;
 

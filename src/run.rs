@@ -319,7 +319,7 @@ impl Summary {
         Self {
             name: scene.name.clone(),
             scene_file: scene.file(),
-            scene_fingerprint: format!("{:032x}", scene.fingerprint()),
+            scene_fingerprint: scene.fingerprint_text(),
             caudal_version: env!("CARGO_PKG_VERSION"),
             complete: outcome.ending == Ending::Complete,
             ending: match &outcome.ending {

@@ -44,7 +44,7 @@ fn row(findings: &Findings, law: &str, reactive: bool) -> Option<[f64; 3]> {
 #[test]
 fn what_is_published_of_laws_is_in_order_and_has_a_source() {
     for law in LAWS {
-        let known = law.uncertainty;
+        let known = law.published;
         // What a scene's own measurement says, the source study's law and the choice between laws have none.
         assert_eq!(
             known.table.is_empty(),

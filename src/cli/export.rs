@@ -9,7 +9,6 @@ use caudal::error::{Error, Result};
 use caudal::report::trajectory::Trajectory;
 use caudal::report::vtk;
 use caudal::run::{Ending, run as run_scene};
-use caudal::scene::Scene;
 use clap::Args;
 
 use super::run::{progress_bar, watch_for_interrupts};
@@ -48,7 +47,7 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
     if let Some(error) = assessment.refused(&document) {
         return Ok(refuse(&error));
     }
-    if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != named(&scene)) {
+    if let Some(fingerprint) = fingerprint.filter(|fingerprint| *fingerprint != scene.fingerprint_text()) {
         complain(&format!(
             "{}: the run is of another scene than {} is now ({fingerprint}); --set gives the overrides that it was made with",
             arguments.run.display(),
@@ -86,10 +85,6 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
             ExitCode::from(exit::FAILED)
         }
     })
-}
-
-fn named(scene: &Scene) -> String {
-    format!("{:032x}", scene.fingerprint())
 }
 
 /// The scene's file of a run in `folder`, and its fingerprint.

@@ -24,6 +24,7 @@ use caudal::report::Kept;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
+use indicatif::{ProgressBar, ProgressStyle};
 
 /// Exit codes, as a user's scripts rely on them.
 mod exit {
@@ -240,6 +241,15 @@ fn hush(is: bool) {
 
 fn is_quiet() -> bool {
     QUIET.load(Ordering::Relaxed)
+}
+
+/// A bar on a terminal, unless nothing but errors is to be printed; nothing elsewhere. `words` are said behind its percentage.
+fn bar_of(length: u64, words: &str) -> ProgressBar {
+    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(length) };
+    if let Ok(style) = ProgressStyle::with_template(&format!("{{bar:24}} {{percent:>3}} %  {words}")) {
+        bar.set_style(style);
+    }
+    bar
 }
 
 /// Prints a line to standard output, unless nothing but errors is to be printed.

@@ -1,11 +1,12 @@
 //! `caudal new`: a commented scene to begin with.
 
 use std::io::{IsTerminal, Write};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::str::FromStr;
 
-use caudal::error::{Error, Result};
+use caudal::error::Result;
+use caudal::report::write_text;
 use caudal::scene::Document;
 use clap::{Args, ValueEnum};
 
@@ -90,20 +91,9 @@ pub fn new(arguments: &Arguments) -> Result<ExitCode> {
     let name = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let text = scene(&name, kind, fluid, length, frequency);
     Document::new(file.clone(), text.clone()).scene()?;
-    write(file, &text)?;
+    write_text(file, &text)?;
     say(&format!("{}: caudal run {}", file.display(), file.display()));
     Ok(ExitCode::SUCCESS)
-}
-
-/// Written beside and renamed, so that nothing half-written stays.
-fn write(file: &Path, text: &str) -> Result<()> {
-    let fail = |e: std::io::Error| Error::Write { path: file.to_path_buf(), reason: e.to_string() };
-    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-    std::fs::create_dir_all(folder).map_err(fail)?;
-    let mut beside = tempfile::NamedTempFile::new_in(folder).map_err(fail)?;
-    beside.write_all(text.as_bytes()).map_err(fail)?;
-    beside.persist(file).map_err(|e| fail(e.error))?;
-    Ok(())
 }
 
 fn by_name<T: ValueEnum>(text: &str) -> Option<T> {

@@ -11,9 +11,9 @@ use caudal::reduced::Measure;
 use caudal::report::Output;
 use caudal::run::{Ending, Summary, Verification, run as run_scene};
 use caudal::scene::Scene;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
-use super::{Prepared, SceneArguments, complain, exit, hush, is_quiet, output_folder, print, refuse, say, say_kept};
+use super::{Prepared, SceneArguments, bar_of, complain, exit, hush, output_folder, print, refuse, say, say_kept};
 
 /// The length of the bar: the run's duration in parts so small that it moves evenly.
 const PROGRESS: u64 = 100_000;
@@ -133,11 +133,7 @@ pub(super) fn watch_for_interrupts() -> Arc<AtomicBool> {
     flag
 }
 
-/// A bar with the time left on a terminal, nothing elsewhere.
+/// A bar of a run with the time left.
 pub(super) fn progress_bar() -> ProgressBar {
-    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(PROGRESS) };
-    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  {eta} left") {
-        bar.set_style(style);
-    }
-    bar
+    bar_of(PROGRESS, "{eta} left")
 }

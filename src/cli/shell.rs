@@ -1,9 +1,10 @@
 //! `caudal schema`, `caudal completions` and `caudal man`: what editors and shells know of scenes and of the command.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::ExitCode;
 
 use caudal::error::{Error, Result};
+use caudal::report::write_text;
 use caudal::scene::Scene;
 use caudal::sweep::Sweep;
 use clap::{Command, CommandFactory};
@@ -43,15 +44,14 @@ pub fn completions(shell: Shell) -> ExitCode {
 
 /// Writes a page for the command and one for each of its parts to `folder`.
 pub fn man(folder: &Path) -> Result<ExitCode> {
-    let fail = |path: &Path, e: std::io::Error| Error::Write { path: path.to_path_buf(), reason: e.to_string() };
-    std::fs::create_dir_all(folder).map_err(|e| fail(folder, e))?;
     let mut pages = Vec::new();
     collect(Cli::command(), "caudal", &mut pages);
     for (name, command) in &pages {
-        let path: PathBuf = folder.join(format!("{name}.1"));
+        let path = folder.join(format!("{name}.1"));
         let mut text = Vec::new();
-        clap_mangen::Man::new(command.clone()).title(name).render(&mut text).map_err(|e| fail(&path, e))?;
-        std::fs::write(&path, text).map_err(|e| fail(&path, e))?;
+        let made = clap_mangen::Man::new(command.clone()).title(name).render(&mut text);
+        made.map_err(|e| Error::Write { path: path.clone(), reason: e.to_string() })?;
+        write_text(&path, &String::from_utf8_lossy(&text))?;
     }
     say(&format!("{} pages in {}: man {}/caudal.1", pages.len(), folder.display(), folder.display()));
     Ok(ExitCode::SUCCESS)

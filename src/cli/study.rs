@@ -6,10 +6,9 @@ use std::process::ExitCode;
 use caudal::error::Error;
 use caudal::study::{self, Accuracy, Desk, Fluid, Scaling, Spectrum, Stability, Studied, Vary};
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, is_quiet, say, say_kept};
+use super::{SceneArguments, bar_of, complain, exit, say, say_kept};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
@@ -117,10 +116,7 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
     let (document, scene) = common.scene.read()?;
     let folder = common.out.unwrap_or_else(|| study.folder(&scene));
     let interrupted = watch_for_interrupts();
-    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(0) };
-    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  run {pos}/{len}  {eta} left") {
-        bar.set_style(style);
-    }
+    let bar = bar_of(0, "run {pos}/{len}  {eta} left");
     let progress = |done: usize, of: usize| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);

@@ -10,10 +10,10 @@ use caudal::jobs::{Journal, Shard, cores};
 use caudal::report::Folder;
 use caudal::sweep::{Results, Sweep, Written, run as run_sweep};
 use clap::{Args, Subcommand};
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::ProgressBar;
 
 use super::run::watch_for_interrupts;
-use super::{complain, exit, is_quiet, refuse, say, say_kept};
+use super::{bar_of, complain, exit, refuse, say, say_kept};
 
 /// Names of journals end in this.
 const JOURNAL: &str = "journal";
@@ -207,12 +207,9 @@ fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
     finish(&results, &folder)
 }
 
-/// A bar with the time left and failures so far on a terminal, nothing elsewhere.
+/// A bar of cases with the time left and failures so far.
 fn progress_bar(cases: usize) -> ProgressBar {
-    let bar = if is_quiet() { ProgressBar::hidden() } else { ProgressBar::new(cases as u64) };
-    if let Ok(style) = ProgressStyle::with_template("{bar:24} {percent:>3} %  case {pos}/{len}  {eta} left  {msg}") {
-        bar.set_style(style);
-    }
+    let bar = bar_of(cases as u64, "case {pos}/{len}  {eta} left  {msg}");
     bar.enable_steady_tick(Duration::from_millis(250));
     bar
 }

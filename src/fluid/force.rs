@@ -38,7 +38,12 @@ pub struct Kinematics<'a> {
     pub here: &'a [Here],
 }
 
-impl Kinematics<'_> {
+impl<'a> Kinematics<'a> {
+    /// The motion `q`, `v`, `a` of a rod of `edges` in one and the same fluid, at time 0.
+    pub fn within(fluid: Fluid, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Self {
+        Self { t: 0.0, edges, q, v, a, fluid, layers: None, here: &[] }
+    }
+
     /// The fluid at node `k`, and how it changes from there.
     #[inline(always)]
     pub fn here(&self, k: usize) -> Here {
@@ -501,7 +506,7 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
     let q: Vec<f64> = (0..rod.nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
     let (v, a) = (velocity.repeat(rod.nodes), vec![0.0; 2 * rod.nodes]);
     let fluid = Fluid { flow: Vector2::zeros(), ..fluid };
-    look(&Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid, layers: None, here: &[] })
+    look(&Kinematics::within(fluid, &edges, [&q, &v, &a]))
 }
 
 /// Sums what `forces` do on `edges` in `room`.

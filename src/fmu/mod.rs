@@ -111,5 +111,5 @@ impl Catalogue {
 
 /// What a host must show to get an instance: it names the scene and the version of the program.
 pub fn token(scene: &Scene) -> String {
-    format!("{{{:032x}}}", scene.fingerprint())
+    format!("{{{}}}", scene.fingerprint_text())
 }

@@ -275,7 +275,7 @@ impl Walk {
         let a = vec![0.0; 2 * rod.nodes];
         let mut forces = |v: Vector2<f64>| {
             let v: Vec<f64> = (0..2 * rod.nodes).map(|i| (fluid.flow + v)[i % 2]).collect();
-            let moving = Kinematics { t: 0.0, edges: &edges, q: &q, v: &v, a: &a, fluid, layers: None, here: &[] };
+            let moving = Kinematics::within(fluid, &edges, [&q, &v, &a]);
             dynamics.write_applied_without_inertia(&moving, applied);
             applied.clone()
         };

@@ -17,6 +17,7 @@ use crate::metrics::{Meter, Reading};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
 use crate::system::Form;
+use crate::words::percent;
 
 /// Periods that are followed after a ramp, steps of each, and steps where nothing repeats itself.
 pub const PERIODS: f64 = 8.0;
@@ -102,7 +103,7 @@ pub struct FluidEstimate {
 impl FluidEstimate {
     /// Its name.
     pub fn name(&self) -> String {
-        format!("{}{}", self.law.name, if self.reactive { " + reactive" } else { "" })
+        self.law.with_reactive(self.reactive)
     }
 }
 
@@ -146,12 +147,6 @@ impl FluidEstimates {
     pub fn in_words(&self, [motion, power]: [f64; 2]) -> String {
         format!("{} in {}, {} in power", percent(motion), if self.held { "thrust" } else { "speed" }, percent(power))
     }
-}
-
-/// A part of one in per cent, in two digits.
-fn percent(part: f64) -> String {
-    let x = 100.0 * part;
-    if x >= 10.0 { format!("{x:.0} %") } else { format!("{x:.1} %") }
 }
 
 /// Which law of the fluid a scene takes that leaves it to the program, and why.
@@ -214,8 +209,7 @@ impl FluidChoice {
     /// What is taken, in words.
     pub fn name(&self) -> String {
         match (self.law, self.reactive) {
-            (Some(law), true) => format!("{} + reactive", law.name),
-            (Some(law), false) => law.name.to_string(),
+            (Some(law), reactive) => law.with_reactive(reactive),
             (None, true) => "reactive".to_string(),
             (None, false) => "no force".to_string(),
         }

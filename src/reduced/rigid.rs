@@ -74,17 +74,8 @@ impl Chain {
     /// motion and on top of it with velocity x, y and spin.
     fn of_fluid(&mut self, dynamics: &Dynamics, own: f64, motion: [f64; 3], flow: Vector2<f64>) -> Vector3<f64> {
         self.move_by(own, motion);
-        let (edges, q, v, a) = (&self.edges[..], &self.x[..], &self.moving[..], &self.still[..]);
-        let rod = Kinematics {
-            t: 0.0,
-            edges,
-            q,
-            v,
-            a,
-            fluid: Fluid { flow, ..dynamics.inputs.fluid },
-            layers: None,
-            here: &[],
-        };
+        let fluid = Fluid { flow, ..dynamics.inputs.fluid };
+        let rod = Kinematics::within(fluid, &self.edges, [&self.x, &self.moving, &self.still]);
         momenta(dynamics, &rod, &mut self.momentum, &mut self.unused)
     }
 
@@ -233,8 +224,7 @@ impl Chain {
         }
         self.move_by(1.0, motion);
         // The forces that a reduced model holds do not depend on the place; those by accelerations are in the momenta.
-        let (edges, q, v, a) = (&self.edges[..], &self.x[..], &self.moving[..], &self.still[..]);
-        let rod = Kinematics { t: 0.0, edges, q, v, a, fluid: dynamics.inputs.fluid, layers: None, here: &[] };
+        let rod = Kinematics::within(dynamics.inputs.fluid, &self.edges, [&self.x, &self.moving, &self.still]);
         dynamics.write_applied_without_inertia(&rod, &mut self.force);
         let (mut force, mut moment) = (Vector2::zeros(), 0.0);
         for (f, x) in self.force.as_chunks::<2>().0.iter().zip(self.x.as_chunks::<2>().0) {
@@ -263,17 +253,7 @@ impl Chain {
         if dynamics.model.forces.are_inertial() {
             // M a + F(a) = 0 in all, linear in the rigid part of a with the same inertias.
             self.move_by(1.0, [vx, vy, 0.0]);
-            let fluid = dynamics.inputs.fluid;
-            let moving = Kinematics {
-                t: 0.0,
-                edges: &self.edges,
-                q: &self.x,
-                v: &self.moving,
-                a: &self.a,
-                fluid,
-                layers: None,
-                here: &[],
-            };
+            let moving = Kinematics::within(dynamics.inputs.fluid, &self.edges, [&self.x, &self.moving, &self.a]);
             dynamics.write_applied(&moving, &mut self.force);
             let mut left = Vector3::new(0.0, 0.0, change);
             for k in 0..rod.nodes {
@@ -326,17 +306,8 @@ impl Chain {
         if dynamics.model.forces.are_inertial() {
             let edges: Vec<Edge> =
                 (0..rod.nodes - 1).map(|k| Edge::new(node(&state.q, k + 1) - node(&state.q, k))).collect();
-            let State { t, q, v, .. } = state;
-            let moving = Kinematics {
-                t: *t,
-                edges: &edges,
-                q,
-                v,
-                a: &self.still,
-                fluid: dynamics.inputs.fluid,
-                layers: None,
-                here: &[],
-            };
+            let of_motion = [&state.q[..], &state.v, &self.still];
+            let moving = Kinematics { t: state.t, ..Kinematics::within(dynamics.inputs.fluid, &edges, of_motion) };
             let of_fluid = momenta(dynamics, &moving, &mut self.momentum, &mut self.unused);
             given += of_fluid.xy() / self.mass;
             momentum += of_fluid.z - x.perp(&of_fluid.xy());

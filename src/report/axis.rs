@@ -1,5 +1,7 @@
 //! Axes of charts: a range that holds the data, whatever they are, and a handful of ticks.
 
+use crate::words::number;
+
 /// Numbers beyond these are not told from infinity and from zero: no range or tick can leave what numbers can say.
 const LARGEST: f64 = 1e300;
 const SMALLEST: f64 = 1e-290;
@@ -69,14 +71,14 @@ impl Axis {
             // Less than a factor of four: as on a linear axis.
             let linear = Self::from([low, high].map(|log| 10.0_f64.powf(log)));
             let [bottom, top] = linear.range;
-            let number = |(at, _): &(f64, String)| bottom + at * (top - bottom);
-            ticks = linear.ticks.iter().map(|tick| (place(number(tick).log10()), short(number(tick)))).collect();
+            let x = |(at, _): &(f64, String)| bottom + at * (top - bottom);
+            ticks = linear.ticks.iter().map(|tick| (place(x(tick).log10()), number(x(tick)))).collect();
         } else if high - low < 12.0 {
             for (power, digit) in (first - 1..=last).flat_map(|power| (2..10).map(move |digit| (power, digit))) {
                 let log = f64::from(power) + f64::from(digit).log10();
                 if inside(log) {
                     let shown = high - low < 2.5 && [2, 5].contains(&digit);
-                    let label = if shown { short(f64::from(digit) * 10.0_f64.powi(power)) } else { String::new() };
+                    let label = if shown { number(f64::from(digit) * 10.0_f64.powi(power)) } else { String::new() };
                     ticks.push((place(log), label));
                 }
             }
@@ -146,7 +148,7 @@ fn round_step(step: f64) -> f64 {
 /// A power of ten as an axis shows it.
 fn power_of_ten(power: i32) -> String {
     if (-3..=4).contains(&power) {
-        return short(10.0_f64.powi(power));
+        return number(10.0_f64.powi(power));
     }
     format!("10{}", superscript(power))
 }
@@ -158,15 +160,4 @@ pub fn superscript(power: i32) -> String {
         None => '⁻',
     };
     power.to_string().chars().map(raised).collect()
-}
-
-/// A number of few digits as an axis shows it: with an exponent where it is very large or small.
-pub fn short(x: f64) -> String {
-    let size = x.abs();
-    if size != 0.0 && !(1e-3..1e5).contains(&size) {
-        return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");
-    }
-    let text = format!("{x:.4}");
-    let text = text.trim_end_matches('0').trim_end_matches('.');
-    if text == "-0" { "0".to_string() } else { text.to_string() }
 }

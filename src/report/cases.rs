@@ -5,10 +5,11 @@ use std::collections::{BTreeMap, HashMap};
 use serde::Serialize;
 use serde_json::{Map, Value};
 
-use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series, number};
+use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
 use super::page::{Motion, render};
 use super::record::Frame;
 use crate::error::Result;
+use crate::words::number;
 
 /// Quantities of a summary that figures and page show, in this order.
 pub const QUANTITIES: [Quantity; 20] = [

@@ -6,8 +6,6 @@ use nalgebra::Vector2;
 use super::axis::{Axis, superscript};
 use super::svg::{Anchor, Colour, SERIES, Svg, cut, width};
 
-pub use super::axis::short as number;
-
 /// Width of a chart and height of its plot, px.
 const WIDTH: f64 = 640.0;
 const PLOT: f64 = 310.0;

@@ -5,11 +5,12 @@ use std::path::Path;
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
-use super::chart::{Figure, number};
+use super::chart::Figure;
 use super::page::{Motion, render};
 use super::tables::{Kept, write_all};
 use crate::error::{Error, Result};
 use crate::scene::Document;
+use crate::words::number;
 
 /// Up to this many rows of a table are on the page.
 const ROWS: usize = 60;

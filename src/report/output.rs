@@ -66,7 +66,7 @@ impl Output {
         match holds(folder) {
             Some(results) if results.what != wanted => occupied(results.what),
             Some(Results { what, run: Some((file, fingerprint)) })
-                if file != scene.file() && fingerprint != format!("{:032x}", scene.fingerprint()) =>
+                if file != scene.file() && fingerprint != scene.fingerprint_text() =>
             {
                 occupied(format!("{what} by another file, {}", file.display()))
             }

@@ -4,10 +4,11 @@ use minijinja::value::{Serde, Value};
 use minijinja::{AutoEscape, Environment, ErrorKind};
 use serde::Serialize;
 
-use super::chart::{Figure, number};
+use super::chart::Figure;
 use super::record::Frame;
 use crate::error::{Error, Result};
 use crate::run::Summary;
+use crate::words::number;
 
 /// Everything the page shows.
 pub struct Page<'a> {

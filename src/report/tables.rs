@@ -179,6 +179,15 @@ pub fn write_all<'a>(folder: &Path, files: impl Iterator<Item = &'a (String, Str
     Ok(kept)
 }
 
+/// Writes a text to `path` as a whole or not at all, and makes its folder where there is none.
+///
+/// # Errors
+/// [`Error::Write`].
+pub fn write_text(path: &Path, text: &str) -> Result<()> {
+    let _folder = path.parent().map(Folder::open).transpose()?;
+    put_in_place(text_file(path, text)?, path.to_path_buf()).map(|_| ())
+}
+
 /// Gives a finished file its name.
 pub fn put_in_place(file: NamedTempFile, path: PathBuf) -> Result<PathBuf> {
     file.persist(&path).map_err(|e| write_error(&path, &e.error))?;

@@ -16,7 +16,7 @@ use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
 use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Uncertainty};
-use crate::fluid::reactive::{OMITTED, Wake};
+use crate::fluid::reactive::Wake;
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::reduced::fluids::{follow, followed, nodes};
@@ -336,7 +336,7 @@ impl DragTable {
         let mut table = Self { law: Some(law.name.to_string()), ..self.clone() };
         let before = table.given().count();
         // What the scene's own law needs to know of its surroundings goes on as the viscous part of a law that has one.
-        let own = self.law().ok().filter(|own| !own.needs.is_empty() && !own.uncertainty.table.is_empty());
+        let own = self.law().ok().filter(|own| !own.needs.is_empty() && !own.published.table.is_empty());
         if let Some(own) = own.filter(|own| law.keys.contains(&"viscous") && own.resistance.is_some()) {
             table.viscous = Some(own.name.to_string());
         }
@@ -461,9 +461,7 @@ impl Scene {
     pub fn uncertainty(&self, rod: &Rod) -> Option<Uncertainty> {
         let reynolds = self.regime(rod)?.reynolds;
         let (law, reactive) = self.fluid_model(rod);
-        let drag = law.and_then(|law| law.uncertainty.at(reynolds).filter(|_| reynolds <= law.reynolds))?;
-        let omitted = if reactive { None } else { OMITTED.at(reynolds) };
-        Some(omitted.map_or(drag, |omitted| drag.with(omitted)))
+        law?.uncertainty(reynolds, reactive)
     }
 
     /// The same scene with the rod's density times `factor`.
@@ -592,12 +590,12 @@ impl Scene {
         let duration = followed(self.solver.duration_s.get(), frequency, ramp);
         let mut found = Vec::new();
         for law in wanted {
-            let known = law.uncertainty.at(regime.reynolds).filter(|_| regime.reynolds <= law.reynolds);
-            // Out of its range a law is no candidate.
-            if known.is_none() && fixed != Some(law) {
-                continue;
-            }
             for reactive in [false, true] {
+                let known = law.uncertainty(regime.reynolds, reactive);
+                // Out of its range a law is no candidate.
+                if known.is_none() && fixed != Some(law) {
+                    continue;
+                }
                 let Ok((scene, dropped)) = self.with_fluid(law, reactive) else { continue };
                 let model = scene.with_nodes(nodes).model().map_err(|error| error.to_string())?;
                 let means = follow(&Arc::new(model), duration, frequency);

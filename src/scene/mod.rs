@@ -189,4 +189,9 @@ impl Scene {
         // The text of what is left has every part of the scene, and every number to the bit.
         XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }
+
+    /// The [fingerprint](Self::fingerprint) as files have it.
+    pub fn fingerprint_text(&self) -> String {
+        format!("{:032x}", self.fingerprint())
+    }
 }

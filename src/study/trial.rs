@@ -6,6 +6,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
 use crate::cycle::{self, Measure};
 use crate::error::{Error, Result};
@@ -191,6 +192,17 @@ pub struct Manner {
 }
 
 impl Trial {
+    /// What a trial cost, as tables of studies have it.
+    pub const COSTS: [&'static str; 6] =
+        ["steps", "newton_iterations", "linear_solves", "step_halvings", "wall_s", "processor_s"];
+
+    /// [`COSTS`](Self::COSTS) of this one.
+    pub fn costs(&self) -> [Value; 6] {
+        let counts = [self.steps, self.iterations, self.factorisations, self.halvings];
+        let [steps, iterations, factorisations, halvings] = counts.map(|count| json!(count));
+        [steps, iterations, factorisations, halvings, json!(self.wall_s), json!(self.processor_s)]
+    }
+
     /// Runs `scene`; `None` if it was interrupted.
     pub fn of(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
         let mut trial = Self::once(scene, manner, interrupted)?;

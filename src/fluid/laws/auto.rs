@@ -13,7 +13,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "cox or cross-flow, by estimates of the scene's own motion",
     validity: Validity { range: "that of the law it takes", source: "of the law it takes" },
     reynolds: cross_flow::LAW.reynolds,
-    uncertainty: Published::NOTHING,
+    published: Published::NOTHING,
     reach: Reach::Edge,
     keys: cross_flow::LAW.keys,
     needs: &[],

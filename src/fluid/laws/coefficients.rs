@@ -10,7 +10,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag that the scene gives, along and across",
     validity: Validity { range: "that of the measurement", source: "the scene" },
     reynolds: f64::INFINITY,
-    uncertainty: Published::NOTHING,
+    published: Published::NOTHING,
     reach: Reach::Edge,
     keys: &["along_n_s_m2", "across_n_s_m2"],
     needs: &["along_n_s_m2", "across_n_s_m2"],

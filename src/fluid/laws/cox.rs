@@ -16,7 +16,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",
     },
     reynolds: CREEPING,
-    uncertainty: Published {
+    published: Published {
         table: &[
             Uncertainty::at(5e-4, [0.102, 0.20, 0.42]),
             Uncertainty::at(0.016, [0.14, 0.22, 0.42]),

@@ -23,7 +23,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
     reynolds: 1e5,
-    uncertainty: Published {
+    published: Published {
         table: &[
             Uncertainty::at(1e-3, [0.10, 0.20, 0.42]),
             Uncertainty::at(0.26, [0.13, 0.21, 0.42]),

@@ -16,7 +16,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
     reynolds: CREEPING,
-    uncertainty: Published {
+    published: Published {
         table: &[Uncertainty::at(1.0, [0.68, 0.48, 0.46])],
         source: "nonlocal slender-body theory on prescribed waves and driven tails",
     },

@@ -16,7 +16,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "M. J. Lighthill, SIAM Review 18 (1976)",
     },
     reynolds: CREEPING,
-    uncertainty: Published {
+    published: Published {
         table: &[Uncertainty::at(1.0, [0.31, 0.57, 0.20])],
         source: "nonlocal slender-body theory on prescribed waves, with and without a head, and driven tails",
     },

@@ -16,6 +16,7 @@ pub mod weak_inertia;
 
 use super::force::{Force, Validity};
 use super::local::HeadWeight;
+use super::reactive::OMITTED;
 use crate::rod::{Half, Profile, Rod};
 
 /// All laws; adding one is its file and its line here.
@@ -70,7 +71,7 @@ pub struct DragLaw {
     /// Reynolds number of the depth up to which it holds.
     pub reynolds: f64,
     /// How far it is known to be from the truth.
-    pub uncertainty: Published,
+    pub published: Published,
     /// What the force at a place depends on.
     pub reach: Reach,
     /// The keys of `[drag]` that it takes beside those of every law.
@@ -108,7 +109,17 @@ impl Published {
 
     /// What it says at a Reynolds number, linear in its logarithm; beyond the ends of the table that of the end.
     pub fn at(&self, reynolds: f64) -> Option<Uncertainty> {
-        Uncertainty::of(self.table, reynolds)
+        let after = self.table.partition_point(|entry| entry.reynolds <= reynolds);
+        let (before, next) = (self.table.get(after.wrapping_sub(1)), self.table.get(after));
+        let (Some(from), Some(to)) = (before, next) else { return before.or(next).copied() };
+        let part = (reynolds / from.reynolds).ln() / (to.reynolds / from.reynolds).ln();
+        let between = |a: f64, b: f64| a + part * (b - a);
+        Some(Uncertainty {
+            reynolds,
+            speed: between(from.speed, to.speed),
+            thrust: between(from.thrust, to.thrust),
+            power: between(from.power, to.power),
+        })
     }
 }
 
@@ -129,20 +140,6 @@ impl Uncertainty {
     /// An entry of a table.
     pub const fn at(reynolds: f64, [speed, thrust, power]: [f64; 3]) -> Self {
         Self { reynolds, speed, thrust, power }
-    }
-
-    fn of(table: &[Self], reynolds: f64) -> Option<Self> {
-        let after = table.partition_point(|entry| entry.reynolds <= reynolds);
-        let (before, next) = (table.get(after.wrapping_sub(1)), table.get(after));
-        let (Some(from), Some(to)) = (before, next) else { return before.or(next).copied() };
-        let part = (reynolds / from.reynolds).ln() / (to.reynolds / from.reynolds).ln();
-        let between = |a: f64, b: f64| a + part * (b - a);
-        Some(Self {
-            reynolds,
-            speed: between(from.speed, to.speed),
-            thrust: between(from.thrust, to.thrust),
-            power: between(from.power, to.power),
-        })
     }
 
     /// That of two independent causes.
@@ -171,6 +168,19 @@ impl DragLaw {
     /// The law of this name.
     pub fn named(name: &str) -> Option<&'static Self> {
         LAWS.iter().copied().find(|law| law.name == name)
+    }
+
+    /// Its name, and that of the reactive force where it is with it.
+    pub fn with_reactive(&self, reactive: bool) -> String {
+        format!("{}{}", self.name, if reactive { " + reactive" } else { "" })
+    }
+
+    /// How far results under it are published to be from the truth at a Reynolds number, with the reactive force or without; none
+    /// where nothing is known, as out of its range.
+    pub fn uncertainty(&self, reynolds: f64, reactive: bool) -> Option<Uncertainty> {
+        let drag = self.published.at(reynolds).filter(|_| reynolds <= self.reynolds)?;
+        let omitted = if reactive { None } else { OMITTED.at(reynolds) };
+        Some(omitted.map_or(drag, |omitted| drag.with(omitted)))
     }
 
     /// Forces whose sum it is, by what they come from.

@@ -14,7 +14,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971)",
     },
     reynolds: 0.5,
-    uncertainty: Published {
+    published: Published {
         table: &[
             Uncertainty::at(5e-4, [0.03, 0.05, 0.05]),
             Uncertainty::at(0.016, [0.10, 0.10, 0.05]),

@@ -16,7 +16,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
     reynolds: CREEPING,
-    uncertainty: Published {
+    published: Published {
         table: &[Uncertainty::at(1.0, [0.15, 0.25, 0.45])],
         source: "that of cox, and what the drag of a cylinder along itself differs by",
     },

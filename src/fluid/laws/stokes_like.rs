@@ -20,7 +20,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "the source study",
     },
     reynolds: 0.0,
-    uncertainty: Published::NOTHING,
+    published: Published::NOTHING,
     reach: Reach::Edge,
     keys: &["ratio"],
     needs: &["ratio"],

@@ -16,7 +16,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "D. J. Jeffrey & Y. Onishi, Q. J. Mech. Appl. Math. 34 (1981); D. F. Katz & J. R. Blake (1975)",
     },
     reynolds: CREEPING,
-    uncertainty: Published {
+    published: Published {
         table: &[Uncertainty::at(1.0, [0.19, 0.19, 0.19])],
         source: "drag of a straight rod against nonlocal theory with Blake's images, height over length 0.03 to 2",
     },

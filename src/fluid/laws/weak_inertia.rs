@@ -20,7 +20,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "H. Lamb (1911); S. Kaplun, J. Math. Mech. 6 (1957); R. E. Khayat & R. G. Cox, J. Fluid Mech. 209 (1989)",
     },
     reynolds: 0.5,
-    uncertainty: Published {
+    published: Published {
         table: &[Uncertainty::at(1e-3, [0.101, 0.20, 0.42]), Uncertainty::at(0.5, [0.15, 0.22, 0.44])],
         source: "that of cox, and the measured drag of a cylinder up to a Reynolds number of 1",
     },

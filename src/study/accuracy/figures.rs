@@ -139,9 +139,9 @@ impl Report<'_> {
     pub(super) fn table(&self, rows: &[Row<'_>]) -> Table {
         let [first, _, energy] = self.quantities();
         let errors = |kind: &str| self.quantities().map(|quantity| format!("{kind}_error_{}", quantity.key));
-        let columns: Vec<String> = ["model", "integrator", "time_step_s", "tolerance", "nodes", "steps"]
+        let columns: Vec<String> = ["model", "integrator", "time_step_s", "tolerance", "nodes"]
             .into_iter()
-            .chain(["newton_iterations", "linear_solves", "step_halvings", "wall_s", "processor_s"])
+            .chain(Trial::COSTS)
             .chain(first.columns.iter().chain(energy.columns).copied())
             .chain(SHOWN.map(|measure| measure.key))
             .map(str::to_string)
@@ -170,14 +170,8 @@ impl Report<'_> {
                 step,
                 tolerance,
                 json!(row.case.nodes),
-                json!(trial.steps),
-                json!(trial.iterations),
-                json!(trial.factorisations),
-                json!(trial.halvings),
-                json!(trial.wall_s),
-                json!(trial.processor_s),
             ];
-            line.extend(found.chain(errors).chain([failure]));
+            line.extend(trial.costs().into_iter().chain(found).chain(errors).chain([failure]));
             line
         };
         Table { file: "accuracy.csv", title: "All runs", rows: rows.iter().map(line).collect(), columns }

@@ -7,9 +7,9 @@ use super::{Case, MANNER, Quantity, in_words, quantities};
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::Findings;
-use crate::report::chart::number;
 use crate::scene::{HeadKind, Scene};
 use crate::study::trial::{Recipe, Trial};
+use crate::words::{percent, two_digits};
 
 /// From this error on, relative, a cheaper model computes another motion.
 const USELESS: f64 = 1.0;
@@ -67,15 +67,6 @@ impl Row<'_> {
 fn short(x: f64) -> String {
     let digits: f64 = format!("{x:.2e}").parse().unwrap_or(x);
     format!("{digits:e}")
-}
-
-/// A number in two digits, without an exponent where it is neither large nor small.
-fn two_digits(x: f64) -> String {
-    number(format!("{x:.1e}").parse().unwrap_or(x))
-}
-
-fn percent(part: f64) -> String {
-    format!("{} %", two_digits(100.0 * part))
 }
 
 fn milliseconds(seconds: f64) -> String {
@@ -187,8 +178,7 @@ impl Report<'_> {
         let rod = self.scene.model().ok()?.rod;
         let [motion, power] = self.scene.uncertainty(&rod)?.measured(self.is_held());
         let (law, reactive) = self.scene.fluid_model(&rod);
-        let name = format!("{}{}", law?.name, if reactive { " + reactive" } else { "" });
-        Some((name, [Some(motion), None, Some(power)]))
+        Some((law?.with_reactive(reactive), [Some(motion), None, Some(power)]))
     }
 
     /// What the fluid's law leaves open, beside what steps and mesh do.

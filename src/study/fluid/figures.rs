@@ -1,9 +1,10 @@
 //! Error against cost, forces by what they come from, and the swimmers side by side.
 
 use super::swim::{PHASES, Part};
-use super::words::{Report, Row, percent};
+use super::words::{Report, Row};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Frame, Motion};
+use crate::words::percent;
 
 /// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
 const LANE: f64 = 1.15;

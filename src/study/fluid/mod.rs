@@ -17,7 +17,6 @@ use self::words::Report;
 use super::{Desk, Studied};
 use crate::error::Result;
 use crate::fluid::laws::{DragLaw, LAWS, Uncertainty, auto};
-use crate::fluid::reactive::OMITTED;
 use crate::jobs;
 use crate::scene::{HeadKind, Scene};
 
@@ -44,7 +43,7 @@ struct Rung {
 
 impl fmt::Display for Rung {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}{}", self.law.name, if self.reactive { " + reactive" } else { "" })
+        f.write_str(&self.law.with_reactive(self.reactive))
     }
 }
 
@@ -73,7 +72,7 @@ impl Ladder {
         for law in LAWS.iter().filter(|law| law.name != auto::LAW.name) {
             for reactive in [false, true] {
                 let own = own_law == Some(law) && own_reactive == reactive;
-                let name = format!("{}{}", law.name, if reactive { " + reactive" } else { "" });
+                let name = law.with_reactive(reactive);
                 let holds = reynolds <= law.reynolds;
                 let (scene, dropped) = match scene.with_fluid(law, reactive) {
                     Ok(other) => other,
@@ -87,9 +86,7 @@ impl Ladder {
                     refused.push((name, format!("out of its range: Re_d = {reynolds:.2e}, above {most:e}")));
                     continue;
                 }
-                let drag = law.uncertainty.at(reynolds).filter(|_| holds);
-                let omitted = if reactive { None } else { OMITTED.at(reynolds) };
-                let uncertainty = drag.map(|drag| omitted.map_or(drag, |omitted| drag.with(omitted)));
+                let uncertainty = law.uncertainty(reynolds, reactive);
                 rungs.push(Rung { law, reactive, own, holds, uncertainty, dropped, scene });
             }
         }

@@ -5,9 +5,10 @@ use serde_json::{Value, json};
 use super::swim::Swim;
 use super::{Ladder, Rung};
 use crate::cycle::Means;
-use crate::report::chart::number;
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
+use crate::study::trial::Trial;
+use crate::words::{percent, two_digits};
 
 /// Runs whose times differ by less than this factor cost about the same.
 const ALIKE: f64 = 2.0;
@@ -32,19 +33,8 @@ pub struct Row<'a> {
     pub is_reference: bool,
 }
 
-/// A part of one in per cent, in two digits.
-pub fn percent(part: f64) -> String {
-    let x = 100.0 * part;
-    let digits: f64 = format!("{x:.1e}").parse().unwrap_or(x);
-    format!("{} %", number(digits))
-}
-
 fn signed(part: f64) -> String {
     if part < 0.0 { format!("−{}", percent(-part)) } else { format!("+{}", percent(part)) }
-}
-
-fn times(ratio: f64) -> String {
-    number(format!("{ratio:.1e}").parse().unwrap_or(ratio))
 }
 
 impl<'a> Report<'a> {
@@ -84,7 +74,7 @@ impl<'a> Report<'a> {
         let Some(reference) = rows.iter().find(|row| row.is_reference) else {
             say(format!(
                 "Re_d = {}: no law that holds there runs to the end of this scene; nothing is compared.",
-                times(reynolds)
+                two_digits(reynolds)
             ));
             return;
         };
@@ -94,14 +84,14 @@ impl<'a> Report<'a> {
         say(match uncertain {
             Some([of_motion, of_power]) => format!(
                 "Re_d = {} by the motion that the scene prescribes. The highest law that holds is {name}; by what is published it is itself good to ±{} in {motion} and ±{} in power ({}).",
-                times(reynolds),
+                two_digits(reynolds),
                 percent(of_motion),
                 percent(of_power),
-                reference.rung.law.uncertainty.source
+                reference.rung.law.published.source
             ),
             None => format!(
                 "Re_d = {} by the motion that the scene prescribes. No law with a published uncertainty holds there; differences are from the scene's own, {name}.",
-                times(reynolds)
+                two_digits(reynolds)
             ),
         });
         for (key, of) in [("uncertainty_motion", 0), ("uncertainty_power", 1)] {
@@ -117,7 +107,7 @@ impl<'a> Report<'a> {
                     row.rung,
                     signed(of_motion),
                     signed(of_power),
-                    times(row.swim.trial.processor_s / seconds)
+                    two_digits(row.swim.trial.processor_s / seconds)
                 ),
                 None => format!(
                     "{}{own} fails{range}: {}",
@@ -205,19 +195,12 @@ impl<'a> Report<'a> {
             if self.held { "published_uncertainty_thrust" } else { "published_uncertainty_speed" },
             "published_uncertainty_power",
         ])
-        .chain([
-            "steps",
-            "newton_iterations",
-            "linear_solves",
-            "step_halvings",
-            "wall_s",
-            "processor_s",
-            "failure",
-        ]);
+        .chain(Trial::COSTS)
+        .chain(["failure"]);
         let line = |row: &Row<'_>| {
             let (trial, means) = (&row.swim.trial, row.swim.means);
             let published = row.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
-            vec![
+            let mut line = vec![
                 json!(row.rung.law.name),
                 json!(row.rung.reactive),
                 json!(row.rung.own),
@@ -230,14 +213,10 @@ impl<'a> Report<'a> {
                 json!(row.differences.map(|both| both[1])),
                 json!(published.map(|both| both[0])),
                 json!(published.map(|both| both[1])),
-                json!(trial.steps),
-                json!(trial.iterations),
-                json!(trial.factorisations),
-                json!(trial.halvings),
-                json!(trial.wall_s),
-                json!(trial.processor_s),
-                trial.failure.as_ref().map_or(Value::Null, |(_, _, reason)| json!(reason)),
-            ]
+            ];
+            line.extend(trial.costs());
+            line.push(trial.failure.as_ref().map_or(Value::Null, |(_, _, reason)| json!(reason)));
+            line
         };
         Table {
             file: "laws.csv",
