@@ -347,7 +347,7 @@ fn a_hidden_profile_is_tracked_to_ten_micrometres() {
             let table = Table::of(&even).unwrap();
             let problem = Problem::of(&even).unwrap();
             let objective = Objective::new(&table, &problem, Some(&target)).unwrap();
-            let mut search = Search { table: &table, objective: &objective, problem };
+            let mut search = Search::new(&table, &objective, problem);
             let found = search.run(|_| ControlFlow::Continue(())).unwrap();
             let met = found.history.iter().position(|iteration| iteration.objective <= 1e-5);
             println!("{name} {profile}: {:.1e} m, met after {met:?} of {}", found.objective, found.history.len());

@@ -74,7 +74,7 @@ fn identified(document: &Document, markers: &Markers) -> Found {
     let table = Table::of(&scene).unwrap_or_else(|fault| panic!("{fault:?}"));
     let problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, Some(markers)).unwrap().of_document(document);
-    let mut search = Search { table: &table, objective: &objective, problem };
+    let mut search = Search::new(&table, &objective, problem);
     search.run(|_| ControlFlow::Continue(())).unwrap()
 }
 

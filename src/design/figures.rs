@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::identify::Verdict;
 use super::outline;
-use super::report::{Answer, Compared, Design, distances, gain_percent, objective_label};
+use super::report::{Answer, Compared, Design, InCase, distances, gain_percent, objective_label};
 use super::search::FoundNumber;
 use super::table::{Goal, Variable};
 use crate::error::Result;
@@ -32,6 +32,7 @@ impl Design {
         figures.extend(self.actuation_figures(&rod));
         figures.extend(self.numbers_figure());
         figures.extend(self.front_figure());
+        figures.extend(self.cases_figure());
         figures.extend(self.goal_figures(&rod));
         figures.extend(self.cycle_figures());
         figures.extend(self.search_figures());
@@ -189,6 +190,24 @@ impl Design {
         series.extend((!points(false).is_empty()).then(|| Series::new("worse than others", points(false), Mark::Dots)));
         let [x, y] = [wanted.goal, self.table.goal].map(objective_label);
         Some(("front.svg", self.chart("designs between two goals", x, y, Scale::Linear, series)))
+    }
+
+    /// The objective in each of the cases that the design is for.
+    fn cases_figure(&self) -> Option<Drawn> {
+        let cases = &self.evidence.cases;
+        if cases.is_empty() {
+            return None;
+        }
+        let points = |of: fn(&InCase) -> Option<f64>| {
+            let values = cases.iter().enumerate().filter_map(|(i, case)| Some((i as f64, of(case)?)));
+            values.collect::<Vec<_>>()
+        };
+        let series = vec![
+            Series::new(self.before(), points(|case| case.before), Mark::Dots),
+            Series::new(self.after(), points(|case| case.designed), Mark::Dotted),
+        ];
+        let y = objective_label(self.table.goal);
+        Some(("cases.svg", self.chart("every case", "number of the case", y, Scale::Linear, series)))
     }
 
     /// What the goal is about, over time: the tip and its target, the way, or the markers.
@@ -434,6 +453,22 @@ impl Design {
                 rows: found.tolerances.iter().map(row).collect(),
             });
         }
+        if !self.evidence.cases.is_empty() {
+            let row = |case: &InCase| {
+                vec![json!(case.case), json!(case.before), json!(case.designed), json!(case.gain_percent)]
+            };
+            tables.push(Table {
+                file: "cases.csv",
+                title: "The cases that it is for",
+                columns: vec![
+                    "case".into(),
+                    format!("{value}, before"),
+                    format!("{value}, after"),
+                    "better by (%)".into(),
+                ],
+                rows: self.evidence.cases.iter().map(row).collect(),
+            });
+        }
         if !self.evidence.front.is_empty() {
             let row = |(i, point): (usize, &super::Compromise)| {
                 let scene = format!("{}-front-{}.toml", self.scene.name, i + 1);
@@ -561,6 +596,7 @@ fn caption(file: &str) -> &'static str {
         "front.svg" => {
             "Designs on which neither goal can be better without loss of the other; each is a scene beside this page."
         }
+        "cases.svg" => "The objective in each case that the design is for, in the order of their table.",
         "shape.svg" => "The shape that the rod is to rest in.",
         "tip_x.svg" | "tip_y.svg" => "The tip as it should move, and as it does before and after.",
         "error.svg" => "How far the simulation is from the data over time, by size on a logarithmic axis.",

@@ -53,7 +53,7 @@ pub(super) fn front(
         Ok(b)
     };
     let from = add(found)?;
-    let mut search = Search { table: &other, objective: &second, problem: problem()? };
+    let mut search = Search::new(&other, &second, problem()?);
     let end = search.run_from(Some(found.at.1.clone()), &mut tell)?;
     let to = add(&end)?;
     if let Some((from, to)) = from.zip(to).filter(|_| !end.interrupted) {
@@ -61,7 +61,7 @@ pub(super) fn front(
         for i in 1..wanted.points - 1 {
             let floor = from + (to - from) * i as f64 / (wanted.points - 1) as f64;
             let table = Table { floor: Some([floor, from.abs().max(to.abs())]), ..table.clone() };
-            let mut search = Search { table: &table, objective, problem: problem()? };
+            let mut search = Search::new(&table, objective, problem()?);
             let found = search.run_from(Some(last), &mut tell)?;
             add(&found)?;
             if found.interrupted {

@@ -36,7 +36,7 @@ pub struct Used {
 }
 
 /// A limit of the body: in words, and value over the limit.
-type OfBody = (String, Box<dyn Fn(&Model) -> f64>);
+type OfBody = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 
 /// A limit of the load: in words, what is limited, and to what.
 type OfLoad = (String, Vec<Output>, f64);
@@ -152,6 +152,11 @@ impl Limits {
             });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
+    }
+
+    /// Leaves out what the load is limited by.
+    pub fn leave_load(&mut self) {
+        self.load.clear();
     }
 
     fn width(&self) -> usize {

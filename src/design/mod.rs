@@ -1,6 +1,7 @@
 //! Inverse design: which stiffness, from what is known or wanted of the motion. What is convex is one quadratic programme,
 //! solved by Clarabel; the rest is a sequence of them with exact [sensitivities](crate::sensitivity).
 
+mod cases;
 mod figures;
 mod front;
 pub mod identify;
@@ -22,6 +23,6 @@ pub use markers::Markers;
 pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};
 pub use shape::{Resting, rest};
-pub use table::{Goal, Number, Table, Variable};
+pub use table::{Goal, Number, Robust, Table, Variable};
 pub use trust::{Tolerance, Trust};
 pub use unknowns::Profile;

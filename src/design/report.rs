@@ -8,12 +8,13 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
+use super::cases::{Case, cases};
 use super::front::{Compromise, front};
 use super::identify::{Identified, Verdict, identify};
 use super::limits::Used;
 use super::markers::{LEAST, Markers};
 use super::outline;
-use super::search::{Found, FoundNumber, Iteration, Objective, Search};
+use super::search::{CASE, Found, FoundNumber, Iteration, Objective, Search};
 use super::shape::{Resting, rest};
 use super::table::{Goal, Number, Table, Variable, keys_with};
 use super::trust::{LOOSE, Tolerance, Trust, next_fluid};
@@ -83,6 +84,8 @@ pub(super) struct Evidence {
     pub numbers: Map<String, Value>,
     /// Designs between two goals.
     pub front: Vec<Compromise>,
+    /// The scenes that it is for, where these are cases of a sweep.
+    pub cases: Vec<InCase>,
     /// What is left of the gain in the other simulations.
     pub trust: Option<Trust>,
 }
@@ -94,6 +97,18 @@ pub(super) struct Compared {
     pub profile: Profile,
     /// The objective; none where the simulation fails.
     pub objective: Option<f64>,
+}
+
+/// The design in one of the scenes that it is for.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct InCase {
+    pub case: String,
+    /// Of the design; none where the simulation fails.
+    pub designed: Option<f64>,
+    /// Of what was before.
+    pub before: Option<f64>,
+    /// Gain over it, %.
+    pub gain_percent: Option<f64>,
 }
 
 /// The answer in another simulation. It is the objective of a dynamic goal, and the root mean square distance of the rod from
@@ -119,6 +134,7 @@ impl Design {
         document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
+        let asked = document;
         let document = &if table.numbers.is_empty() { document.clone() } else { pinned(document, &scene, &dynamics) };
         let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
@@ -181,7 +197,8 @@ impl Design {
                 if !table.numbers.is_empty() {
                     objective = objective.of_document(document);
                 }
-                let mut search = Search { table: &table, objective: &objective, problem };
+                let mut search = Search::new(&table, &objective, problem);
+                search.cases = cases(asked, &scene, &table)?;
                 let mut found = search.run(&mut tell)?;
                 lines.extend(say_found(&found, &table));
                 let profile = found.profile.clone();
@@ -193,6 +210,8 @@ impl Design {
                 if let Ok(motions) = motions(&mut search, before, &profile) {
                     evidence.motions = motions.into();
                 }
+                evidence.cases = in_cases(&mut search, before, &profile);
+                lines.extend(say_cases(&evidence.cases, &table));
                 if table.goal == Goal::Identify {
                     let markers = target.clone().unwrap_or_default();
                     evidence.checks = replay(document, &scene, &table, &markers, &profile);
@@ -201,7 +220,7 @@ impl Design {
                         "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
                     );
                 } else {
-                    evidence.checks = verify(document, &scene, &table, target.as_ref(), &profile);
+                    evidence.checks = verify((document, &search.cases), &scene, &table, target.as_ref(), &profile);
                     let again = || Problem::of(&scene);
                     evidence.front = front(&table, &objective, &found, again, &mut tell)?;
                     lines.extend(say_front(&evidence.front, &table));
@@ -298,6 +317,7 @@ impl Design {
             "lines": self.lines,
             "dimensionless": self.evidence.numbers,
             "checks": serde_json::to_value(&self.evidence.checks).map_err(failed)?,
+            "cases": serde_json::to_value(&self.evidence.cases).map_err(failed)?,
             "front": serde_json::to_value(&self.evidence.front).map_err(failed)?,
             "trust": serde_json::to_value(&self.evidence.trust).map_err(failed)?,
             "compared": serde_json::to_value(&self.evidence.profiles).map_err(failed)?,
@@ -414,6 +434,9 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
         lines.push(format!("limit: {limit}: {:.2} % of it", 100.0 * used));
     }
     lines.extend(found.active.iter().map(|(name, dual)| {
+        if let Some(case) = name.strip_prefix(CASE) {
+            return format!("among the worst: {case} ({:.0} % of what decides the design)", 100.0 * dual);
+        }
         let worth = if table.fits_positions() {
             format!("dual {dual:.3e}")
         } else {
@@ -423,6 +446,24 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
         format!("binding: {name} ({worth})")
     }));
     lines
+}
+
+/// What the design is in each case, in words.
+fn say_cases(cases: &[InCase], table: &Table) -> Vec<String> {
+    let line = |InCase { case, designed, gain_percent, .. }: &InCase| {
+        let value = designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
+        let gain = gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
+        format!("in {case}: {value}{gain}")
+    };
+    let counted = (!cases.is_empty()).then(|| {
+        format!(
+            "for {} cases of {}; what counts is their {}",
+            cases.len(),
+            table.over.as_deref().unwrap_or_default(),
+            table.counted().words()
+        )
+    });
+    counted.into_iter().chain(cases.iter().map(line)).collect()
 }
 
 /// The front in words.
@@ -467,8 +508,24 @@ fn say_number(number: &FoundNumber) -> String {
     format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}", value / own)
 }
 
+/// The design and what was before in every case.
+fn in_cases(search: &mut Search<'_>, before: &Profile, profile: &Profile) -> Vec<InCase> {
+    let mut of = |profile: &Profile| match search.in_cases(profile) {
+        Some(values) => values.into_iter().map(Some).collect(),
+        None => vec![None; search.cases.len()],
+    };
+    let (before, designed) = (of(before), of(profile));
+    let row = |((case, before), designed): ((&Case, Option<f64>), Option<f64>)| InCase {
+        case: case.name.clone(),
+        designed,
+        before,
+        gain_percent: designed.zip(before).map(|(designed, before)| gain_percent(search.table, designed, before)),
+    };
+    search.cases.iter().zip(before).zip(designed).map(row).collect()
+}
+
 /// `document` with the law that its scene takes by itself by name, so that other numbers do not change it.
-fn pinned(document: &Document, scene: &Scene, dynamics: &Dynamics) -> Document {
+pub(super) fn pinned(document: &Document, scene: &Scene, dynamics: &Dynamics) -> Document {
     let mut document = document.clone();
     if scene.drag.as_ref().is_some_and(|drag| drag.law_name() == "auto") {
         let name = dynamics.model.forces.iter().next().map_or("auto", |law| law.name());
@@ -517,7 +574,7 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
     let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
     let mut profiles = Vec::new();
     let mut add = |name: &str, profile: Profile, search: &mut Search<'_>| {
-        let objective = search.objective.measure(&mut search.problem, &profile);
+        let objective = search.value(&profile);
         profiles.push(Compared { name: name.to_string(), profile, objective });
     };
     if table.variables.contains(&Variable::Stiffness) {
@@ -580,20 +637,28 @@ fn changed(document: &Document, numbers: &[Number], changes: &[String], profile:
     document.scene()
 }
 
-/// Simulates the design and the even profile again.
+/// Simulates the design and the even profile again, in every case that it is for.
 fn verify(
-    document: &Document,
+    (document, cases): (&Document, &[Case]),
     scene: &Scene,
     table: &Table,
     target: Option<&Markers>,
     profile: &Profile,
 ) -> Vec<Check> {
-    let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
+    let alone = |document: &Document, changes: &[String], profile: &Profile| -> Option<f64> {
         let scene = changed(document, &table.numbers, changes, profile).ok()?;
         let mut problem = Problem::of(&scene).ok()?;
         let own = Profile::of(problem.stiffness());
         let objective = Objective::new(table, &problem, target).ok()?;
         objective.measure(&mut problem, &own)
+    };
+    let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
+        if cases.is_empty() {
+            return alone(document, changes, profile);
+        }
+        let of = |case: &Case| alone(&case.document, changes, &case.profile(profile));
+        let values = cases.iter().map(of).collect::<Option<Vec<f64>>>()?;
+        table.counted().of(&values, table.smaller_is_better())
     };
     let before = Problem::of(scene).map(|problem| {
         let even = problem.model().rod.ei * table.mean.unwrap_or(1.0);
@@ -601,8 +666,7 @@ fn verify(
         let has = table.variables.contains(&Variable::Stiffness);
         Profile::of(if has { vec![even; own.len()] } else { own })
     });
-    let law = before.is_ok().then(|| drag_law(scene)).flatten();
-    let fluid = law.and_then(|law| next_fluid(scene, &law));
+    let fluid = before.is_ok().then(|| next_fluid(scene)).flatten();
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = before.as_ref().ok().and_then(|before| measure(&changes, before));
@@ -610,15 +674,6 @@ fn verify(
         Check { simulation, designed, before, gain_percent }
     };
     simulations(scene).into_iter().chain(fluid).map(check).collect()
-}
-
-/// The law of drag that a scene has, or takes by itself.
-fn drag_law(scene: &Scene) -> Option<String> {
-    let named = scene.drag.as_ref()?.law_name();
-    if named != "auto" {
-        return Some(named.to_string());
-    }
-    scene.model().ok()?.forces.iter().next().map(|law| law.name().to_string())
 }
 
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.

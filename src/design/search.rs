@@ -9,17 +9,21 @@
 //!   ratio (Nielsen, IMM-REP-1999-05);
 //! - else, in logarithms, a damped BFGS matrix of the Lagrangian (Nocedal & Wright, Numerical Optimization, 2006, section
 //!   18.3), with a trust radius |d_i| ≤ Δ.
+//!
+//! The worst of several cases has a kink wherever another becomes the worst, so it is a variable of the step more, t, and each
+//! case i a constraint f_i + g_iᵀd ≤ t; the duals of these weigh the cases in the Lagrangian.
 
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use super::cases::{Case, each};
 use super::identify::Verdict;
 use super::limits::{Limited, Limits, Used};
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Goal, Number, Table, Variable, moved};
+use super::table::{Goal, Number, Robust, Table, Variable, moved};
 use super::trust::{Tolerance, tolerance};
 use super::unknowns::{NOTHING, Profile, Unknowns};
 use crate::cycle::{MEASURES, Measure};
@@ -76,6 +80,9 @@ const WON: f64 = 1e-4;
 /// What a step is kept within, which is no demand.
 const TRUST: &str = "trust region";
 
+/// How the constraint of a case begins that is among the worst.
+pub(super) const CASE: &str = "as bad as any: ";
+
 /// What a dynamic goal measures.
 #[derive(Debug)]
 pub struct Objective {
@@ -97,14 +104,38 @@ pub struct Objective {
 }
 
 /// The objective at one profile.
-#[derive(Debug, Clone)]
-struct Value {
+#[derive(Debug, Clone, Default)]
+pub(super) struct Value {
     /// What is made small.
-    f: f64,
+    pub f: f64,
     /// Its derivatives by the parameters, later by the unknowns.
-    by: Vec<f64>,
+    pub by: Vec<f64>,
     /// Residuals and the rows of their derivatives, where it is half a sum of squares.
     residuals: Option<(Vec<f64>, Vec<Vec<f64>>)>,
+    /// Of the worst of several cases: all of them, with their derivatives.
+    cases: Vec<(f64, Vec<f64>)>,
+}
+
+impl Value {
+    /// What counts of the values in several cases.
+    fn of(robust: Robust, each: &[Self]) -> Self {
+        let sum = |weight: &dyn Fn(usize) -> f64| {
+            let mut sum = Self { by: vec![0.0; each[0].by.len()], ..Self::default() };
+            for (i, value) in each.iter().enumerate() {
+                sum.f += weight(i) * value.f;
+                sum.by.iter_mut().zip(&value.by).for_each(|(sum, by)| *sum += weight(i) * by);
+            }
+            sum
+        };
+        match robust {
+            Robust::Mean => sum(&|_| 1.0 / each.len() as f64),
+            Robust::Worst => {
+                let worst = (0..each.len()).max_by(|a, b| each[*a].f.total_cmp(&each[*b].f));
+                let cases = each.iter().map(|value| (value.f, value.by.clone())).collect();
+                Self { cases, ..sum(&|i| f64::from(u8::from(worst == Some(i)))) }
+            }
+        }
+    }
 }
 
 impl Objective {
@@ -224,7 +255,7 @@ impl Objective {
         let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
         let width = rows.first().map_or(0, Vec::len);
         let by = (0..width).map(|j| residuals.iter().zip(&rows).map(|(r, row)| r * row[j]).sum()).collect();
-        Value { f, by, residuals: Some((residuals, rows)) }
+        Value { f, by, residuals: Some((residuals, rows)), ..Value::default() }
     }
 
     /// The objective of a way along x and, for efficiency, a work, and its derivatives by them.
@@ -246,7 +277,7 @@ impl Objective {
     }
 
     /// The same, ready to be differentiated by `parameters`.
-    fn set_with(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Result<()> {
+    pub(super) fn set_with(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Result<()> {
         if let Some(document) = &self.document {
             *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
             if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
@@ -261,14 +292,14 @@ impl Objective {
 
     /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
     /// simulation fails.
-    fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
+    pub(super) fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
         self.set_with(problem, profile, parameters).ok()?;
         let value = if self.fits {
             self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
         } else if let Some(measure) = self.measured() {
             let (mean, mut by) = problem.cycle_mean(&measure, parameters).ok()??;
             by.iter_mut().for_each(|by| *by *= -self.sign);
-            Value { f: -self.sign * mean, by, residuals: None }
+            Value { f: -self.sign * mean, by, ..Value::default() }
         } else {
             let mut trajectory = Trajectory::default();
             let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
@@ -280,7 +311,7 @@ impl Objective {
                 weights[last..].copy_from_slice(&slopes);
                 by = problem.adjoint(parameters, &self.outputs, &weights, &trajectory).ok()?;
             }
-            Value { f, by, residuals: None }
+            Value { f, by, ..Value::default() }
         };
         (value.f.is_finite() && value.by.iter().all(|x| x.is_finite())).then_some(value)
     }
@@ -419,23 +450,58 @@ struct End {
     interrupted: bool,
 }
 
-/// The search of one scene.
+/// The search of a design.
 pub struct Search<'a> {
     /// What is asked for.
-    pub table: &'a Table,
+    pub(super) table: &'a Table,
     /// The objective.
-    pub objective: &'a Objective,
+    pub(super) objective: &'a Objective,
     /// Its problem.
-    pub problem: Problem,
+    pub(super) problem: Problem,
+    /// The cases that it is for; empty where it is for the scene alone.
+    pub(super) cases: Vec<Case>,
 }
 
-impl Search<'_> {
+impl<'a> Search<'a> {
+    /// Of the scene of `problem`.
+    pub fn new(table: &'a Table, objective: &'a Objective, problem: Problem) -> Self {
+        Self { table, objective, problem, cases: Vec::new() }
+    }
+
+    /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
+    fn at(&mut self, limits: &Limits, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
+        if self.cases.is_empty() {
+            let value = self.objective.at(&mut self.problem, profile, parameters)?;
+            return Some((value, limits.at(&mut self.problem, profile, parameters)?));
+        }
+        self.objective.set_with(&mut self.problem, profile, parameters).ok()?;
+        let mut all = limits.at(&mut self.problem, profile, parameters)?;
+        let (values, of_cases): (Vec<Value>, Vec<_>) = each(&mut self.cases, profile, parameters)?.into_iter().unzip();
+        all.extend(of_cases.into_iter().flatten());
+        Some((Value::of(self.table.counted(), &values), all))
+    }
+
+    /// The objective of a profile in every case, as shown; none where a simulation fails.
+    pub(super) fn in_cases(&mut self, profile: &Profile) -> Option<Vec<f64>> {
+        let all = each(&mut self.cases, profile, &[])?;
+        Some(all.into_iter().map(|(value, _)| self.objective.shown(value.f)).collect())
+    }
+
+    /// The objective of a profile as shown; none where a simulation fails.
+    pub(super) fn value(&mut self, profile: &Profile) -> Option<f64> {
+        if self.cases.is_empty() {
+            return self.objective.measure(&mut self.problem, profile);
+        }
+        let values = self.in_cases(profile)?;
+        self.table.counted().of(&values, self.table.smaller_is_better())
+    }
+
     fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Point> {
         let (profile, parameters) = (unknowns.profile(&x), unknowns.parameters());
-        let mut value = self.objective.at(&mut self.problem, &profile, &parameters)?;
-        let mut limits = limits.at(&mut self.problem, &profile, &parameters)?;
+        let (mut value, mut limits) = self.at(limits, &profile, &parameters)?;
         limits.iter_mut().for_each(|limit| limit.by = unknowns.chain(&x, &limit.by));
         value.by = unknowns.chain(&x, &value.by);
+        value.cases.iter_mut().for_each(|(_, by)| *by = unknowns.chain(&x, by));
         if let Some((_, rows)) = &mut value.residuals {
             rows.iter_mut().for_each(|row| *row = unknowns.chain(&x, row));
         }
@@ -459,7 +525,10 @@ impl Search<'_> {
     ) -> Result<Found> {
         let own_stiffness_n_m2 = self.problem.stiffness();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
-        let limits = Limits::of(self.table, &self.problem, self.objective)?;
+        let mut limits = Limits::of(self.table, &self.problem, self.objective)?;
+        if !self.cases.is_empty() {
+            limits.leave_load(); // to the cases
+        }
         let n = unknowns.count();
         let alone = self.objective.fits || from.is_some();
         let starts = self.table.starts.filter(|_| from.is_none()).unwrap_or(if alone { 1 } else { 3 }).max(1);
@@ -582,13 +651,20 @@ impl Search<'_> {
     ) -> Result<End> {
         let n = unknowns.count();
         let merit = |point: &Point| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
-        let slope = |point: &Point| DVector::from_column_slice(&point.value.by) + rough * &point.x;
+        // What is the same in all cases.
+        let slope = |point: &Point| {
+            let own = if point.value.cases.is_empty() { &point.value.by[..] } else { &[] };
+            let by = if own.is_empty() { DVector::zeros(n) } else { DVector::from_column_slice(own) };
+            by + rough * &point.x
+        };
         let squares = first.value.residuals.is_some();
         let stiff = unknowns.roughness((SMOOTH * unknowns.joints() as f64).powi(4));
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
         let mut here = first;
         let mut hessian: Option<DMatrix<f64>> = None;
-        let beyond = here.limits.len();
+        let (beyond, cases) = (here.limits.len(), here.value.cases.len());
+        // Unknowns of a step: it, how far each limit is passed, and the worst case.
+        let width = n + beyond + usize::from(cases > 0);
         let (mut price, mut updates) = (PRICE[0], 0);
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
@@ -603,21 +679,31 @@ impl Search<'_> {
                         jacobian.tr_mul(&jacobian) / unit
                     }
                     (None, Some(hessian)) => hessian / unit,
-                    (None, None) => DMatrix::identity(n, n) * (gradient.norm() / RADIUS[0]).max(1e-12),
+                    (None, None) => {
+                        let steepest = DVector::from_column_slice(&here.value.by) + rough * &here.x;
+                        DMatrix::identity(n, n) * (steepest.norm() / unit / RADIUS[0]).max(1e-12)
+                    }
                 };
-            let mut programme = Quadratic::new(n + beyond);
+            let mut programme = Quadratic::new(width);
             let damped = if squares { &model + &metric * damping } else { model.clone() };
             for i in 0..n {
                 programme.gradient[i] = gradient[i];
-                (0..n).for_each(|j| programme.hessian[i * (n + beyond) + j] = damped[(i, j)]);
+                (0..n).for_each(|j| programme.hessian[i * width + j] = damped[(i, j)]);
             }
-            // Unknowns more: how far each limit is passed, at a price.
+            // How far each limit is passed has a price.
             for (i, limit) in here.limits.iter().enumerate() {
                 programme.gradient[n + i] = price;
                 programme.constraints.push(Constraint::at_most(TRUST, vec![(n + i, -1.0)], 0.0));
                 let row = limit.by.iter().copied().enumerate().filter(|(_, by)| *by != 0.0);
                 let row = row.chain([(n + i, -1.0)]).collect();
                 programme.constraints.push(Constraint::at_most(limit.name.clone(), row, -limit.excess));
+            }
+            for (i, (f, by)) in here.value.cases.iter().enumerate() {
+                programme.gradient[n + beyond] = 1.0;
+                let row = by.iter().map(|by| by / unit).enumerate().filter(|(_, by)| *by != 0.0);
+                let row = row.chain([(n + beyond, -1.0)]).collect();
+                let name = format!("{CASE}{}", self.cases[i].name);
+                programme.constraints.push(Constraint::at_most(name, row, (here.value.f - f) / unit));
             }
             for i in (0..n).filter(|_| !squares) {
                 for sign in [1.0, -1.0] {
@@ -649,6 +735,7 @@ impl Search<'_> {
                 (stationarity, active) = (end.0, end.1);
             }
             let of_limits: Vec<f64> = (0..beyond).map(|i| solution.duals[2 * i + 1]).collect();
+            let of_cases = solution.duals[2 * beyond..2 * beyond + cases].to_vec();
             let dearest = of_limits.iter().copied().fold(0.0, f64::max);
             if dearest > 0.5 * price {
                 price = (4.0 * price).min(PRICE[1]);
@@ -657,8 +744,9 @@ impl Search<'_> {
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
             let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
-            let kept = here.violation() - solution.x[n..].iter().map(|x| x.max(0.0)).sum::<f64>();
-            let promised = price * kept - (gradient.dot(&step) + 0.5 * step.dot(&(&model * &step)));
+            let kept = here.violation() - solution.x[n..n + beyond].iter().map(|x| x.max(0.0)).sum::<f64>();
+            let worst = solution.x[n + beyond..].iter().sum::<f64>();
+            let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
             if promised < ROUNDING
                 || (stationarity <= STATIONARY[0] && here.violation() <= 0.1 * VIOLATED)
@@ -693,7 +781,13 @@ impl Search<'_> {
                     let curved = |point: &Point| {
                         let means = unknowns.means(point.x.as_slice());
                         let limited = point.limits.iter().zip(&of_limits).map(|(limit, dual)| (&limit.by, dual));
-                        let own = DVector::from_column_slice(&point.value.by);
+                        let mut own = DVector::zeros(n);
+                        if cases == 0 {
+                            own.copy_from_slice(&point.value.by);
+                        }
+                        for ((_, by), dual) in point.value.cases.iter().zip(&of_cases) {
+                            own += DVector::from_column_slice(by) * *dual;
+                        }
                         let sum =
                             limited.fold(own, |sum, (by, dual)| sum + DVector::from_column_slice(by) * (dual * unit));
                         means
@@ -751,7 +845,8 @@ impl Search<'_> {
     /// How far each unknown of what was `found` may be off.
     pub(super) fn tolerances(&mut self, found: &Found) -> Vec<Tolerance> {
         let (unknowns, x) = &*found.at;
-        let mut value = |x: &[f64]| Some(self.objective.at(&mut self.problem, &unknowns.profile(x), &[])?.f);
+        let smaller = self.objective.smaller_is_better();
+        let mut value = |x: &[f64]| self.value(&unknowns.profile(x)).map(|value| if smaller { value } else { -value });
         let Some(own) = value(x) else { return Vec::new() };
         let names = unknowns.names().into_iter().enumerate();
         let of = |(i, name): (usize, String)| {
@@ -768,8 +863,7 @@ impl Search<'_> {
     /// it fails.
     pub fn measure(&mut self, factors: &[f64]) -> Option<f64> {
         let reference = self.problem.model().rod.ei;
-        let profile = Profile::of(factors.iter().map(|factor| factor * reference).collect());
-        self.objective.measure(&mut self.problem, &profile)
+        self.value(&Profile::of(factors.iter().map(|factor| factor * reference).collect()))
     }
 
     /// The best profile that is linear in ξ, of the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the

@@ -214,6 +214,37 @@ fn points() -> usize {
     7
 }
 
+/// What counts where a design is for several scenes.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
+#[serde(rename_all = "kebab-case")]
+pub enum Robust {
+    /// The scene in which the goal is worst.
+    #[default]
+    Worst,
+    /// The mean of the goal over all of them.
+    Mean,
+}
+
+impl Robust {
+    /// Of the goal's `values` in the scenes; none where there is none.
+    pub fn of(self, values: &[f64], smaller_is_better: bool) -> Option<f64> {
+        match self {
+            Self::Mean => (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64),
+            Self::Worst if smaller_is_better => values.iter().copied().reduce(f64::max),
+            Self::Worst => values.iter().copied().reduce(f64::min),
+        }
+    }
+
+    /// It in words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::Worst => "worst",
+            Self::Mean => "mean",
+        }
+    }
+}
+
 /// `[design]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -277,6 +308,10 @@ pub struct Table {
     pub largest_strain: Option<f64>,
     /// Largest power of the actuation at any time, W.
     pub largest_power_w: Option<f64>,
+    /// A sweep's file: the design is for its cases, all of them, made of this scene.
+    pub over: Option<String>,
+    /// What counts of these: the "worst" case, where it is absent, or the "mean" of all.
+    pub robust: Option<Robust>,
     /// A second goal, against which the first is traded.
     pub front: Option<Front>,
     /// What the second goal has to reach, and its size.
@@ -413,6 +448,15 @@ impl Table {
         if let Some(key) = given.or(self.front.as_ref().map(|_| "design.front")).filter(|_| !searched) {
             return Err((key, "found with a goal that has no such limit; allowed: with \"distance\", \"efficiency\" and means over cycles".into()));
         }
+        if self.over.is_some() && !searched {
+            return Err((
+                "design.over",
+                "found with a goal that is of one scene; allowed: with \"distance\", \"efficiency\" and means over cycles".into(),
+            ));
+        }
+        if self.robust.is_some() && self.over.is_none() {
+            return Err(("design.robust", "found without design.over, which names the cases; allowed: with it".into()));
+        }
         let of_body = [
             ("design.largest_mass_kg", self.largest_mass_kg.is_some()),
             ("design.neutral_buoyancy", self.neutral_buoyancy),
@@ -422,6 +466,9 @@ impl Table {
             return Err((key, "found where no number of the body is among the variables; allowed: with \"rod.outer_radius_m\" and the like in variables".into()));
         }
         let Some(front) = &self.front else { return Ok(()) };
+        if self.over.is_some() {
+            return Err(("design.front", "found with design.over; allowed: one of the two".into()));
+        }
         if !matches!(front.goal, Goal::Distance | Goal::Efficiency | Goal::Cycle(_)) || front.goal == self.goal {
             return Err((
                 "design.front",
@@ -443,6 +490,11 @@ impl Table {
                 Err(("design.front", format!("found better = {better:?}; allowed: \"larger\" or \"smaller\"")))
             }
         }
+    }
+
+    /// What counts of the cases that it is for.
+    pub fn counted(&self) -> Robust {
+        self.robust.unwrap_or_default()
     }
 
     /// Least and largest of the numbers of a key, over what they are in the scene.

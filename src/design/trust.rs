@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::report::Check;
-use crate::fluid::laws::{CREEPING, DragLaw, LAWS, cross_flow};
+use crate::fluid::laws::{CREEPING, cross_flow};
 use crate::scene::Scene;
 
 /// The loss of the objective that a tolerance allows.
@@ -40,7 +40,7 @@ pub(super) fn tolerance(name: String, mut loss: impl FnMut(f64) -> Option<f64>) 
     }
     let mut found = None;
     let [mut inside, mut outside]: [Option<(f64, f64)>; 2] = [Some((0.0, 0.0)), None];
-    for _ in 0..6 {
+    for i in 0..10 {
         let lost = loss(side * change).filter(|lost| lost.is_finite()).unwrap_or(f64::INFINITY);
         if (lost / LOSS - 1.0).abs() < 0.02 {
             found = Some((change, lost));
@@ -56,14 +56,16 @@ pub(super) fn tolerance(name: String, mut loss: impl FnMut(f64) -> Option<f64>) 
         }
         change = match (inside, outside) {
             (Some((a, below)), Some((b, above))) if above.is_finite() => {
-                // Loss is nearly a square.
-                let [below, above, at] = [below.max(0.0), above, LOSS].map(f64::sqrt);
+                // Loss is nearly a square, or nearly linear at a kink.
+                let power = if i % 2 == 0 { 0.5 } else { 1.0 };
+                let [below, above, at] = [below.max(0.0), above, LOSS].map(|loss| loss.powf(power));
                 a + (b - a) * ((at - below) / (above - below)).clamp(0.05, 0.95)
             }
             (Some((a, _)), Some((b, _))) => 0.5 * (a + b),
             _ => (1.6 * change).min(LOOSE),
         };
     }
+    let found = found.or(inside.filter(|_| outside.is_some()));
     Tolerance { name, change: found.map(|found| found.0), loss: found.map(|found| found.1) }
 }
 
@@ -114,9 +116,9 @@ impl Trust {
 /// The next higher rung of the fluid, in words and as changes of the scene: drag with the fluid's inertia above a law of
 /// creeping flow, the water that the rod accelerates above that. None above these, and above laws whose coefficients the scene
 /// gives, or which a plane decides.
-pub(super) fn next_fluid(scene: &Scene, law: &str) -> Option<(String, Vec<String>)> {
-    let law: &DragLaw = LAWS.iter().find(|own| own.name == law)?;
+pub(super) fn next_fluid(scene: &Scene) -> Option<(String, Vec<String>)> {
     scene.medium.as_ref()?;
+    let law = scene.fluid_model(&scene.model().ok()?.rod).0?;
     if law == &cross_flow::LAW {
         let free = scene.reactive.is_none();
         return free.then(|| ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]));

@@ -230,6 +230,14 @@ impl Sweep {
     /// # Errors
     /// Those of [`read`](Self::read).
     pub fn read_from(files: &Files, path: &Path, set: &[String]) -> Result<Self> {
+        Self::over(files, path, set, None)
+    }
+
+    /// The same with another base scene than its file names, where one is given.
+    ///
+    /// # Errors
+    /// Those of [`read`](Self::read).
+    pub fn over(files: &Files, path: &Path, set: &[String], base: Option<Document>) -> Result<Self> {
         let document = Document::read_from(files.clone(), path)?;
         if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
         {
@@ -247,7 +255,7 @@ impl Sweep {
 
         let folder = path.parent().unwrap_or(Path::new(""));
         let scene = folder.join(&file.scene);
-        let mut base = Document::read_from(files.clone(), &scene)?;
+        let mut base = base.map_or_else(|| Document::read_from(files.clone(), &scene), Ok)?;
         let mut own = Vec::new();
         axis::leaves(&file.set, "", &mut own);
         for (key, value) in own {
@@ -416,16 +424,21 @@ impl Sweep {
         Ok(Case { index, levels, settings })
     }
 
+    /// The text of a case's scene, with what the axes override.
+    pub fn document(&self, case: &Case) -> Document {
+        let mut document = self.base.clone();
+        for (axis, key, value) in &case.settings {
+            document.put(&self.places[*axis], key, value);
+        }
+        document
+    }
+
     /// The scene of a case, checked, and its hash.
     ///
     /// # Errors
     /// [`Error::Scene`] that names the axis and the case; [`Error::Read`].
     pub fn scene(&self, case: &Case) -> Result<(Scene, String)> {
-        let mut document = self.base.clone();
-        for (axis, key, value) in &case.settings {
-            document.put(&self.places[*axis], key, value);
-        }
-        let scene = document.scene().map_err(|error| match error {
+        let scene = self.document(case).scene().map_err(|error| match error {
             Error::Several(mistakes) => {
                 Error::Several(mistakes.into_iter().map(|one| self.in_case(case, one)).collect())
             }

@@ -1,0 +1,152 @@
+//! Robust design: one design for several scenes, the cases of a sweep. What counts is the worst of them, or their mean
+//! (Ben-Tal, El Ghaoui & Nemirovski, Robust Optimization, 2009).
+
+use std::ops::ControlFlow;
+use std::sync::Mutex;
+
+use super::limits::{Limited, Limits};
+use super::report::pinned;
+use super::search::{Objective, Value};
+use super::table::{Table, Variable};
+use super::unknowns::Profile;
+use crate::error::{Error, Result};
+use crate::jobs;
+use crate::model::Dynamics;
+use crate::rod::Rod;
+use crate::scene::{Document, Fault, Scene};
+use crate::sensitivity::{Parameter, Problem};
+use crate::sweep::Sweep;
+
+/// Keys of the scene that a variable along the rod decides.
+const DECIDED: [(Variable, &[&str]); 3] = [
+    (Variable::Stiffness, &["rod.stiffness_profile", "rod.stiffness_gradient"]),
+    (Variable::Amplitude, &["actuation.amplitude_profile"]),
+    (Variable::Phase, &["actuation.phase_profile_rad"]),
+];
+
+/// One of the scenes that a design is for.
+pub(super) struct Case {
+    /// Which, in words.
+    pub name: String,
+    pub document: Document,
+    objective: Objective,
+    problem: Problem,
+    limits: Limits,
+    /// EI of its sections over that of the scene itself, joint by joint: a rod of the same profile that is stiffer. Empty where
+    /// the stiffness follows from the scene.
+    stiffer: Vec<f64>,
+}
+
+/// The cases that `table` asks for, of `document` with `scene`; none where it is for this scene alone.
+///
+/// # Errors
+/// Those of [`Sweep::read`] and of the scenes; [`Error::Scene`] where an axis moves what the design decides.
+pub(super) fn cases(document: &Document, scene: &Scene, table: &Table) -> Result<Vec<Case>> {
+    let Some(file) = &table.over else { return Ok(Vec::new()) };
+    let sweep = Sweep::over(&scene.read_from, &scene.folder.join(file), &[], Some(document.clone()))?;
+    let rod = scene.model()?.rod;
+    for key in sweep.axes.iter().flat_map(|axis| &axis.keys) {
+        let number = table.numbers.iter().any(|number| number.key == *key);
+        let along = DECIDED.iter().any(|(variable, keys)| table.variables.contains(variable) && keys.contains(&&**key));
+        if number || along || key == "rod.nodes" {
+            let problem = format!("{file} moves {key}, which the design decides; allowed: axes of other keys");
+            return Err(document.refuse(&Fault { key: "design.over".into(), problem }));
+        }
+    }
+    let case = |index: usize| {
+        let case = sweep.case(index)?;
+        let name = sweep.describe(&case);
+        sweep.scene(&case)?; // whose complaints know their axis
+        let named = |error: Error| match error {
+            Error::Design { reason } => Error::Design { reason: format!("{reason} (in {name})") },
+            other => other,
+        };
+        Case::of(name.clone(), &sweep.document(&case), &rod, table).map_err(named)
+    };
+    (0..sweep.size()).map(case).collect()
+}
+
+impl Case {
+    /// The scene of `document`, in which the `table` of a scene with `rod` is to be met.
+    fn of(name: String, document: &Document, rod: &Rod, table: &Table) -> Result<Self> {
+        let scene = document.scene()?;
+        let document = if table.numbers.is_empty() {
+            document.clone()
+        } else {
+            pinned(document, &scene, &Dynamics::new(scene.model()?.into()))
+        };
+        let own = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let by = |table: &Table| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
+        if by(&own) != by(table) {
+            let problem =
+                "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
+            return Err(document.refuse(&Fault { key: "design.over".into(), problem: problem.into() }));
+        }
+        let mut problem = Problem::of(&scene)?;
+        let mut objective = Objective::new(table, &problem, None)?;
+        objective.check(&mut problem)?;
+        if !table.numbers.is_empty() {
+            objective = objective.of_document(&document);
+        }
+        let of_load = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
+        let limits = Limits::of(&of_load, &problem, &objective)?;
+        let stiffer = if table.variables.contains(&Variable::Stiffness) {
+            let stiffness = |of: &Rod| of.joints().map(|k| of.section_stiffness(k)).collect::<Vec<_>>();
+            stiffness(&problem.model().rod).iter().zip(stiffness(rod)).map(|(case, own)| case / own).collect()
+        } else {
+            Vec::new()
+        };
+        Ok(Self { name, document, objective, problem, limits, stiffer })
+    }
+
+    /// What `profile`, of the scene itself, is in it.
+    pub fn profile(&self, profile: &Profile) -> Profile {
+        let stiffness = profile.stiffness_n_m2.iter().zip(&self.stiffer).map(|(ei, stiffer)| ei * stiffer).collect();
+        let stiffness_n_m2 = if self.stiffer.is_empty() && !profile.numbers.is_empty() {
+            Vec::new()
+        } else if self.stiffer.is_empty() {
+            self.problem.stiffness()
+        } else {
+            stiffness
+        };
+        Profile { stiffness_n_m2, ..profile.clone() }
+    }
+
+    /// The objective and the limits of the load with their derivatives by `parameters` of the scene itself; none where a
+    /// simulation fails.
+    fn at(&mut self, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
+        let profile = self.profile(profile);
+        let mut value = self.objective.at(&mut self.problem, &profile, parameters)?;
+        let mut limits = self.limits.at(&mut self.problem, &profile, parameters)?;
+        let first = self.problem.model().rod.joints().start;
+        for by in std::iter::once(&mut value.by).chain(limits.iter_mut().map(|limit| &mut limit.by)) {
+            for (by, parameter) in by.iter_mut().zip(parameters) {
+                if let Parameter::Stiffness(k) = parameter {
+                    *by *= self.stiffer.get(k - first).copied().unwrap_or(1.0);
+                }
+            }
+        }
+        for limit in &mut limits {
+            limit.name = format!("{} in {}", limit.name, self.name);
+        }
+        Some((value, limits))
+    }
+}
+
+/// Objective and limits in each of `cases`, on all cores; none where a simulation fails.
+pub(super) fn each(
+    cases: &mut [Case],
+    profile: &Profile,
+    parameters: &[Parameter],
+) -> Option<Vec<(Value, Vec<Limited>)>> {
+    let all: Vec<usize> = (0..cases.len()).collect();
+    let mut found: Vec<Option<(Value, Vec<Limited>)>> = all.iter().map(|_| None).collect();
+    let cases: Vec<Mutex<&mut Case>> = cases.iter_mut().map(Mutex::new).collect();
+    let work = |i: usize| cases[i].lock().ok().and_then(|mut case| case.at(profile, parameters));
+    let keep = |i: usize, value| {
+        found[i] = value;
+        Ok(if found[i].is_some() { ControlFlow::Continue(()) } else { ControlFlow::Break(()) })
+    };
+    jobs::run(&all, jobs::cores(), work, keep).ok()?;
+    found.into_iter().collect()
+}

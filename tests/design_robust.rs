@@ -1,0 +1,149 @@
+//! A design for several scenes is the best for the worst of them, or for their mean.
+
+#![cfg(feature = "design")]
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
+
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use caudal::design::{Answer, Design, Found};
+use caudal::scene::{Document, Scene};
+use caudal::stepper::Stepper;
+
+/// A tail whose base turns, in creeping flow: thrust has a maximum over stiffness, at another one in every fluid.
+const DRIVEN: &str = r#"
+name = "driven"
+[rod]
+nodes = 17
+length_m = 1.0
+outer_radius_m = 0.02
+inner_radius_m = 0.0
+youngs_modulus_pa = 1e7
+density_kg_m3 = 1e-2
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1000.0
+[drag]
+law = "coefficients"
+along_n_s_m2 = 1.0
+across_n_s_m2 = 2.0
+[head]
+kind = "driven"
+angle_rad = { amplitude = 0.02, frequency_hz = 1.0 }
+[solver]
+integrator = "generalized-alpha"
+newton_tolerance = 1e-12
+time_step_s = 0.0078125
+duration_s = 6.0
+[design]
+goal = "cycle_thrust_n"
+knots = [0.5]
+starts = 1
+over = "cases.toml"
+"#;
+
+/// The scene beside a sweep of `axes`.
+fn document(folder: &Path, axes: &str, changes: &[&str]) -> Document {
+    let path = folder.join("driven.toml");
+    std::fs::write(&path, DRIVEN).unwrap();
+    std::fs::write(folder.join("cases.toml"), format!("scene = \"driven.toml\"\n[axes]\n{axes}\n")).unwrap();
+    let mut document = Document::read(&path).unwrap();
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    document
+}
+
+fn found(design: &Design) -> &Found {
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    found
+}
+
+/// The mean thrust of a scene's run.
+fn thrust(scene: &Scene) -> f64 {
+    let mut stepper = Stepper::of(scene).unwrap();
+    stepper.do_step(scene.solver.duration_s.get()).unwrap();
+    let mean = stepper.cycles().averages(stepper.view().dynamics);
+    mean.mean(&caudal::cycle::THRUST).unwrap()
+}
+
+const AXES: &str = r#""rod.youngs_modulus_pa" = { factors = [0.4, 1.0, 2.5] }"#;
+const FACTORS: [f64; 3] = [0.4, 1.0, 2.5];
+
+/// The thrust in every case with this stiffness over the scene's.
+fn thrusts(folder: &Path, factor: f64) -> [f64; 3] {
+    let text = document(folder, AXES, &[]).text().split("[design]").next().unwrap().to_string();
+    FACTORS.map(|stiffer| {
+        let mut document = Document::new("driven.toml", &text);
+        document.set(&format!("rod.youngs_modulus_pa={:e}", 1e7 * stiffer)).unwrap();
+        document.set(&format!("rod.stiffness_profile=[[0.0, {factor:e}], [1.0, {factor:e}]]")).unwrap();
+        thrust(&document.scene().unwrap())
+    })
+}
+
+#[test]
+fn the_worst_case_and_the_mean_are_as_good_as_they_can_be() {
+    let folder = tempfile::tempdir().unwrap();
+    for (robust, of) in [
+        ("worst", (|all| all.into_iter().fold(f64::INFINITY, f64::min)) as fn([f64; 3]) -> f64),
+        ("mean", |all| all.iter().sum::<f64>() / 3.0),
+    ] {
+        let document = document(folder.path(), AXES, &[&format!("design.robust={robust}")]);
+        let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+        let found = found(&design);
+        let reference = document.scene().unwrap().model().unwrap().rod.ei;
+        let factor = found.profile.stiffness_n_m2[0] / reference;
+        let at = |change: f64| of(thrusts(folder.path(), factor * (1.0 + change)));
+        let all = thrusts(folder.path(), factor);
+        println!("{robust}: {factor:.5}, {:.6e}, {all:?}, {:?}", found.objective, design.lines);
+        assert!(found.converged, "{robust}: {:e}", found.stationarity);
+        assert!((of(all) / found.objective - 1.0).abs() <= 1e-9, "{robust}: {:e} {:e}", of(all), found.objective);
+        // Nothing beside it is better, and it is no plain.
+        for change in [-0.02, -1e-3, 1e-3, 0.02] {
+            assert!(at(change) < of(all), "{robust}: {change}: {:e} {:e}", at(change), of(all));
+        }
+        // It says what it is in each.
+        let numbers = design.numbers().unwrap();
+        for (case, own) in numbers["cases"].as_array().unwrap().iter().zip(all) {
+            assert!((case["designed"].as_f64().unwrap() / own - 1.0).abs() <= 1e-9, "{case}");
+        }
+        assert_eq!(numbers["trust"]["survives"], true, "{}", numbers["checks"]);
+    }
+}
+
+#[test]
+fn scatter_of_the_stiffness_scatters_that_of_the_design() {
+    let folder = tempfile::tempdir().unwrap();
+    let axes = r#""rod.youngs_modulus_pa" = { factors = [0.5, 1.0, 1.5] }"#;
+    let document = document(folder.path(), axes, &["design.knots=[0.2, 0.8]"]);
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let out = folder.path().join("out");
+    design.write(&out).unwrap().complete().unwrap();
+    let numbers = design.numbers().unwrap();
+    for (case, factor) in numbers["cases"].as_array().unwrap().iter().zip([0.5, 1.0, 1.5]) {
+        let mut scene = Document::read(&out.join("driven-designed.toml")).unwrap();
+        scene.set(&format!("rod.youngs_modulus_pa={:e}", 1e7 * factor)).unwrap();
+        let own = thrust(&scene.scene().unwrap());
+        println!("{case}: {own:e}");
+        assert!((case["designed"].as_f64().unwrap() / own - 1.0).abs() <= 1e-9, "{case}: {own}");
+    }
+    assert!(out.join("cases.csv").exists() && out.join("cases.svg").exists());
+    assert!(found(&design).converged);
+}
+
+#[test]
+fn cases_that_mean_nothing_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    for (axes, changes, words) in [
+        (r#""rod.stiffness_gradient" = [0.5, 1.0]"#, &[][..], "which the design decides"),
+        (r#""rod.nodes" = [9, 17]"#, &[], "which the design decides"),
+        (AXES, &["design.variables=[\"rod.youngs_modulus_pa\"]"], "which the design decides"),
+        (AXES, &["design.over=none.toml"], "none.toml"),
+        (r#""drag.wrong" = [1.0]"#, &[], "drag.wrong"),
+        (AXES, &["design.robust=best"], "worst"),
+        (AXES, &["design.front={ goal = \"cycle_head_power_w\", better = \"smaller\" }"], "one of the two"),
+        (r#""medium.viscosity_pa_s" = [-1.0]"#, &[], "in case 0"),
+    ] {
+        let document = document(folder.path(), axes, changes);
+        let error = Design::of(&document, |_| ControlFlow::Continue(())).map(|_| ()).unwrap_err().to_string();
+        assert!(error.contains(words), "{axes} {changes:?}: {error}");
+    }
+}
