@@ -180,7 +180,7 @@ impl Newton {
                 system.assemble(state, increment, Some(linearisation))?;
                 let Solution { fallback, sizes } = match system.coupling().filter(|_| direction.v != 0.0) {
                     None => solver.solve(jacobian, increment)?,
-                    Some(coupling) => solver.solve_coupled(jacobian, coupling, direction.v, increment),
+                    Some(coupling) => solver.solve_coupled(jacobian, coupling, direction, increment),
                 };
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);

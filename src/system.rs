@@ -193,7 +193,7 @@ pub trait System {
     }
 
     /// What [`assemble`](Self::assemble) left out of the matrix because it couples every node with every other, for the state
-    /// that was assembled last; it changes with velocities alone.
+    /// that was assembled last.
     fn coupling(&self) -> Option<&dyn Coupling> {
         None
     }

@@ -153,6 +153,37 @@ fn a_wall_is_at_rest_and_edges_are_sums_of_points() {
     assert!(worst < 2e-9, "{worst:e}");
 }
 
+#[test]
+fn an_edge_s_derivatives_are_those_of_the_velocities_that_it_makes() {
+    let mut dice = Dice(5);
+    let mut worst = 0.0_f64;
+    for _ in 0..200 {
+        let height = (dice.between(0.0, 1.0) < 0.5).then(|| dice.between(0.15, 0.5));
+        let blob: f64 = 0.1;
+        let mut vector = |size: f64| Vector2::new(dice.between(-size, size), dice.between(-size, size));
+        let (d, ends, along) = (vector(0.6), [vector(1.0), vector(1.0)], vector(0.3) + Vector2::new(0.4, 0.0));
+        let velocity = |d: Vector2<f64>, along: Vector2<f64>| -> Vector2<f64> {
+            let segment = Segment { edge: &Edge::new(along), blob_squared: blob * blob, height };
+            let blocks = segment.at(d).into_iter().zip(ends);
+            blocks.map(|([xx, xy, yy], f)| Vector2::new(xx * f.x + xy * f.y, xy * f.x + yy * f.y)).sum()
+        };
+        let edge = Edge::new(along);
+        let [by_place, by_edge] = Segment { edge: &edge, blob_squared: blob * blob, height }.change(d, ends);
+        for unit in [Vector2::x(), Vector2::y()] {
+            let difference = |of: &dyn Fn(Vector2<f64>) -> Vector2<f64>| {
+                const H: f64 = 1e-3;
+                let central = |h: f64| (of(unit * h) - of(unit * -h)) / (2.0 * h);
+                (central(H) * 4.0 - central(2.0 * H)) / 3.0
+            };
+            let of_place = difference(&|by| velocity(d + by, along)) - by_place * unit;
+            let of_edge = difference(&|by| velocity(d, along + by)) - by_edge * unit;
+            worst = worst.max(of_place.norm()).max(of_edge.norm());
+        }
+    }
+    println!("derivatives off differences: {worst:.1e}");
+    assert!(worst < 1e-6, "{worst:e}"); // velocities are of size 10; differences of fourth order
+}
+
 /// A fibre of length 1 and radius 0.01 that falls broadside, EI = 0.7854 N m²; its weight is B EI/L³.
 const FIBRE: &str = r#"name = "fibre"
 [rod]
@@ -345,7 +376,7 @@ duration_s = 1.0
 "#;
 
 #[test]
-fn newton_s_method_takes_about_three_iterations_per_step() {
+fn newton_s_method_takes_at_most_three_iterations_per_step() {
     for (nodes, changes) in
         [(33, vec![]), (65, vec![]), (33, vec!["drag.height_m=1e-4"]), (33, vec!["head.kind=clamped"])]
     {
@@ -356,7 +387,7 @@ fn newton_s_method_takes_about_three_iterations_per_step() {
         let local = run(&scene_of(WORM, &[nodes.as_str(), "drag.law=cox"]));
         let of_local = local.work().newton_iterations as f64 / local.meter().totals.steps as f64;
         println!("{all:?}: {per_step:.2} iterations per step; cox {of_local:.2}");
-        assert!(per_step < 4.0, "{per_step}");
+        assert!(per_step <= 3.0, "{per_step}"); // measured: 2.00, with a held head 2.83
         assert_eq!(stepper.meter().totals.halvings, 0);
     }
 }

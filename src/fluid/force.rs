@@ -222,8 +222,8 @@ pub trait InPass {
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers;
 }
 
-/// A force on each node that depends on the motion of all of them. As [`Coupling`] it is what it adds to Newton's matrix by
-/// velocities, at the motion last evaluated; by positions it changes so little more that Newton's method does without.
+/// A force on each node that depends on the motion of all of them. As [`Coupling`] it is what it adds to Newton's matrix beside
+/// the derivatives that [`evaluate`](Force::evaluate) gives, at the motion last evaluated.
 pub trait Whole: Coupling {
     /// Adds to `out` how much more it opposes every node with where positions and velocities change by `change`, the flow by
     /// `flow` (m/s).
@@ -266,8 +266,8 @@ pub trait Force: std::fmt::Debug + Send + Sync {
         false
     }
 
-    /// What is known of a force on each node that depends on the motion of them all; [`evaluate`](Self::evaluate) gives no
-    /// derivatives of it.
+    /// What is known of a force on each node that depends on the motion of them all; [`evaluate`](Self::evaluate) gives only those
+    /// of its derivatives that are an edge's own.
     fn whole(&self) -> Option<&dyn Whole> {
         None
     }

@@ -15,12 +15,12 @@ use std::f64::consts::PI;
 use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix2, Vector2};
 
 use super::force::{Force, Kinematics, OnEdge, Tally, Validity, Whole};
 use super::laws::{DragLaw, Recipe};
 use super::medium::{Key, VISCOSITY};
-use crate::linear::{BandMatrix, Block, Coupling, DenseLu};
+use crate::linear::{BandMatrix, Block, Coupling, DenseLu, lanes};
 use crate::rod::{Edge, Rod, add, node};
 use crate::system::Direction;
 
@@ -70,9 +70,78 @@ struct Flow {
     viscosity: f64,
     /// Lengths of the edges, m; zero for a neck.
     lengths: Vec<f64>,
-    /// Room for a Jacobian.
+    /// How 8πM f/μ changes with the positions where f stays, by columns, and whether it is of this motion.
+    slopes: Vec<f64>,
+    sloped: bool,
+    /// Newton's matrix without that, for M⁻¹ times the unknowns.
     jacobian: DenseLu,
+    // Room to work in.
     room: Vec<f64>,
+    first: Vec<f64>,
+    term: Vec<f64>,
+}
+
+impl Flow {
+    /// Factors J₀ of that `band`, where velocities move by `by_velocity`.
+    fn factor(&mut self, band: &BandMatrix, by_velocity: f64) {
+        let Self { mobility, viscosity, lengths, jacobian, .. } = self;
+        let size = band.unknowns();
+        for (column, product) in mobility.chunks_exact(size).zip(jacobian.values_mut().chunks_exact_mut(size)) {
+            band.multiply(column, product, false);
+        }
+        let factor = 8.0 * PI * *viscosity * by_velocity;
+        let entries = jacobian.values_mut();
+        let mut put = |i: usize, j: usize, value: f64| {
+            if !(i == 0 && band.is_prescribed(0)) {
+                (0..2).for_each(|c| entries[(2 * j + c) * size + 2 * i + c] += factor * value);
+            }
+        };
+        for (e, length) in lengths.iter().enumerate() {
+            let [near, far] = SHARES.map(|share| share * length);
+            put(e, e, near);
+            put(e, e + 1, far);
+            put(e + 1, e, far);
+            put(e + 1, e + 1, near);
+        }
+        jacobian.factor();
+    }
+
+    /// Replaces `rhs` by J₀⁻¹ rhs; the unknowns of node 0 stay zero where it is `held`, to the bit.
+    fn solve(&mut self, rhs: &mut [f64], held: bool) {
+        self.jacobian.solve(rhs);
+        multiply(&self.mobility, rhs, &mut self.room);
+        rhs.copy_from_slice(&self.room);
+        if held {
+            rhs[..2].fill(0.0);
+        }
+    }
+
+    /// Replaces `x` by `factor` G M⁻¹ D x, none on node 0 where it is `held`.
+    fn by_positions(&mut self, factor: f64, x: &mut [f64], held: bool) {
+        multiply(&self.slopes, x, &mut self.room);
+        self.factors.solve(&mut self.room);
+        x.fill(0.0);
+        for (e, length) in self.lengths.iter().enumerate() {
+            let ends = on_ends(&self.room, e, factor * self.viscosity * length);
+            (0..2).for_each(|i| add(x, e + i, ends[i]));
+        }
+        if held {
+            x[..2].fill(0.0);
+        }
+    }
+}
+
+/// y = A x, A by `columns`.
+fn multiply(columns: &[f64], x: &[f64], y: &mut [f64]) {
+    y.fill(0.0);
+    for (column, x) in columns.chunks_exact(y.len()).zip(x) {
+        y.iter_mut().zip(column).for_each(|(y, a)| *y += a * x);
+    }
+}
+
+/// The largest modulus of `values`.
+fn largest(values: &[f64]) -> f64 {
+    values.iter().fold(0.0, |most, x| most.max(x.abs()))
 }
 
 impl Nonlocal {
@@ -89,8 +158,12 @@ impl Nonlocal {
             density: vec![0.0; size],
             viscosity: 0.0,
             lengths: vec![0.0; nodes - 1],
+            slopes: vec![0.0; size * size],
+            sloped: false,
             jacobian: DenseLu::new(size),
             room: vec![0.0; size],
+            first: vec![0.0; size],
+            term: vec![0.0; size],
         };
         Self {
             law,
@@ -123,6 +196,7 @@ impl Nonlocal {
             *w = now;
         }
         if !same {
+            flow.sloped = false;
             flow.density.copy_from_slice(&flow.w);
             flow.factors.solve(&mut flow.density);
             flow.density.iter_mut().for_each(|f| *f *= 8.0 * PI);
@@ -155,6 +229,31 @@ impl Nonlocal {
                     x[2 * k + 1] += xy;
                     y[2 * k] += xy;
                     y[2 * k + 1] += yy;
+                }
+            }
+        }
+    }
+
+    /// Writes how the velocities that the density makes change with the positions, unless that is known.
+    fn slope(&self, flow: &mut Flow) {
+        let Flow { q, density, slopes, sloped, .. } = flow;
+        if std::mem::replace(sloped, true) {
+            return;
+        }
+        let size = q.len();
+        slopes.fill(0.0);
+        for (e, blob_squared) in self.blobs.iter().enumerate().skip(self.front) {
+            let start = node(q, e);
+            let edge = Edge::new(node(q, e + 1) - start);
+            let segment = Segment { edge: &edge, blob_squared: *blob_squared, height: self.height };
+            let ends = [node(density, e), node(density, e + 1)];
+            for k in self.front..size / 2 {
+                let [by_place, by_edge] = segment.change(node(q, k) - start, ends);
+                for (j, block) in [(k, by_place), (e, -by_place - by_edge), (e + 1, by_edge)] {
+                    for c in 0..2 {
+                        slopes[(2 * j + c) * size + 2 * k] += block[(0, c)];
+                        slopes[(2 * j + c) * size + 2 * k + 1] += block[(1, c)];
+                    }
                 }
             }
         }
@@ -207,24 +306,11 @@ impl Segment<'_> {
     /// its end, and the reverse.
     #[inline]
     pub fn at(&self, d: Vector2<f64>) -> [Symmetric; 2] {
-        let Self { edge, blob_squared, height } = self;
+        let edge = self.edge;
         let (along, across) = (d.dot(&edge.t), d.dot(&edge.n()));
-        let [from, to] = [-along, edge.length - along];
-        let square = across * across;
-        let mut sums = stokeslets(Powers::over([from, to], square + blob_squared), across, *blob_squared);
-        if let Some(height) = height {
-            let double = 4.0 * height * height;
-            let image = stokeslets(Powers::over([from, to], square + double + blob_squared), across, *blob_squared);
-            let depth = height + (height * height + blob_squared).sqrt();
-            let left = Powers::over([from, to], square + depth * depth).dipoles(across);
-            for i in 0..2 {
-                for j in 0..3 {
-                    sums[i][j] -= image[i][j] + 0.5 * double * left[i][j];
-                }
-            }
-        }
         // The density at the end counts by (σ + `along`)/ℓ.
-        let [constant, linear] = sums;
+        let [constant, linear] =
+            self.sums(across, |square| Powers::over([-along, edge.length - along], square), stokeslets, dipoles);
         let far: Symmetric = std::array::from_fn(|j| (along * constant[j] + linear[j]) * edge.per_length);
         let near: Symmetric = std::array::from_fn(|j| constant[j] - far[j]);
         let (c, s) = (edge.t.x, edge.t.y);
@@ -236,9 +322,66 @@ impl Segment<'_> {
             ]
         })
     }
+
+    /// How 8πμ times the velocity at `d`, by the force densities `ends` (N/m) at its start and end, changes with `d` and with
+    /// the edge's vector.
+    #[inline]
+    pub fn change(&self, d: Vector2<f64>, ends: [Vector2<f64>; 2]) -> [Matrix2<f64>; 2] {
+        let edge = self.edge;
+        let (along, across) = (d.dot(&edge.t), d.dot(&edge.n()));
+        let [from, to] = [-along, edge.length - along];
+        let over = |square| Powers::over([from, to], square);
+        let [constant, linear] = self.sums(across, over, stokeslets, dipoles);
+        let [constant_across, linear_across] = self.sums(across, over, stokeslets_across, dipoles_across);
+        let [at_start, at_end] =
+            [from, to].map(|sigma| self.sums(across, |square| Powers::at(sigma, square), stokeslets, dipoles)[0]);
+        // From here on by components along the edge and across it. The density is `foot` + σ `rate`.
+        let own = |f: Vector2<f64>| Vector2::new(f.dot(&edge.t), f.dot(&edge.n()));
+        let times = |[tt, tn, nn]: Symmetric, f: Vector2<f64>| Vector2::new(tt * f.x + tn * f.y, tn * f.x + nn * f.y);
+        let turned = |f: Vector2<f64>| Vector2::new(-f.y, f.x);
+        let [start, end] = ends.map(own);
+        let rate = (end - start) * edge.per_length;
+        let foot = start + rate * along;
+        let velocity = times(constant, foot) + times(linear, rate);
+        let of_turned = times(constant, turned(foot)) + times(linear, turned(rate));
+        let by_along = times(at_start, start) - times(at_end, end) + times(constant, rate);
+        let by_across = times(constant_across, foot) + times(linear_across, rate);
+        let by_length = times(at_end, end) - (times(constant, rate) * along + times(linear, rate)) * edge.per_length;
+        // Where the edge turns, the place and the density turn back against it, and the velocity turns with it.
+        let by_turn = by_along * across - by_across * along - of_turned + turned(velocity);
+        let axes = Matrix2::from_columns(&[edge.t, edge.n()]);
+        [[by_along, by_across], [by_length, by_turn * edge.per_length]]
+            .map(|columns| axes * Matrix2::from_columns(&columns) * axes.transpose())
+    }
+
+    /// What `of` makes of the integrals `powers` for the point forces, with what `of_image` makes of those for their images' rest.
+    #[inline(always)]
+    fn sums(
+        &self,
+        across: f64,
+        powers: impl Fn(f64) -> Powers,
+        of: impl Fn(Powers, f64, f64) -> [Symmetric; 2],
+        of_image: impl Fn(Powers, f64) -> [Symmetric; 2],
+    ) -> [Symmetric; 2] {
+        let Self { blob_squared, height, .. } = *self;
+        let square = across * across;
+        let mut sums = of(powers(square + blob_squared), across, blob_squared);
+        if let Some(height) = height {
+            let double = 4.0 * height * height;
+            let image = of(powers(square + double + blob_squared), across, blob_squared);
+            let depth = height + (height * height + blob_squared).sqrt();
+            let left = of_image(powers(square + depth * depth), across);
+            for i in 0..2 {
+                for j in 0..3 {
+                    sums[i][j] -= image[i][j] + 0.5 * double * left[i][j];
+                }
+            }
+        }
+        sums
+    }
 }
 
-/// Integrals ∫σᵐ/Rⁿ dσ with R² = σ² + h², over an edge.
+/// Integrals ∫σᵐ/Rⁿ dσ with R² = σ² + h², over an edge, or σᵐ/Rⁿ at one place of it.
 #[derive(Debug, Clone, Copy)]
 struct Powers {
     /// n = 1, m = 0, 1.
@@ -247,6 +390,8 @@ struct Powers {
     third: [f64; 4],
     /// n = 5, m = 0 … 3.
     fifth: [f64; 4],
+    /// n = 7, m = 0 … 3.
+    seventh: [f64; 4],
 }
 
 impl Powers {
@@ -265,6 +410,8 @@ impl Powers {
         let zeroth = (c1 - c0) * per_square;
         let second = logarithm - (c1 - c0);
         let per_cubes = to * p1 * p1 * p1 - from * p0 * p0 * p0;
+        let powers_of_five = p1.powi(5) - p0.powi(5);
+        let fifth = c1.powi(5) - c0.powi(5);
         Self {
             first: [logarithm, longer],
             third: [zeroth, shorter, second, longer - square * shorter],
@@ -274,17 +421,49 @@ impl Powers {
                 third * per_square / 3.0,
                 shorter + square * cubes / 3.0,
             ],
+            seventh: [
+                (c1 - c0 - 2.0 / 3.0 * third + 0.2 * fifth) * per_square.powi(3),
+                -0.2 * powers_of_five,
+                (third / 3.0 - 0.2 * fifth) * per_square * per_square,
+                -cubes / 3.0 + 0.2 * square * powers_of_five,
+            ],
         }
     }
 
-    /// ∫ (I/R³ − 3rrᵀ/R⁵)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
+    /// The integrands at `sigma`, h² = `square`.
     #[inline(always)]
-    fn dipoles(&self, across: f64) -> [Symmetric; 2] {
-        let (third, fifth) = (&self.third, &self.fifth);
-        [0, 1].map(|m| {
-            [third[m] - 3.0 * fifth[m + 2], 3.0 * across * fifth[m + 1], third[m] - 3.0 * across * across * fifth[m]]
-        })
+    fn at(sigma: f64, square: f64) -> Self {
+        let per_square = 1.0 / (sigma * sigma + square);
+        let first = per_square.sqrt();
+        let powers = |inverse: f64| [inverse, sigma * inverse, sigma * sigma * inverse, sigma.powi(3) * inverse];
+        Self {
+            first: [first, sigma * first],
+            third: powers(first * per_square),
+            fifth: powers(first * per_square.powi(2)),
+            seventh: powers(first * per_square.powi(3)),
+        }
     }
+}
+
+/// ∫ (I/R³ − 3rrᵀ/R⁵)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
+#[inline(always)]
+fn dipoles(Powers { third, fifth, .. }: Powers, across: f64) -> [Symmetric; 2] {
+    [0, 1].map(|m| {
+        [third[m] - 3.0 * fifth[m + 2], 3.0 * across * fifth[m + 1], third[m] - 3.0 * across * across * fifth[m]]
+    })
+}
+
+/// The derivative of [`dipoles`] by `across`.
+#[inline(always)]
+fn dipoles_across(Powers { fifth, seventh, .. }: Powers, across: f64) -> [Symmetric; 2] {
+    let square = across * across;
+    [0, 1].map(|m| {
+        [
+            across * (15.0 * seventh[m + 2] - 3.0 * fifth[m]),
+            3.0 * fifth[m + 1] - 15.0 * square * seventh[m + 1],
+            across * (15.0 * square * seventh[m] - 9.0 * fifth[m]),
+        ]
+    })
 }
 
 /// ∫ (I/R + ε²I/R³ + rrᵀ/R³)(1, σ) dσ, r = (−σ, `across`): components tt, tn, nn.
@@ -296,40 +475,57 @@ fn stokeslets(Powers { first, third, .. }: Powers, across: f64, blob_squared: f6
     })
 }
 
+/// The derivative of [`stokeslets`] by `across`.
+#[inline(always)]
+fn stokeslets_across(Powers { third, fifth, .. }: Powers, across: f64, blob_squared: f64) -> [Symmetric; 2] {
+    let square = across * across;
+    [0, 1].map(|m| {
+        let isotropic = third[m] + 3.0 * blob_squared * fifth[m];
+        [
+            -across * (isotropic + 3.0 * fifth[m + 2]),
+            3.0 * square * fifth[m + 1] - third[m + 1],
+            across * (2.0 * third[m] - isotropic - 3.0 * square * fifth[m]),
+        ]
+    })
+}
+
 impl Coupling for Nonlocal {
-    /// With x = M y the system is (B M + c G) y = rhs, where B M is banded times dense.
-    fn solve(&self, band: &BandMatrix, by_velocity: f64, rhs: &mut [f64]) {
+    /// Newton's matrix is J₀ − c_q G M⁻¹ D, J₀ = B + c_v G M⁻¹ and D how velocities change with positions where f stays. With
+    /// x = M y, J₀ x = r is (B M + c_v G) y = r, where B M is banded times dense, so one LU does; D changes so little that the
+    /// series of J₀⁻¹ c_q G M⁻¹ D gains two to three digits a term, each a few products with vectors.
+    fn solve(&self, band: &BandMatrix, along: Direction, rhs: &mut [f64]) {
+        /// The last term over the solution: Newton's method gains no more than four digits an iteration.
+        const ENOUGH: f64 = 1e-5;
+        /// Beyond, the series is none and its first term, which is all that moves velocities alone, has to do.
+        const MOST_TERMS: u32 = 8;
         let mut guard = self.last();
-        let Flow { mobility, viscosity, lengths, jacobian, room, .. } = &mut *guard;
-        let size = rhs.len();
-        for (column, product) in mobility.chunks_exact(size).zip(jacobian.values_mut().chunks_exact_mut(size)) {
-            band.multiply(column, product, false);
-        }
-        let factor = 8.0 * PI * *viscosity * by_velocity;
-        let entries = jacobian.values_mut();
-        let mut put = |i: usize, j: usize, value: f64| {
-            if !(i == 0 && band.is_prescribed(0)) {
-                (0..2).for_each(|c| entries[(2 * j + c) * size + 2 * i + c] += factor * value);
+        let flow = &mut *guard;
+        flow.factor(band, along.v);
+        let held = band.is_prescribed(0);
+        let mut term = std::mem::take(&mut flow.term);
+        flow.solve(rhs, held);
+        if along.q != 0.0 && flow.density.iter().any(|f| *f != 0.0) {
+            self.slope(flow);
+            let Flow { first, .. } = flow;
+            first.copy_from_slice(rhs);
+            term.copy_from_slice(rhs);
+            let mut last = largest(rhs);
+            for terms in 1.. {
+                flow.by_positions(along.q, &mut term, held);
+                flow.solve(&mut term, held);
+                let size = largest(&term);
+                if terms > MOST_TERMS || !(size < 0.5 * last) {
+                    rhs.copy_from_slice(&flow.first);
+                    break;
+                }
+                rhs.iter_mut().zip(&term).for_each(|(x, term)| *x += term);
+                if size <= ENOUGH * largest(rhs) {
+                    break;
+                }
+                last = size;
             }
-        };
-        for (e, length) in lengths.iter().enumerate() {
-            let [near, far] = SHARES.map(|share| share * length);
-            put(e, e, near);
-            put(e, e + 1, far);
-            put(e + 1, e, far);
-            put(e + 1, e + 1, near);
         }
-        jacobian.factor();
-        jacobian.solve(rhs);
-        room.fill(0.0);
-        for (column, y) in mobility.chunks_exact(size).zip(&*rhs) {
-            room.iter_mut().zip(column).for_each(|(x, m)| *x += m * y);
-        }
-        rhs.copy_from_slice(room);
-        if band.is_prescribed(0) {
-            // Prescribed unknowns stay, to the bit.
-            rhs[..2].fill(0.0);
-        }
+        flow.term = term;
     }
 }
 
@@ -372,9 +568,15 @@ impl Force for Nonlocal {
         self.law.validity
     }
 
-    fn evaluate(&self, rod: &Kinematics<'_>, _along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
+    /// Of the derivatives those by the length that a density acts on; the rest is no edge's own.
+    fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
         let flow = self.flow(rod);
-        sums.each(edges, |e| OnEdge::new(Self::on_edge(&flow, e), [Block::ZERO; 2], [Block::ZERO; 2]));
+        let by_position = along.map_or(0.0, |along| along.q);
+        sums.each(edges, |e| {
+            let (forces, edge) = (Self::on_edge(&flow, e), &rod.edges[e]);
+            let longer = lanes(edge.t * (by_position * edge.per_length));
+            OnEdge::new(forces, [Block::ZERO; 2], forces.map(|force| Block::outer(force, longer)))
+        });
     }
 
     fn whole(&self) -> Option<&dyn Whole> {

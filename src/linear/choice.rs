@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::FaerLu;
 use super::{BandMatrix, BlockBand, Coupling, LinearSolver, PivotedLu};
 use crate::error::Result;
+use crate::system::Direction;
 
 /// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have: a few thousand
 /// roundings. Measured: below 1e-14 on the iterates of the scenes in `models/` with their own meshes; above it only where
@@ -96,11 +97,11 @@ impl Chosen {
         &mut self,
         matrix: &BandMatrix,
         coupling: &dyn Coupling,
-        by_velocity: f64,
+        along: Direction,
         rhs: &mut [f64],
     ) -> Solution {
         self.rhs.copy_from_slice(rhs);
-        coupling.solve(matrix, by_velocity, rhs);
+        coupling.solve(matrix, along, rhs);
         Solution { fallback: false, sizes: None }
     }
 

@@ -13,6 +13,7 @@ use nalgebra::Matrix2;
 use wide::f64x2;
 
 use crate::error::Result;
+use crate::system::Direction;
 pub use block::{Block, lanes};
 pub use block_band::BlockBand;
 pub use choice::{Choice, Chosen, Solution};
@@ -207,9 +208,9 @@ impl Sizes {
 
 /// A part of a Jacobian that couples every node with every other.
 pub trait Coupling {
-    /// Replaces `rhs` by the solution of (B + c K) x = rhs, K the part, B the rest, `band`, and c how far velocities move,
-    /// `by_velocity`; values that are not finite where the sum is singular. Rows that `band` prescribes stay so.
-    fn solve(&self, band: &BandMatrix, by_velocity: f64, rhs: &mut [f64]);
+    /// Replaces `rhs` by the solution of (B + K) x = rhs, K the part along the direction `along`, B the rest, `band`; values that
+    /// are not finite where the sum is singular. Rows that `band` prescribes stay so.
+    fn solve(&self, band: &BandMatrix, along: Direction, rhs: &mut [f64]);
 }
 
 /// A direct solver: the pattern is analysed once a run, values are factored once an iteration.
