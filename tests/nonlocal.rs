@@ -24,15 +24,21 @@ fn rod(nodes: usize, radius: f64) -> Rod {
     Rod::new(nodes, 1.0, &material, MassLumping::Tributary, false)
 }
 
-/// Force and moment about the origin on a chain at `q` that moves at `v`, in a fluid of viscosity one.
-fn applied(force: &dyn Force, q: &[f64], v: &[f64]) -> (Vector3<f64>, f64) {
+/// The force on every node of a chain at `q` that moves at `v`, in a fluid of viscosity one; returns what the fluid takes.
+fn visit(force: &dyn Force, q: &[f64], v: &[f64], look: impl FnMut(usize, Vector2<f64>)) -> f64 {
     let edges: Vec<Edge> = (1..q.len() / 2).map(|k| Edge::new(node(q, k) - node(q, k - 1))).collect();
     let a = vec![0.0; q.len()];
     let fluid = Fluid { viscosity: 1.0, ..Fluid::NONE };
     let rod = Kinematics { t: 0.0, edges: &edges, q, v, a: &a, fluid, layers: None, here: &[] };
+    force::visit_alone(force, &rod, look);
+    force::powers(force, &rod).against_fluid
+}
+
+/// Force and moment about the origin on that chain, and what the fluid takes.
+fn applied(force: &dyn Force, q: &[f64], v: &[f64]) -> (Vector3<f64>, f64) {
     let mut sum = Vector3::zeros();
-    force::visit_alone(force, &rod, |k, f| sum -= Vector3::new(f.x, f.y, node(q, k).perp(&f)));
-    (sum, force::powers(force, &rod).against_fluid)
+    let power = visit(force, q, v, |k, f| sum -= Vector3::new(f.x, f.y, node(q, k).perp(&f)));
+    (sum, power)
 }
 
 /// Drag of a straight rod along and across itself, at speed one.
@@ -64,19 +70,36 @@ fn a_wall_far_away_adds_to_drag_as_katz_says_and_a_near_one_as_jeffrey_and_onish
     let rod = rod(65, 0.01);
     let plain = Recipe::plain(&rod);
     let free = straight(&nonlocal::LAW, &plain);
-    // Katz takes the image for a point: of the rod itself it overstates what it does across from 28 % at h = 0.35 on.
-    for (i, (unit, share, heights)) in
-        [(2.0 * PI, 3.0 / 16.0, [0.35, 0.5, 1.0, 2.0, 5.0]), (4.0 * PI, 3.0 / 8.0, [0.45, 0.5, 1.0, 2.0, 5.0])]
-            .into_iter()
-            .enumerate()
-    {
+    // Katz takes the image for a point at the depth h. Of a rod the image is as long as the rod: the mean of the velocity that
+    // it makes there, by a force that is the same all along, is the wall's effect to first order without that.
+    let heights = [0.35, 0.45, 0.5, 1.0, 2.0, 5.0];
+    for (i, (unit, share)) in [(2.0 * PI, 3.0 / 16.0), (4.0 * PI, 3.0 / 8.0)].into_iter().enumerate() {
+        let image = |height: f64| {
+            const PARTS: usize = 400;
+            let blob = 0.01 * 0.5_f64.exp();
+            let at = |d: f64| {
+                let place = |h: f64| if i == 0 { [d, 0.0, h] } else { [0.0, d, h] };
+                2.0 * (1.0 - d) * (above_a_wall(place(height), height, blob) - above_a_wall(place(1e12), 1e12, blob)).x
+            };
+            let weight = |k: usize| if k == 0 || k == PARTS { 1.0 } else { [2.0, 4.0][k % 2] };
+            (0..=PARTS).map(|k| weight(k) * at(k as f64 / PARTS as f64) / (3 * PARTS) as f64).sum::<f64>()
+        };
         let off = heights.map(|height| {
             let found = straight(&nonlocal::LAW, &Recipe { height, ..plain.clone() })[i];
             let katz = unit / (unit / free[i] - share / height);
-            found / katz - 1.0
+            let long = 8.0 * PI / (8.0 * PI / free[i] + image(height));
+            [found / katz - 1.0, found / long - 1.0, long / katz - 1.0]
         });
-        println!("off Katz at h = {heights:?}: {off:+.4?}");
-        assert!(off.iter().all(|off| off.abs() < 0.03) && off[4].abs() < 1e-4, "{off:?}");
+        for (height, [katz, long, between]) in heights.iter().zip(off) {
+            println!(
+                "h = {height}: off Katz {katz:+.4}, off an image of the rod's length {long:+.4}, that off Katz {between:+.4}"
+            );
+        }
+        // Measured: at most 0.5 %; Katz himself is off that image by 4.7 % across at 0.35, by 2.6 % at 0.45.
+        assert!(off.iter().all(|off| off[1].abs() < 0.006), "{off:?}");
+        let from = [0, 1][i];
+        assert!(off[from..].iter().all(|off| off[0].abs() < 0.03) && off[5][0].abs() < 1e-4, "{off:?}");
+        assert!(i == 0 || off[0][2] < -0.04, "{off:?}");
     }
     let mut range = [[f64::INFINITY, 0.0_f64]; 2];
     for height in [0.03, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0] {
@@ -223,6 +246,47 @@ fn a_falling_fibre_takes_the_shape_of_a_u_and_under_local_drag_stays_straight() 
             assert!(local.abs() < 1e-9, "{model}: {local:e}");
         }
     }
+}
+
+#[test]
+fn how_far_a_fibre_bends_hangs_on_the_mesh_by_drag_at_the_ends_and_not_by_elasticity() {
+    // The end's height over the middle, for B = 10 and small bends, by the forces on a straight fibre that falls broadside: as of a
+    // continuous beam under the forces at the nodes, and of the rod's own joints.
+    let bends = [17, 33, 49, 65, 81, 97, 121].map(|nodes: usize| {
+        let rod = rod(nodes, 0.01);
+        let force = (nonlocal::LAW.build)(&Recipe::plain(&rod));
+        let q: Vec<f64> = (0..nodes).flat_map(|k| [rod.arc_length(k), 0.0]).collect();
+        let v: Vec<f64> = (0..2 * nodes).map(|i| (i % 2) as f64).collect();
+        let mut drag = vec![0.0; nodes];
+        visit(&*force, &q, &v, |k, f| drag[k] += f.y);
+        let total: f64 = drag.iter().sum();
+        let middle = nodes / 2;
+        let load = |k: usize| drag[k] / total - rod.spacing * if k + 1 == nodes { 0.5 } else { 1.0 };
+        let far = |k: usize| (k - middle) as f64 * rod.spacing;
+        let beam: f64 = (middle..nodes).map(|k| load(k) * far(k).powi(2) * (1.5 - far(k)) / 6.0).sum();
+        let (mut slope, mut joints) = (0.0, 0.0);
+        for j in middle..nodes - 1 {
+            let moment: f64 = (j..nodes).map(|k| load(k) * (far(k) - far(j))).sum();
+            slope += moment * rod.spacing * if j == middle { 0.5 } else { 1.0 };
+            joints += slope * rod.spacing;
+        }
+        let blobs = rod.spacing / (0.5_f64.exp() * 0.01);
+        println!(
+            "{nodes} nodes, {blobs:.2} blobs: total {total:.4}, bend {:.5}, of a continuous beam {:.5}",
+            10.0 * joints,
+            10.0 * beam
+        );
+        [blobs, total, 10.0 * joints, 10.0 * beam]
+    });
+    for [blobs, total, joints, beam] in bends {
+        // Measured: 0.7 % on 17 nodes, 0.2 % on 33.
+        assert!((joints / beam - 1.0).abs() < 0.008 * (blobs / 3.8).powi(2), "{joints} {beam}");
+        if blobs < 1.3 {
+            // Measured: 0.01102 … 0.01118 and 0.1 %. The density at the ends grows on from mesh to mesh, so there is no limit.
+            assert!((0.0110..0.0112).contains(&joints) && (total / bends[3][1] - 1.0).abs() < 0.0015, "{bends:?}");
+        }
+    }
+    assert!((1.04..1.08).contains(&(bends[1][2] / bends[3][2])), "{bends:?}"); // measured: 1.061
 }
 
 /// Positions of node 0 and of the others, and velocities, of a chain of `nodes` nodes and length 1 whose tangent turns as

@@ -259,21 +259,6 @@ impl Nonlocal {
         }
     }
 
-    /// Adds 8πμ times `factor` times the velocities (m/s) that the force density `f` makes where the nodes are at `q`.
-    fn add_velocities(&self, q: &[f64], f: &[f64], factor: f64, out: &mut [f64]) {
-        for (e, blob_squared) in self.blobs.iter().enumerate().skip(self.front) {
-            let start = node(q, e);
-            let edge = Edge::new(node(q, e + 1) - start);
-            let segment = Segment { edge: &edge, blob_squared: *blob_squared, height: self.height };
-            let ends = [node(f, e), node(f, e + 1)];
-            for k in self.front..q.len() / 2 {
-                for ([xx, xy, yy], f) in segment.at(node(q, k) - start).into_iter().zip(ends) {
-                    add(out, k, Vector2::new(xx * f.x + xy * f.y, xy * f.x + yy * f.y) * factor);
-                }
-            }
-        }
-    }
-
     /// What opposes the ends of edge `e`, N.
     fn on_edge(flow: &Flow, e: usize) -> [Vector2<f64>; 2] {
         on_ends(&flow.density, e, flow.viscosity * flow.lengths[e])
@@ -514,7 +499,8 @@ impl Coupling for Nonlocal {
                 flow.by_positions(along.q, &mut term, held);
                 flow.solve(&mut term, held);
                 let size = largest(&term);
-                if terms > MOST_TERMS || !(size < 0.5 * last) {
+                let shrinks = size < 0.5 * last; // and is a number
+                if terms > MOST_TERMS || !shrinks {
                     rhs.copy_from_slice(&flow.first);
                     break;
                 }
@@ -530,24 +516,16 @@ impl Coupling for Nonlocal {
 }
 
 impl Whole for Nonlocal {
-    /// δF = δG f + G M⁻¹ (δw − δM f). δM f is a difference of fourth order of velocities that f makes, good to some 1e-11 of it.
+    /// δF = δG f + G M⁻¹ (δw − D δq), D δq what its positions change of M f.
     fn add_change(&self, rod: &Kinematics<'_>, [dq, dv]: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]) {
-        /// The largest displacement of the differences over the smallest blob size.
-        const STEP: f64 = 2e-3;
         let mut last = self.flow(rod);
-        let mut change: Vec<f64> =
-            dv.iter().zip([flow.x, flow.y].iter().cycle()).map(|(v, u)| 8.0 * PI * (v - u)).collect();
-        change[..2 * self.front].fill(0.0);
-        let most = dq.iter().fold(0.0_f64, |most, d| most.max(d.abs()));
-        if most > 0.0 {
-            let least = self.blobs.iter().copied().fold(f64::INFINITY, f64::min).sqrt();
-            let step = STEP * least / most;
-            for (steps, weight) in [(1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0)] {
-                for sign in [1.0, -1.0] {
-                    let moved: Vec<f64> = rod.q.iter().zip(dq).map(|(q, d)| q + sign * steps * step * d).collect();
-                    self.add_velocities(&moved, &last.density, -sign * weight / step, &mut change);
-                }
-            }
+        let mut change = vec![0.0; dq.len()];
+        if dq.iter().any(|d| *d != 0.0) {
+            self.slope(&mut last);
+            multiply(&last.slopes, dq, &mut change);
+        }
+        for (i, (change, v)) in change.iter_mut().zip(dv).enumerate().skip(2 * self.front) {
+            *change = 8.0 * PI * (v - flow[i % 2]) - *change;
         }
         last.factors.solve(&mut change);
         for e in self.front..rod.edges.len() {

@@ -5,13 +5,11 @@ use serde_json::{Value, json};
 use super::swim::Swim;
 use super::{Ladder, Rung};
 use crate::cycle::Means;
+use crate::fluid::laws::Reach;
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 use crate::study::trial::Trial;
 use crate::words::{percent, two_digits};
-
-/// Runs whose times differ by less than this factor cost about the same.
-const ALIKE: f64 = 2.0;
 
 /// All that is known when every run is made.
 pub struct Report<'a> {
@@ -123,29 +121,24 @@ impl<'a> Report<'a> {
         }
     }
 
-    /// Which rung the scene needs: the cheapest one whose differences are within what the reference is uncertain by.
+    /// Which rung the scene needs: the simplest one whose differences are within what the reference is uncertain by.
     fn verdict(&self, rows: &[Row<'_>], reference: &Row<'_>, limits: [f64; 2]) -> (String, String) {
         let within = |row: &&Row<'_>| {
             row.rung.dropped == reference.rung.dropped
                 && row.differences.is_some_and(|both| both.iter().zip(limits).all(|(x, limit)| x.abs() <= limit))
         };
-        let cheapest = rows.iter().map(|row| row.swim.trial.processor_s).fold(f64::INFINITY, f64::min);
-        let class = |row: &Row<'_>| (row.swim.trial.processor_s / cheapest).log(ALIKE).round();
         let uncertain =
             |row: &Row<'_>| row.rung.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
+        // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
+        // others the simplest, which has the narrowest range, then the surest.
         let order = |a: &&Row<'_>, b: &&Row<'_>| {
-            // Of laws that cost the same the simplest, which has the narrowest range, then the surest.
-            class(a)
-                .total_cmp(&class(b))
+            let dense = |row: &Row<'_>| matches!(row.rung.law.reach, Reach::Rod { .. });
+            (dense(a), a.rung.reactive)
+                .cmp(&(dense(b), b.rung.reactive))
                 .then(a.rung.law.reynolds.total_cmp(&b.rung.law.reynolds))
                 .then(uncertain(a).total_cmp(&uncertain(b)))
         };
-        let enough = || rows.iter().filter(|row| row.rung.holds).filter(within);
-        // A law that suffices without the reactive force is the simpler one, whatever the two took on this machine.
-        let needless = |row: &Row<'_>| {
-            row.rung.reactive && enough().any(|other| !other.rung.reactive && other.rung.law == row.rung.law)
-        };
-        let taken = enough().filter(|row| !needless(row)).min_by(order).unwrap_or(reference);
+        let taken = rows.iter().filter(|row| row.rung.holds).filter(within).min_by(order).unwrap_or(reference);
         let motion = self.motion();
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
