@@ -23,6 +23,6 @@ pub use markers::Markers;
 pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};
 pub use shape::{Resting, rest};
-pub use table::{Goal, Number, Robust, Table, Variable};
+pub use table::{Goal, Robust, Table, Variable};
 pub use trust::{Tolerance, Trust};
 pub use unknowns::Profile;

@@ -16,7 +16,7 @@ use super::markers::{LEAST, Markers};
 use super::outline;
 use super::search::{CASE, Found, FoundNumber, Iteration, Objective, Search};
 use super::shape::{Resting, rest};
-use super::table::{Goal, Number, Table, Variable, keys_with};
+use super::table::{Goal, Table, Variable};
 use super::trust::{LOOSE, Tolerance, Trust, next_fluid};
 use super::unknowns::Profile;
 use crate::check::Assessment;
@@ -26,6 +26,7 @@ use crate::newton::Newton;
 use crate::report::tables::{Kept, write_all};
 use crate::rod;
 use crate::scene::{Document, Scene};
+use crate::sensitivity::number::{Number, keys_with};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 use crate::stepper::Stepper;
 use crate::system::{Direction, System};
@@ -740,7 +741,7 @@ fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Ve
     let along = |points: &[[f64; 2]], default: f64, xi: f64| {
         rod::Profile::through(points.to_vec()).map_or(default, |profile| profile.at(xi))
     };
-    let mut keys = keys_with(numbers, &profile.numbers);
+    let mut keys = keys_with(numbers, &profile.values());
     if !profile.stiffness_n_m2.is_empty() {
         keys.push(("rod.stiffness_profile".into(), list(&|i, _| profile.stiffness_n_m2[i] / sections[i])));
     }

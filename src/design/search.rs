@@ -23,12 +23,13 @@ use super::identify::Verdict;
 use super::limits::{Limited, Limits, Used};
 use super::markers::Markers;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Goal, Number, Robust, Table, Variable, moved};
+use super::table::{Goal, Robust, Table, Variable};
 use super::trust::{Tolerance, tolerance};
 use super::unknowns::{NOTHING, Profile, Unknowns};
 use crate::cycle::{MEASURES, Measure};
 use crate::error::{Error, Result};
 use crate::scene::Document;
+use crate::sensitivity::number::{Number, moved};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
 
 /// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
@@ -281,7 +282,7 @@ impl Objective {
         if let Some(document) = &self.document {
             *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
             if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
-                problem.moved = moved(document, &self.numbers, &profile.numbers)?;
+                problem.moved = moved(document, &self.numbers, &profile.values())?;
             }
         }
         if !profile.stiffness_n_m2.is_empty() {

@@ -7,11 +7,12 @@ use serde::{Deserialize, Deserializer, Serialize};
 
 use super::unknowns::WIDE;
 use crate::cycle::slopes;
-use crate::error::{Result, nearest};
+use crate::error::nearest;
 use crate::fluid::DENSITY;
 use crate::rod::Rod;
-use crate::scene::{Document, Fault, Scene};
-use crate::sensitivity::{Moved, Parameter};
+use crate::scene::{Fault, Scene};
+use crate::sensitivity::Parameter;
+use crate::sensitivity::number::{self, Number, Numbers};
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -113,75 +114,6 @@ impl From<Variable> for String {
             Variable::Number(key) => key,
         }
     }
-}
-
-/// A number of the scene that is unknown.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Number {
-    /// Its key.
-    pub key: String,
-    /// Where it is in the value of that key: nowhere, a component's place, or that of a point [ξ, value].
-    place: Vec<usize>,
-    /// ξ of a point.
-    pub xi: Option<f64>,
-    /// SI unit; `1` where there is none.
-    pub unit: &'static str,
-    /// What it is in the scene.
-    pub own: f64,
-    /// The whole value of the key in the scene.
-    whole: toml::Value,
-    /// What a simulation is differentiated by.
-    pub by: Parameter,
-}
-
-impl Number {
-    /// The key, with the number's place in its value.
-    pub fn words(&self) -> String {
-        match (self.xi, self.place.first()) {
-            (Some(xi), _) => format!("{} at xi = {xi}", self.key),
-            (None, Some(i)) => format!("{}[{i}]", self.key),
-            (None, None) => self.key.clone(),
-        }
-    }
-}
-
-/// The keys of a scene with `values` for the first of `numbers`, all others as they are.
-pub fn keys_with(numbers: &[Number], values: &[(String, f64)]) -> Vec<(String, toml::Value)> {
-    let mut keys: Vec<(String, toml::Value)> = Vec::new();
-    for (number, (_, value)) in numbers.iter().zip(values) {
-        let at = keys.iter().position(|(key, _)| *key == number.key).unwrap_or_else(|| {
-            keys.push((number.key.clone(), number.whole.clone()));
-            keys.len() - 1
-        });
-        let to = number.place.iter().try_fold(&mut keys[at].1, |to, i| to.get_mut(*i));
-        if let Some(to) = to {
-            *to = toml::Value::Float(*value);
-        }
-    }
-    keys
-}
-
-/// The scene of `document`, with `numbers` of these `values`, with each number moved that has no other derivative.
-///
-/// # Errors
-/// Those of [`Document::scene`] and of the model.
-pub fn moved(document: &Document, numbers: &[Number], values: &[(String, f64)]) -> Result<Vec<Moved>> {
-    let of_scene = (0..numbers.len()).filter(|i| matches!(numbers[*i].by, Parameter::OfScene(_)));
-    let mut values = values.to_vec();
-    of_scene
-        .map(|i| {
-            let own = values[i].1;
-            let moved = Moved::of(own, |value| {
-                values[i].1 = value;
-                let mut document = document.clone();
-                keys_with(numbers, &values).iter().for_each(|(key, value)| document.put("the design", key, value));
-                let scene = document.scene()?;
-                Ok([scene.model()?, scene.model()?])
-            });
-            values[i].1 = own;
-            moved
-        })
-        .collect()
 }
 
 /// Least and largest of what is unknown, over what it is in the scene: of all alike, or by keys.
@@ -529,62 +461,28 @@ impl Table {
         });
         let keys: Vec<&String> = keys.collect();
         let (false, Ok(model)) = (keys.is_empty(), scene.model()) else { return Ok(Vec::new()) };
-        let (known, profiles) = (scene.parameters(), scene.profiles());
-        let fits = |key: &str| {
-            let fluid = ["medium.viscosity_pa_s", "medium.density_kg_m3"].contains(&key) && model.buoyancy.is_none();
-            let passive = ["solver.", "start."].iter().any(|part| key.starts_with(part));
-            Parameter::of_key(key, &model).is_some() || !(fluid || passive)
-        };
+        let known = Numbers::of(scene, &model);
         let mut numbers: Vec<Number> = Vec::new();
-        let mut others = 0;
         for key in keys {
-            let of_key: Vec<_> = known.iter().filter(|known| known.key == *key && fits(key)).collect();
-            let of_points = profiles.iter().find(|points| points.key == key);
-            let before = numbers.len();
-            let mut add = |place: &[usize], xi: Option<f64>, unit: &'static str, own: f64, whole: &toml::Value| {
-                if own != 0.0 {
-                    let of_scene = || {
-                        others += 1;
-                        Parameter::OfScene(others - 1)
-                    };
-                    // The mass of a body may follow the density.
-                    let alone =
-                        place.is_empty() && (key != DENSITY || scene.head_body.is_none() && !self.neutral_buoyancy);
-                    let by = Parameter::of_key(key, &model).filter(|_| alone).unwrap_or_else(of_scene);
-                    let (key, place, whole) = (key.clone(), place.to_vec(), whole.clone());
-                    numbers.push(Number { key, place, xi, unit, own, whole, by });
-                }
-            };
-            let list = |values: Vec<f64>| toml::Value::Array(values.into_iter().map(toml::Value::Float).collect());
-            match (&of_key[..], of_points) {
-                ([number], _) if number.component.is_none() => {
-                    add(&[], None, number.unit, number.value, &toml::Value::Float(number.value));
-                }
-                (pair, _) if !pair.is_empty() => {
-                    let whole = list(pair.iter().map(|number| number.value).collect());
-                    pair.iter().enumerate().for_each(|(i, number)| add(&[i], None, number.unit, number.value, &whole));
-                }
-                (_, Some(points)) => {
-                    let whole = toml::Value::Array(points.points.iter().map(|point| list(point.to_vec())).collect());
-                    for (i, [xi, value]) in points.points.iter().enumerate() {
-                        add(&[i, 1], Some(*xi), points.unit, *value, &whole);
-                    }
-                }
-                _ => {
-                    let mut listed: Vec<&str> = known.iter().map(|known| &*known.key).filter(|key| fits(key)).collect();
-                    listed.extend(profiles.iter().map(|points| points.key));
-                    listed.dedup();
-                    let listed = listed.join(", ");
-                    return Err(format!(
-                        "found {key:?}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its \
-                         motion depends on: {listed}"
-                    ));
-                }
+            let of_key = known.of_key(key);
+            if of_key.is_empty() {
+                let listed = known.keys().join(", ");
+                return Err(format!(
+                    "found {key:?}; allowed: \"stiffness\", \"amplitude\", \"phase\", and numbers of this scene that its \
+                     motion depends on: {listed}"
+                ));
             }
+            let before = numbers.len();
+            numbers.extend(of_key.into_iter().filter(|number| number.own != 0.0));
             if numbers.len() == before {
                 return Err(format!("found {key:?}, which is 0 in the scene; allowed: a number to begin with"));
             }
         }
+        // The mass of a body may follow the density.
+        for number in numbers.iter_mut().filter(|number| number.key == DENSITY && self.neutral_buoyancy) {
+            number.by = Parameter::OfScene(0);
+        }
+        number::count(&mut numbers);
         Ok(numbers)
     }
 

@@ -8,11 +8,12 @@ use serde::Serialize;
 
 use super::identify::second_differences;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Basis, Goal, Number, Table, Variable, keys_with};
+use super::table::{Basis, Goal, Table, Variable};
 use crate::error::Result;
 use crate::model::Model;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Parameter;
+use crate::sensitivity::number::{Number, keys_with};
 
 /// What a search changes: joint by joint, and numbers of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -34,13 +35,18 @@ impl Profile {
         Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
+    /// The values of its numbers.
+    pub fn values(&self) -> Vec<f64> {
+        self.numbers.iter().map(|(_, value)| *value).collect()
+    }
+
     /// The scene of `document` with these `numbers`.
     ///
     /// # Errors
     /// Those of [`Document::scene`].
     pub fn numbers_in(&self, document: &Document, numbers: &[Number]) -> Result<Scene> {
         let mut document = document.clone();
-        for (key, value) in keys_with(numbers, &self.numbers) {
+        for (key, value) in keys_with(numbers, &self.values()) {
             document.put("the design", &key, &value);
         }
         document.scene()

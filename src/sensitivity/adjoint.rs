@@ -100,7 +100,7 @@ impl Problem {
             let at = At { bent, point: &point };
             let mut by_moved = vec![zeros(); moved.len()];
             for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
-                moved.look(&state, (steps, n), summing, by)?;
+                moved.look(&state, (controls, steps, n), summing, by)?;
             }
             for (bar, weights) in [(&mut bar.q, weights.positions), (&mut bar.v, weights.velocities)] {
                 bar.iter_mut().zip(weights.iter().skip(2 * nodes * n)).for_each(|(bar, weight)| *bar += weight);

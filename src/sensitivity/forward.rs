@@ -78,7 +78,7 @@ impl Problem {
         let done = self.advance(|dynamics, n, state, h| {
             look(state);
             for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
-                moved.look(state, (steps, n), summing, by)?;
+                moved.look(state, (&controls, steps, n), summing, by)?;
             }
             shape.take(dynamics, state.t);
             effects.clear();

@@ -22,6 +22,7 @@ mod ends;
 mod equations;
 mod forward;
 mod moved;
+pub mod number;
 pub mod output;
 pub mod parameter;
 mod problem;

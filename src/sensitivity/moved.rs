@@ -14,7 +14,7 @@ use crate::error::{Error, Result};
 use crate::model::{Dynamics, Model};
 use crate::system::{State, System};
 
-/// δ over the number.
+/// δ over the size of the number.
 const STEP: f64 = 2e-4;
 
 /// Places over δ, with the weights of their values over 1/δ.
@@ -27,6 +27,7 @@ const BELOW: [[f64; 2]; 5] = [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3
 #[derive(Debug)]
 pub struct Moved {
     pub(super) places: Vec<Place>,
+    nodes: usize,
 }
 
 /// The scene at one place.
@@ -41,12 +42,12 @@ pub(super) struct Place {
 }
 
 impl Moved {
-    /// Of a scene whose number is `own`, which `model` makes again with another.
+    /// Of a scene whose number is `own` and of this `size`, which `model` makes again with another.
     ///
     /// # Errors
     /// Those of `model`.
-    pub fn of(own: f64, mut model: impl FnMut(f64) -> Result<[Model; 2]>) -> Result<Self> {
-        let step = STEP * own.abs();
+    pub fn of(own: f64, size: f64, mut model: impl FnMut(f64) -> Result<[Model; 2]>) -> Result<Self> {
+        let step = STEP * size;
         let mut place = |[at, weight]: [f64; 2]| {
             let [used, kept] = model(own + at * step)?;
             let nodes = used.rod.nodes;
@@ -61,12 +62,20 @@ impl Moved {
         let above = BELOW.map(|[at, weight]| [-at, -weight]);
         let mut failed = None;
         for places in [&PLACES[..], &BELOW, &above] {
-            match places.iter().map(|at| place(*at)).collect::<Result<_>>() {
-                Ok(places) => return Ok(Self { places }),
+            match places.iter().map(|at| place(*at)).collect::<Result<Vec<Place>>>() {
+                Ok(places) => {
+                    let nodes = places.first().map_or(0, |place| place.state.q.len() / 2);
+                    return Ok(Self { places, nodes });
+                }
                 Err(error) => failed = failed.or(Some(error)),
             }
         }
         Err(failed.unwrap_or(Error::Step(step)))
+    }
+
+    /// Of a scene with so many nodes whose number cannot be another one by itself, as a flow across an interface: no derivatives.
+    pub fn nowhere(nodes: usize) -> Self {
+        Self { places: Vec::new(), nodes }
     }
 
     /// The derivative of a number.
@@ -88,7 +97,7 @@ impl Moved {
     pub(super) fn look(
         &mut self,
         state: &State,
-        (steps, n): (Steps, usize),
+        (controls, steps, n): (&Controls, Steps, usize),
         wanted: bool,
         force: &mut [f64],
     ) -> Result<()> {
@@ -96,7 +105,9 @@ impl Moved {
         let mut residual = vec![0.0; force.len()];
         for Place { dynamics, weight, ends, state: own, .. } in &mut self.places {
             if wanted {
-                ends.look(dynamics, &Controls::default(), steps, n);
+                ends.look(dynamics, controls, steps, n);
+            } else {
+                controls.apply(dynamics, n);
             }
             own.clone_from(state);
             dynamics.move_to(state.t, own);
@@ -108,11 +119,10 @@ impl Moved {
 
     /// The derivatives of the first positions and velocities.
     pub(super) fn first(&mut self) -> [Vec<f64>; 2] {
-        let mut by = [Vec::new(), Vec::new()];
+        let mut by = [vec![0.0; 2 * self.nodes], vec![0.0; 2 * self.nodes]];
         for Place { dynamics, weight, .. } in &mut self.places {
             let state = dynamics.first_state();
             for (by, values) in by.iter_mut().zip([&state.q, &state.v]) {
-                by.resize(values.len(), 0.0);
                 by.iter_mut().zip(values).for_each(|(by, value)| *by += *weight * value);
             }
         }

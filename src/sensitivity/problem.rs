@@ -114,7 +114,7 @@ impl Problem {
         })
     }
 
-    /// Sets natural curvature and forces over time. Derivatives by [`moved`](Self::moved) numbers do not know them.
+    /// Sets natural curvature and forces over time.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -162,9 +162,14 @@ impl Problem {
         &self.dynamics.model
     }
 
-    /// The inputs, which hold over the whole simulation.
+    /// The inputs, which hold over the whole simulation. Derivatives by [`moved`](Self::moved) numbers are with those of the scene.
     pub fn inputs(&mut self) -> &mut Inputs {
         &mut self.dynamics.inputs
+    }
+
+    /// Sets the phase φ₀ (rad) subtracted inside the actuation's sine.
+    pub fn set_phase(&mut self, phase: f64) {
+        self.everywhere().for_each(|(dynamics, _)| dynamics.inputs.phase_offset = phase);
     }
 
     /// Bending stiffness EI_k of the joints, N m², in their order.

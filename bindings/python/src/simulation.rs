@@ -4,7 +4,8 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use caudal::Error;
 use caudal::cycle::slopes;
-use caudal::scene::parameter::Parameter as Number;
+use caudal::scene::Document;
+use caudal::sensitivity::number::{self, Number, Numbers};
 use caudal::sensitivity::{Controls, Output, Parameter, Problem, Sensitivities, Trajectory, Weights};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
@@ -17,7 +18,8 @@ use crate::scene::Scene;
 /// What a simulation is differentiated by.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum By {
-    Number(Parameter),
+    /// Numbers of the scene, by the place of their key.
+    Scene(usize),
     Stiffness,
     Amplitude,
     PhaseProfile,
@@ -54,31 +56,63 @@ const NAMED: [(By, &str, &str, &str); 11] = [
     (By::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
 ];
 
-impl By {
-    /// What `name` says of `problem`, with unit and meaning.
-    fn named<'a>(name: &str, problem: &Problem, numbers: &'a [Number]) -> Option<(Self, &'a str, &'a str)> {
-        if let Some((by, _, unit, meaning)) = NAMED.iter().find(|(_, own, ..)| *own == name) {
-            let driven = !matches!(by, Self::Amplitude | Self::PhaseProfile | Self::Phase);
-            return (driven || problem.model().actuation.is_some()).then_some((*by, unit, meaning));
-        }
-        let number = numbers.iter().find(|number| number.component.is_none() && number.key == name)?;
-        let parameter = Parameter::of_key(name, problem.model())?;
-        Some((Self::Number(parameter), number.unit, &number.description))
+/// All that a scene can be differentiated by.
+struct Known {
+    /// The numbers of every key.
+    keys: Vec<Vec<Number>>,
+    driven: bool,
+}
+
+impl Known {
+    fn of(scene: &caudal::scene::Scene) -> caudal::Result<Self> {
+        let model = scene.model()?;
+        let numbers = Numbers::of(scene, &model);
+        let keys = numbers.keys().into_iter().filter(|key| !NAMED.iter().any(|named| named.1 == *key));
+        let keys = keys.map(|key| numbers.of_key(key)).collect();
+        Ok(Self { keys, driven: model.actuation.is_some() })
     }
 
-    /// Its value now, and whether it has an entry per joint or node.
-    fn value(self, problem: &mut Problem, number: f64) -> (Vec<f64>, bool) {
+    fn names(&self) -> Vec<&str> {
+        let keys = self.keys.iter().map(|numbers| &*numbers[0].key);
+        let named = NAMED.iter().map(|named| named.1).filter(|name| self.named(name).is_some());
+        keys.chain(named).collect()
+    }
+
+    /// What `name` says, with unit and meaning.
+    fn named(&self, name: &str) -> Option<(By, &str, String)> {
+        if let Some((by, _, unit, meaning)) = NAMED.iter().find(|(_, own, ..)| *own == name) {
+            let wave = matches!(by, By::Amplitude | By::PhaseProfile | By::Phase);
+            return (self.driven || !wave).then(|| (*by, *unit, meaning.to_string()));
+        }
+        let i = self.keys.iter().position(|numbers| numbers[0].key == name)?;
+        let numbers = &self.keys[i];
+        let meanings: Vec<&str> = numbers.iter().map(|number| &*number.description).collect();
+        let meaning = if numbers[0].xi.is_some() { meanings[0].to_string() } else { meanings.join("; ") };
+        Some((By::Scene(i), numbers[0].unit, meaning))
+    }
+
+    /// True where `by` is one number and no list.
+    fn is_single(&self, by: By) -> bool {
+        match by {
+            By::Phase => true,
+            By::Scene(i) => self.keys[i][0].place.is_empty(),
+            _ => false,
+        }
+    }
+
+    /// Its value now.
+    fn value(&self, by: By, problem: &mut Problem) -> Vec<f64> {
         let (nodes, joints) = (problem.model().rod.nodes, problem.model().rod.joints().len());
         let axis = |values: &[f64], axis: usize| values.iter().skip(axis).step_by(2).copied().collect();
-        match self {
-            Self::Number(_) => (vec![number], false),
-            Self::Phase => (vec![0.0], false),
-            Self::Stiffness => (problem.stiffness(), true),
-            Self::Amplitude => (vec![1.0; joints], true),
-            Self::PhaseProfile | Self::Natural => (vec![0.0; joints], true),
-            Self::Force(_) => (vec![0.0; nodes], true),
-            Self::Position(i) => (axis(&problem.first()[0], i), true),
-            Self::Velocity(i) => (axis(&problem.first()[1], i), true),
+        match by {
+            By::Scene(i) => self.keys[i].iter().map(|number| number.own).collect(),
+            By::Phase => vec![0.0],
+            By::Stiffness => problem.stiffness(),
+            By::Amplitude => vec![1.0; joints],
+            By::PhaseProfile | By::Natural => vec![0.0; joints],
+            By::Force(_) => vec![0.0; nodes],
+            By::Position(i) => axis(&problem.first()[0], i),
+            By::Velocity(i) => axis(&problem.first()[1], i),
         }
     }
 }
@@ -89,16 +123,14 @@ impl By {
 pub fn parameters<'py>(py: Python<'py>, scene: &Bound<'py, Scene>) -> PyResult<Bound<'py, PyDict>> {
     let Scene { scene, .. } = scene.get();
     let mut problem = py.detach(|| Problem::of(scene)).or_raise(py)?;
-    let numbers = scene.parameters();
+    let known = Known::of(scene).or_raise(py)?;
     let found = PyDict::new(py);
-    let names = numbers.iter().map(|number| number.key.as_str()).chain(NAMED.iter().map(|named| named.1));
-    for name in names {
-        let Some((by, unit, meaning)) = By::named(name, &problem, &numbers) else { continue };
-        let number = numbers.iter().find(|number| number.key == name).map_or(0.0, |number| number.value);
-        let (values, many) = by.value(&mut problem, number);
-        let value = match many {
-            true => PyArray1::from_vec(py, values).into_any(),
-            false => values[0].into_pyobject(py)?.into_any(),
+    for name in known.names() {
+        let Some((by, unit, meaning)) = known.named(name) else { continue };
+        let values = known.value(by, &mut problem);
+        let value = match known.is_single(by) {
+            false => PyArray1::from_vec(py, values).into_any(),
+            true => values[0].into_pyobject(py)?.into_any(),
         };
         found.set_item(name, (value, unit, meaning))?;
     }
@@ -150,13 +182,19 @@ pub struct Simulation {
 
 struct Inner {
     problem: Problem,
-    numbers: Vec<Number>,
+    /// The scene, with the numbers that were given.
+    document: Document,
+    known: Known,
     trajectory: Trajectory,
     values: Sensitivities,
     outputs: Vec<Output>,
     reads: Vec<(String, Read)>,
-    /// Factors of the actuation's amplitude.
+    /// Stiffness of the joints, where it was given.
+    stiffness: Option<Vec<f64>>,
+    /// Factors and phases of the actuation.
     factors: Vec<f64>,
+    phases: Vec<f64>,
+    phase: f64,
     /// What was given over time.
     over_time: Vec<String>,
     given: bool,
@@ -189,42 +227,57 @@ impl Inner {
         values: Vec<(String, PyReadonlyArrayDyn<'_, f64>)>,
         names: Vec<String>,
     ) -> PyResult<Self> {
-        let (mut document, numbers) = (scene.document.clone(), scene.scene.parameters());
-        for (name, value) in values.iter().filter(|(name, _)| !NAMED.iter().any(|named| named.1 == name)) {
-            let [x] = value.as_array().iter().copied().collect::<Vec<_>>()[..] else {
-                return Err(PyValueError::new_err(format!("{name}: found {} values; allowed: one", value.len())));
+        let mut document = scene.document.clone();
+        let numbers = values.iter().filter(|(name, _)| !NAMED.iter().any(|named| named.1 == name));
+        let refuse = |name: &str, known: &Known| {
+            let known = known.names().join(", ");
+            PyValueError::new_err(format!(
+                "a simulation of {:?} has no derivative by `{name}`; allowed: {known}",
+                scene.scene.name
+            ))
+        };
+        let as_is = Known::of(&scene.scene).or_raise(py)?;
+        for (name, value) in numbers {
+            let given: Vec<f64> = value.as_array().iter().copied().collect();
+            if let Some(bad) = given.iter().find(|x| !x.is_finite()) {
+                return Err(PyValueError::new_err(format!("{name}: found {bad}; allowed: finite numbers")));
+            }
+            let Some((By::Scene(i), ..)) = as_is.named(name) else {
+                // The scene says what is near to it, where it knows no such key.
+                document.set(&format!("{name}={:e}", given.first().unwrap_or(&0.0))).or_raise(py)?;
+                document.scene().or_raise(py)?;
+                return Err(refuse(name, &as_is));
             };
-            document.set(&format!("{name}={x:e}")).or_raise(py)?;
+            let own = &as_is.keys[i];
+            if own.len() != given.len() {
+                let problem = format!("{name}: found {} values; allowed: {}", given.len(), own.len());
+                return Err(PyValueError::new_err(problem));
+            }
+            for (key, value) in number::keys_with(own, &given) {
+                document.put("a simulation's values", &key, &value);
+            }
         }
         let own = document.scene().or_raise(py)?;
+        let known = Known::of(&own).or_raise(py)?;
         let mut problem = Problem::of(&own).or_raise(py)?;
         let (nodes, joints) = (problem.model().rod.nodes, problem.model().rod.joints().len());
         let times = problem.times().len();
         let mut factors = vec![1.0; joints];
-        let mut phases = vec![0.0; joints];
+        let (mut phases, mut phase, mut stiffness) = (vec![0.0; joints], 0.0, None);
         let mut over_time = Vec::new();
         let (mut natural, mut force) = (None, [None, None]);
         let (mut start, mut given) = (problem.first(), false);
         let spread = |row: Vec<f64>, over_time: bool| if over_time { row } else { row.repeat(times) };
         for (name, value) in &values {
-            let Some((by, ..)) = By::named(name, &problem, &numbers) else {
-                let mut known: Vec<&str> = numbers.iter().map(|number| number.key.as_str()).collect();
-                known.extend(NAMED.iter().map(|named| named.1));
-                known.retain(|name| By::named(name, &problem, &numbers).is_some());
-                let known = known.join(", ");
-                return Err(PyValueError::new_err(format!(
-                    "a simulation of {:?} has no derivative by `{name}`; allowed: {known}",
-                    own.name
-                )));
-            };
+            let Some((by, ..)) = known.named(name) else { return Err(refuse(name, &known)) };
             let width = match by {
-                By::Number(_) | By::Phase => 1,
+                By::Scene(_) | By::Phase => 1,
                 By::Stiffness | By::Amplitude | By::PhaseProfile | By::Natural => joints,
                 By::Force(_) | By::Position(_) | By::Velocity(_) => nodes,
             };
             let single = value.as_array();
             let (row, timed) = match (by, value.shape()) {
-                (By::Number(_) | By::Phase, _) => (single.iter().copied().collect(), false),
+                (By::Scene(_) | By::Phase, _) => (single.iter().copied().collect(), false),
                 _ => rows(name, value, times, width)?,
             };
             let may_be_timed = matches!(by, By::Natural | By::Force(_));
@@ -235,13 +288,13 @@ impl Inner {
                 over_time.push(name.clone());
             }
             match by {
-                By::Number(_) => {}
-                By::Phase => problem.inputs().phase_offset = row[0],
+                By::Scene(_) => {}
+                By::Phase => phase = row[0],
                 By::Stiffness => {
                     if let Some(bad) = row.iter().find(|ei| **ei <= 0.0) {
                         return Err(PyValueError::new_err(format!("{name}: found {bad}; allowed: positive numbers")));
                     }
-                    problem.set_stiffness(&row).or_raise(py)?;
+                    stiffness = Some(row);
                 }
                 By::Amplitude => factors = row,
                 By::PhaseProfile => phases = row,
@@ -254,7 +307,7 @@ impl Inner {
                 }
             }
         }
-        problem.set_actuation(&factors, &phases).or_raise(py)?;
+        set(&mut problem, stiffness.as_deref(), [&factors, &phases], phase).or_raise(py)?;
         let force = (force != [None, None]).then(|| {
             let [x, y] = force.map(|part| part.unwrap_or_else(|| vec![0.0; times * nodes]));
             interleaved([&x, &y])
@@ -271,7 +324,8 @@ impl Inner {
             reads.push((name, read));
         }
         let (trajectory, values) = py.detach(|| problem.simulate_with(&outputs)).or_raise(py)?;
-        Ok(Self { problem, numbers, trajectory, values, outputs, reads, factors, over_time, given })
+        #[rustfmt::skip]
+        return Ok(Self { problem, document, known, trajectory, values, outputs, reads, stiffness, factors, phases, phase, over_time, given });
     }
 
     /// Refuses derivatives of `output` that would lack a part.
@@ -290,7 +344,7 @@ impl Inner {
     }
 
     fn by(&self, names: Vec<String>) -> PyResult<Vec<(String, By)>> {
-        let find = |name: String| match By::named(&name, &self.problem, &self.numbers) {
+        let find = |name: String| match self.known.named(&name) {
             Some((by, ..)) => Ok((name, by)),
             None => {
                 Err(PyValueError::new_err(format!("no derivative by `{name}`; caudal.parameters(scene) lists them")))
@@ -299,12 +353,19 @@ impl Inner {
         names.into_iter().map(find).collect()
     }
 
-    /// The parameters behind names, in their order.
-    fn parameters(&self, by: &[(String, By)]) -> Vec<Parameter> {
+    /// The parameters behind names, in their order, with the problem ready for them.
+    fn parameters(&mut self, by: &[(String, By)]) -> caudal::Result<Vec<Parameter>> {
+        let of_scene = |by: &By| if let By::Scene(i) = by { &self.known.keys[*i][..] } else { &[] };
+        let mut numbers: Vec<Number> = by.iter().flat_map(|(_, by)| of_scene(by)).cloned().collect();
+        number::count(&mut numbers);
+        let own: Vec<f64> = numbers.iter().map(|number| number.own).collect();
+        self.problem.moved = number::moved(&self.document, &numbers, &own)?;
+        set(&mut self.problem, self.stiffness.as_deref(), [&self.factors, &self.phases], self.phase)?;
         let joints = || self.problem.model().rod.joints();
-        let of = |by: &By| -> Vec<Parameter> {
+        let mut numbers = numbers.into_iter();
+        let of = |(_, by): &(String, By)| -> Vec<Parameter> {
             match by {
-                By::Number(parameter) => vec![*parameter],
+                By::Scene(i) => numbers.by_ref().take(self.known.keys[*i].len()).map(|number| number.by).collect(),
                 By::Phase => vec![Parameter::Phase],
                 By::Stiffness => joints().map(Parameter::Stiffness).collect(),
                 By::Amplitude => joints().map(Parameter::WaveAmplitude).collect(),
@@ -312,20 +373,35 @@ impl Inner {
                 By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_) => Vec::new(),
             }
         };
-        by.iter().flat_map(|(_, by)| of(by)).collect()
+        Ok(by.iter().flat_map(of).collect())
     }
 
     /// Takes what belongs to `by` from derivatives by its parameters.
     fn take(&self, by: By, from: &mut std::vec::IntoIter<f64>) -> Vec<f64> {
         let joints = self.problem.model().rod.joints().len();
         match by {
-            By::Number(_) | By::Phase => from.take(1).collect(),
+            By::Scene(i) => from.take(self.known.keys[i].len()).collect(),
+            By::Phase => from.take(1).collect(),
             By::Stiffness | By::PhaseProfile => from.take(joints).collect(),
             // The parameter is relative to what it is.
             By::Amplitude => from.take(joints).zip(&self.factors).map(|(by, factor)| by / factor).collect(),
             By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_) => Vec::new(),
         }
     }
+}
+
+/// Gives a problem, and it with its numbers moved, what is no number of the scene.
+fn set(
+    problem: &mut Problem,
+    stiffness: Option<&[f64]>,
+    [factors, phases]: [&[f64]; 2],
+    phase: f64,
+) -> caudal::Result<()> {
+    if let Some(stiffness) = stiffness {
+        problem.set_stiffness(stiffness)?;
+    }
+    problem.set_phase(phase);
+    problem.set_actuation(factors, phases)
 }
 
 /// Positions or velocities along an axis, a row per time.
@@ -413,7 +489,7 @@ impl Simulation {
                 }
             }
         }
-        let parameters = inner.parameters(&by);
+        let parameters = inner.parameters(&by).or_raise(py)?;
         if by.iter().any(|(_, by)| *by == By::Amplitude) && inner.factors.contains(&0.0) {
             return Err(PyValueError::new_err("actuation.amplitude_profile: no derivative where a factor is 0"));
         }
@@ -445,7 +521,7 @@ impl Simulation {
                 let mut sum = vec![0.0; width];
                 values.chunks(width).for_each(|row| sum.iter_mut().zip(row).for_each(|(sum, x)| *sum += x));
                 result.set_item(&name, PyArray1::from_vec(py, sum))?;
-            } else if matches!(by, By::Number(_) | By::Phase) {
+            } else if inner.known.is_single(by) {
                 result.set_item(&name, values[0])?;
             } else {
                 result.set_item(&name, PyArray1::from_vec(py, values))?;
@@ -471,7 +547,7 @@ impl Simulation {
         if let Some((name, _)) = by.iter().find(|(_, by)| other(by)) {
             return Err(PyValueError::new_err(format!("means over cycles have no derivative by {name}")));
         }
-        let parameters = inner.parameters(&by);
+        let parameters = inner.parameters(&by).or_raise(py)?;
         let problem = &mut inner.problem;
         let found = py.detach(|| problem.cycle_mean(&measure, &parameters)).or_raise(py)?;
         let Some((value, slopes)) = found else {
@@ -484,9 +560,9 @@ impl Simulation {
         let result = PyDict::new(py);
         for (name, by) in by {
             let values = inner.take(by, &mut parts);
-            match by {
-                By::Number(_) | By::Phase => result.set_item(name, values[0])?,
-                _ => result.set_item(name, PyArray1::from_vec(py, values))?,
+            match inner.known.is_single(by) {
+                true => result.set_item(name, values[0])?,
+                false => result.set_item(name, PyArray1::from_vec(py, values))?,
             }
         }
         Ok((value, result))

@@ -75,8 +75,74 @@ def test_a_picture_is_drawn_where_it_is_asked_for():
     assert picture.shape[2] == 3 and picture.min() < 100 < picture.max()
 
 
+def test_a_vector_of_environments_is_gymnasiums_own_of_as_many_to_the_bit():
+    from gymnasium.vector import SyncVectorEnv
+
+    import gymnasium
+
+    module = example()
+    count = 3
+    own = module.make_environments(count)
+    stock = SyncVectorEnv([module.make_environment] * count)
+    assert own.single_action_space == stock.single_action_space and own.action_space == stock.action_space
+    assert own.observation_space == stock.observation_space
+    dice = np.random.default_rng(4)
+    for one, other in zip(own.reset(seed=7)[0], stock.reset(seed=7)[0]):
+        np.testing.assert_array_equal(one, other)
+    begun = 0
+    for n in range(130):  # two ends of an episode
+        actions = dice.uniform(-1.2, 1.2, own.action_space.shape)
+        if n == 20:
+            own.envs[1]._made = stock.envs[1]._made = 40  # no longer in step with the others
+        found, expected = own.step(actions), stock.step(actions)
+        for one, other in zip(found[:4], expected[:4]):
+            np.testing.assert_array_equal(one, other)
+        np.testing.assert_array_equal(found[4]["time_s"], expected[4]["time_s"])
+        begun += int(found[3].sum())
+    assert begun == 6
+    own.close()
+
+    wrapped = gymnasium.wrappers.vector.RecordEpisodeStatistics(module.make_environments(2))
+    wrapped.reset(seed=1)
+    for _ in range(60):
+        info = wrapped.step(np.zeros(wrapped.action_space.shape))[4]
+    assert info["episode"]["l"].tolist() == [60, 60]
+    wrapped.close()
+
+
+def test_environments_are_made_by_name():
+    import gymnasium
+
+    module = example()
+    one = gymnasium.make("caudal/Tail-v0", scene=module.SCENE, **module.OPTIONS)
+    assert one.reset(seed=1)[0].shape == one.observation_space.shape
+    several = gymnasium.make_vec("caudal/Tail-v0", num_envs=2, scene=module.SCENE, **module.OPTIONS)
+    assert isinstance(several.unwrapped, caudal.gymnasium.TailVectorEnv)
+    assert several.reset(seed=1)[0].shape == (2, *one.observation_space.shape)
+
+
+def test_a_tail_that_fails_ends_its_own_episode_alone():
+    environment = caudal.gymnasium.TailVectorEnv(
+        "models/glycerol.toml",
+        num_envs=2,
+        actions={"natural_curvature_1_m": (0.0, 1e4)},
+        observations=["x_com_m"],
+        reward=lambda before, after: 0.0,
+        period_s=0.05,
+    )
+    environment.reset()
+    actions = -np.ones(environment.action_space.shape)
+    actions[1, ::2] = 1.0
+    _, rewards, failed, _, infos = environment.step(actions)
+    assert failed.tolist() == [False, True] and rewards.tolist() == [0.0, -1.0]
+    assert infos["error"][1] and infos["_error"].tolist() == [False, True]
+    _, rewards, failed, _, infos = environment.step(-np.ones(environment.action_space.shape))
+    assert not failed.any() and rewards[1] == 0.0 and infos["time_s"].tolist() == [0.1, 0.0]
+
+
 def test_the_example_learns_to_swim_nearer():
+    pytest.importorskip("cma")
     module = example()
     policy, rewards = module.learn(generations=8)
     assert rewards[-1] > 1.5 * rewards[0] > 0, rewards
-    assert module.episode(module.make_environment(), policy) > rewards[0], rewards
+    assert module.episodes(module.make_environments(1), [policy])[0] > rewards[0], rewards

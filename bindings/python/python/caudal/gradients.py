@@ -21,7 +21,7 @@ class Parameter(NamedTuple):
     Attributes
     ----------
     value : float or numpy.ndarray
-        What it is in the scene: a number, or one for each joint or node.
+        What it is in the scene: a number, or one for each joint, node, component or point of a profile.
     unit : str
         SI unit; ``"1"`` where there is none.
     description : str
@@ -44,8 +44,10 @@ def parameters(scene: Source) -> dict[str, Parameter]:
     Returns
     -------
     dict of str to Parameter
-        Numbers of the scene by their keys; stiffness, factors and phases of the actuation at the joints; natural curvature and
-        forces, constant or over time; and the first positions and velocities of the nodes.
+        Numbers of the scene by their keys, lengths, radii, densities, fluid, drive, drag: one, both of a pair, or one for each
+        point of a profile; stiffness, factors and phases of the actuation at the joints; natural curvature and forces, constant or
+        over time; and the first positions and velocities of the nodes. Mass and stiffness follow the numbers of the body, unless
+        ``joint_stiffness_n_m2`` is given. What has to be 0, as a flow across an interface, has the derivative 0.
 
     Raises
     ------

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Callable, Optional, Union
 
 import numpy as np
 
 from ._caudal import Stepper
+from .errors import Error
 from .optional import optional
 from .result import Array, Source, load
 
 gymnasium: Any = optional("gymnasium", "caudal.gymnasium")
+optional("gymnasium.vector", "caudal.gymnasium")
 
 #: The least and largest value of an input, for all its entries.
 Bounds = Mapping[str, tuple[float, float]]
@@ -125,25 +129,35 @@ class TailEnv(gymnasium.Env):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Set the inputs and move on by a period."""
-        from .errors import Error
+        before = self._set(action)
+        return self._result(before, self._move())
 
+    def _set(self, action: Any) -> dict[str, Array]:
+        """Set the inputs; what is observed before they act."""
         action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
-        before = self._observed()
         values: dict[str, Union[float, Array]] = {}
         for name, (least, most, entries) in self._inputs.items():
             value = least + (most - least) * 0.5 * (action[entries] + 1.0)
             values[name] = float(value) if np.ndim(value) == 0 else value
+        before = self._observed()
         self._stepper.set_all(values)
-        info: dict[str, Any] = {}
-        failed = False
+        return before
+
+    def _move(self) -> Optional[str]:
+        """Move on by a period; what went wrong."""
         try:
             self._stepper.do_step(self._period)
         except Error as error:
-            failed, info["error"] = True, str(error)
+            return str(error)
+        return None
+
+    def _result(self, before: dict[str, Array], error: Optional[str]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """What a step returns."""
+        failed = error is not None
         self._made += 1
         after = self._observed()
-        info["time_s"] = self._stepper.time_s
         reward = self._failure if failed else float(self._reward(before, after))
+        info: dict[str, Any] = {"time_s": self._stepper.time_s, **({"error": error} if failed else {})}
         return self._flat(after), reward, failed, self._made >= self._steps, info
 
     def render(self) -> Any:
@@ -163,3 +177,107 @@ class TailEnv(gymnasium.Env):
         axes.set(aspect="equal", xlabel="x (m)", ylabel="y (m)", title=f"t = {self._stepper.time_s:.2f} s")
         canvas.draw()
         return np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+class TailVectorEnv(gymnasium.vector.VectorEnv):
+    """Several tails that an agent drives at once, each an environment by itself; the steps of all run on all cores.
+
+    An episode that has ended begins anew at the next step, whose action is ignored and whose reward is 0 (Gymnasium's
+    ``AutoresetMode.NEXT_STEP``). It is what ``gymnasium.vector.SyncVectorEnv`` makes of as many `TailEnv`, to the bit.
+
+    Parameters
+    ----------
+    scene : Scene, str, os.PathLike or dict
+        The scene, or what `caudal.load` makes one from.
+    num_envs : int
+        How many there are.
+    threads : int, optional
+        How many of them move at a time; by default one for each core.
+    **options
+        Those of `TailEnv`.
+
+    Examples
+    --------
+    >>> import caudal.gymnasium
+    >>> tails = caudal.gymnasium.TailVectorEnv(
+    ...     "models/glycerol.toml",
+    ...     num_envs=4,
+    ...     actions={"natural_curvature_1_m": (-2.0, 2.0)},
+    ...     observations=["tip_x_m", "tip_y_m"],
+    ...     reward=lambda before, after: float(after["tip_x_m"][0] - before["tip_x_m"][0]),
+    ...     period_s=0.05,
+    ... )
+    >>> observations, _ = tails.reset(seed=1)
+    >>> observations.shape, tails.action_space.shape
+    ((4, 2), (4, 7))
+    """
+
+    def __init__(self, scene: Source, num_envs: int = 1, *, threads: Optional[int] = None, **options: Any) -> None:
+        if num_envs < 1:
+            raise ValueError(f"num_envs: found {num_envs}; allowed: 1 or more")
+        scene = load(scene)
+        self.envs = [TailEnv(scene, **options) for _ in range(num_envs)]
+        self.num_envs = num_envs
+        one = self.envs[0]
+        self.render_mode = one.render_mode
+        self.metadata = {**one.metadata, "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}
+        self.single_action_space, self.single_observation_space = one.action_space, one.observation_space
+        batch = gymnasium.vector.utils.batch_space
+        self.action_space = batch(one.action_space, num_envs)
+        self.observation_space = batch(one.observation_space, num_envs)
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+        self._threads = max(1, min(threads or cores, num_envs))
+        self._pool = ThreadPoolExecutor(self._threads) if self._threads > 1 else None
+        self._ended: Any = np.zeros(num_envs, dtype=bool)
+
+    def reset(
+        self, *, seed: Union[int, Sequence[Optional[int]], None] = None, options: Optional[dict[str, Any]] = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Begin an episode of each."""
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"seed: found {len(seeds)}; allowed: one, or {self.num_envs}")
+        self._ended[:] = False
+        infos: dict[str, Any] = {}
+        observations = []
+        for i, (env, own) in enumerate(zip(self.envs, seeds)):
+            observation, info = env.reset(seed=own, options=options)
+            observations.append(observation)
+            infos = self._add_info(infos, info, i)
+        return np.stack(observations), infos
+
+    def step(self, actions: Any) -> tuple[Any, Array, Any, Any, dict[str, Any]]:
+        """Move all on by a period."""
+        moving = [i for i in range(self.num_envs) if not self._ended[i]]
+        before = {i: self.envs[i]._set(actions[i]) for i in moving}
+
+        def move(part: list[int]) -> list[Optional[str]]:
+            return [self.envs[i]._move() for i in part]
+
+        parts = [moving[k :: self._threads] for k in range(self._threads)]
+        moved = map(move, parts) if self._pool is None else self._pool.map(move, parts)
+        errors = {i: error for part, found in zip(parts, moved) for i, error in zip(part, found)}
+        observations: list[Any] = []
+        infos: dict[str, Any] = {}
+        rewards, ends = np.zeros(self.num_envs), np.zeros((2, self.num_envs), dtype=bool)
+        for i, env in enumerate(self.envs):
+            if self._ended[i]:
+                observation, info = env.reset()
+            else:
+                observation, rewards[i], ends[0, i], ends[1, i], info = env._result(before[i], errors[i])
+            observations.append(observation)
+            infos = self._add_info(infos, info, i)
+        self._ended = ends.any(axis=0)
+        return np.stack(observations), rewards, ends[0], ends[1], infos
+
+    def render(self) -> Optional[tuple[Any, ...]]:
+        """A picture of each."""
+        return None if self.render_mode is None else tuple(env.render() for env in self.envs)
+
+    def close_extras(self, **options: Any) -> None:
+        """End the threads."""
+        if self._pool is not None:
+            self._pool.shutdown()
+
+
+gymnasium.register("caudal/Tail-v0", entry_point=TailEnv, vector_entry_point=TailVectorEnv)

@@ -1,0 +1,183 @@
+//! The numbers of a scene that its simulation can be differentiated by, by their keys.
+
+use super::moved::Moved;
+use super::parameter::Parameter;
+use crate::error::{Error, Result};
+use crate::fluid::DENSITY;
+use crate::model::Model;
+use crate::scene::parameter::{Parameter as Scalar, Points};
+use crate::scene::{Document, Scene};
+
+/// A number of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Number {
+    /// Its key.
+    pub key: String,
+    /// Where it is in the value of that key: nowhere, a component's place, or that of a point [ξ, value].
+    pub place: Vec<usize>,
+    /// ξ of a point.
+    pub xi: Option<f64>,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// What it is.
+    pub description: String,
+    /// What it is in the scene.
+    pub own: f64,
+    /// The whole value of the key in the scene.
+    whole: toml::Value,
+    /// What a simulation is differentiated by; of those as [`Parameter::OfScene`] see [`count`].
+    pub by: Parameter,
+    /// Its size, over which it is moved.
+    size: f64,
+}
+
+impl Number {
+    /// The key, with the number's place in its value.
+    pub fn words(&self) -> String {
+        match (self.xi, self.place.first()) {
+            (Some(xi), _) => format!("{} at xi = {xi}", self.key),
+            (None, Some(i)) => format!("{}[{i}]", self.key),
+            (None, None) => self.key.clone(),
+        }
+    }
+}
+
+/// The numbers of a scene.
+#[derive(Debug)]
+pub struct Numbers<'a> {
+    scene: &'a Scene,
+    model: &'a Model,
+    scalars: Vec<Scalar>,
+    profiles: Vec<Points>,
+}
+
+impl<'a> Numbers<'a> {
+    /// Those of `scene`, whose model is `model`.
+    pub fn of(scene: &'a Scene, model: &'a Model) -> Self {
+        Self { scene, model, scalars: scene.parameters(), profiles: scene.profiles() }
+    }
+
+    /// The keys of all numbers that the motion depends on.
+    pub fn keys(&self) -> Vec<&str> {
+        let scalars = self.scalars.iter().map(|scalar| &*scalar.key).filter(|key| self.fits(key));
+        let mut keys: Vec<&str> = scalars.chain(self.profiles.iter().map(|points| points.key)).collect();
+        keys.dedup();
+        keys
+    }
+
+    /// The numbers of a key: one, two components, or one for each point along the rod; none where the motion does not depend on it.
+    pub fn of_key(&self, key: &str) -> Vec<Number> {
+        let list = |values: Vec<f64>| toml::Value::Array(values.into_iter().map(toml::Value::Float).collect());
+        let scalars: Vec<&Scalar> = self.scalars.iter().filter(|scalar| scalar.key == key && self.fits(key)).collect();
+        if let Some(points) = self.profiles.iter().find(|points| points.key == key).filter(|_| scalars.is_empty()) {
+            let whole = toml::Value::Array(points.points.iter().map(|point| list(point.to_vec())).collect());
+            let number = |(i, [xi, value]): (usize, &[f64; 2])| Number {
+                key: key.to_string(),
+                place: vec![i, 1],
+                xi: Some(*xi),
+                unit: points.unit,
+                description: "values at the points of the profile along the rod".to_string(),
+                own: *value,
+                whole: whole.clone(),
+                by: Parameter::OfScene(0),
+                size: self.size(key, *value),
+            };
+            return points.points.iter().enumerate().map(number).collect();
+        }
+        let whole = list(scalars.iter().map(|scalar| scalar.value).collect());
+        let number = |scalar: &&Scalar| {
+            let (place, whole) = match scalar.component {
+                None => (vec![], toml::Value::Float(scalar.value)),
+                Some(i) => (vec![i], whole.clone()),
+            };
+            let by = Parameter::of_key(key, self.model).filter(|_| place.is_empty() && !self.reaches_further(key));
+            Number {
+                key: key.to_string(),
+                place,
+                xi: None,
+                unit: scalar.unit,
+                description: scalar.description.clone(),
+                own: scalar.value,
+                whole,
+                by: by.unwrap_or(Parameter::OfScene(0)),
+                size: self.size(key, scalar.value),
+            }
+        };
+        scalars.iter().map(number).collect()
+    }
+
+    /// True where the motion depends on a number.
+    fn fits(&self, key: &str) -> bool {
+        let fluid = ["medium.viscosity_pa_s", DENSITY].contains(&key) && self.model.buoyancy.is_none();
+        let passive = ["solver.", "start."].iter().any(|part| key.starts_with(part));
+        Parameter::of_key(key, self.model).is_some() || !(fluid || passive)
+    }
+
+    /// True where more of the model follows from a number than its parameter of the equations says.
+    fn reaches_further(&self, key: &str) -> bool {
+        let law = self.scene.drag.as_ref().map(|drag| drag.law_name());
+        key == DENSITY && self.scene.head_body.is_some() // its mass
+            || key == "actuation.frequency_hz" && law == Some("weak-inertia")
+    }
+
+    /// What a number is moved over: itself, or, where it is zero, what others of its kind are like. Forces are linear in the others.
+    fn size(&self, key: &str, own: f64) -> f64 {
+        let rod = &self.model.rod;
+        match key {
+            _ if own != 0.0 => own.abs(),
+            "rod.inner_radius_m" => 1e-3 * rod.length,
+            "medium.flow_m_s" | "medium.beyond.offset_m" => rod.length,
+            _ => 1.0,
+        }
+    }
+}
+
+/// Numbers those of `numbers` that are parameters of the scene: their places in what [`moved`] returns.
+pub fn count(numbers: &mut [Number]) {
+    let of_scene = numbers.iter_mut().filter(|number| matches!(number.by, Parameter::OfScene(_)));
+    of_scene.enumerate().for_each(|(i, number)| number.by = Parameter::OfScene(i));
+}
+
+/// The keys of a scene with `values` for the first of `numbers`, all others as they are.
+pub fn keys_with(numbers: &[Number], values: &[f64]) -> Vec<(String, toml::Value)> {
+    let mut keys: Vec<(String, toml::Value)> = Vec::new();
+    for (number, value) in numbers.iter().zip(values) {
+        let at = keys.iter().position(|(key, _)| *key == number.key).unwrap_or_else(|| {
+            keys.push((number.key.clone(), number.whole.clone()));
+            keys.len() - 1
+        });
+        let to = number.place.iter().try_fold(&mut keys[at].1, |to, i| to.get_mut(*i));
+        if let Some(to) = to {
+            *to = toml::Value::Float(*value);
+        }
+    }
+    keys
+}
+
+/// The scene of `document`, with `numbers` of these `values`, with each number moved that is a parameter of the scene. A number that
+/// is zero and has to be, as a flow across an interface, has no derivatives.
+///
+/// # Errors
+/// Those of [`Document::scene`] and of the model.
+pub fn moved(document: &Document, numbers: &[Number], values: &[f64]) -> Result<Vec<Moved>> {
+    let of_scene = (0..numbers.len()).filter(|i| matches!(numbers[*i].by, Parameter::OfScene(_)));
+    let mut values = values.to_vec();
+    of_scene
+        .map(|i| {
+            let own = values[i];
+            let size = if own == 0.0 { numbers[i].size } else { own.abs() };
+            let moved = Moved::of(own, size, |value| {
+                values[i] = value;
+                let mut document = document.clone();
+                keys_with(numbers, &values).iter().for_each(|(key, value)| document.put("a derivative", key, value));
+                let scene = document.scene()?;
+                Ok([scene.model()?, scene.model()?])
+            });
+            values[i] = own;
+            match moved {
+                Err(Error::Scene { .. }) if own == 0.0 => Ok(Moved::nowhere(document.scene()?.nodes())),
+                moved => moved,
+            }
+        })
+        .collect()
+}
