@@ -324,8 +324,21 @@ impl Inner {
             reads.push((name, read));
         }
         let (trajectory, values) = py.detach(|| problem.simulate_with(&outputs)).or_raise(py)?;
-        #[rustfmt::skip]
-        return Ok(Self { problem, document, known, trajectory, values, outputs, reads, stiffness, factors, phases, phase, over_time, given });
+        Ok(Self {
+            problem,
+            document,
+            known,
+            trajectory,
+            values,
+            outputs,
+            reads,
+            stiffness,
+            factors,
+            phases,
+            phase,
+            over_time,
+            given,
+        })
     }
 
     /// Refuses derivatives of `output` that would lack a part.
