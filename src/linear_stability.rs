@@ -25,7 +25,7 @@ use crate::system::{Direction, Linearisation, State, System};
 const PARTS: u32 = 16;
 
 /// Convergence of the rest, relative to the length.
-const RESTED: f64 = 1e-11;
+pub(crate) const RESTED: f64 = 1e-11;
 
 /// Eigenvalues below this part of the highest are those of motions that nothing holds, and rounding.
 const ZERO: f64 = 1e-7;

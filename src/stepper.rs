@@ -176,7 +176,7 @@ impl Stepper {
         let mover = (choice.rung.build)(taken.integrator()?);
         let solved = mover.mechanics() != Mechanics::Shape;
         let form = if solved { taken.form(&model.rod) } else { Form::Positions };
-        let newton = Newton::with(form, solver.linear, model.rod.nodes, solver.newton_tolerance.get())?;
+        let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let start = Self::init(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
         Ok(Self { scene: scene.fingerprint(), choice: Some(choice), ..start })
     }

@@ -82,7 +82,7 @@ fn a_tolerance_that_rounding_forbids_is_refused_with_its_numbers() {
 fn esdirk3(h: f64) -> Stepper {
     let method = METHODS.iter().find(|method| method.name == "esdirk3").unwrap();
     let scene = scene_by(method, h, &SWIMMER);
-    let (model, tolerance) = (scene.model().unwrap(), scene.solver.newton_tolerance.get());
+    let (model, tolerance) = (scene.model().unwrap(), scene.newton_tolerance());
     let newton = Newton::with(scene.form(&model.rod), scene.solver.linear, model.rod.nodes, tolerance).unwrap();
     Stepper::init(model, scene.integrator().unwrap(), newton, h).unwrap()
 }

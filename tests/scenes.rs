@@ -475,7 +475,15 @@ fn keys_that_are_absent_have_the_contracts_defaults() {
     let scene = Document::new("folder/eel.toml", text).scene().unwrap();
     assert_eq!(scene.name, "eel", "the file's name");
     assert_eq!(scene.integrator_name(), "generalized-alpha");
-    assert_eq!(scene.solver.newton_tolerance.get(), 1e-10);
+    assert_eq!(scene.newton_tolerance(), 1e-10);
+    let by_tolerance = |tolerance: &str| {
+        let scene = Document::new("eel.toml", text.replace("time_step_s = 1e-2", tolerance)).scene().unwrap();
+        scene.newton_tolerance()
+    };
+    assert_eq!(by_tolerance("integrator = \"esdirk3\""), 1e-6);
+    assert_eq!(by_tolerance("integrator = \"esdirk3\"\ntolerance = 1e-2"), 1e-6);
+    assert_eq!(by_tolerance("integrator = \"esdirk3\"\ntolerance = 0.125e-5"), 0.125e-8);
+    assert_eq!(by_tolerance("tolerance = 1e-5\nnewton_tolerance = 1e-12"), 1e-12);
     assert!(scene.record.every.is_none() && scene.record.interval_s.is_none());
     assert_eq!(scene.nodes_table(), caudal::scene::NodesTable::Csv);
     let model = scene.model().unwrap();

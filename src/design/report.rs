@@ -21,6 +21,7 @@ use super::trust::{LOOSE, Tolerance, Trust, next_fluid};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
+use crate::linear_stability::RESTED;
 use crate::model::Dynamics;
 use crate::newton::Newton;
 use crate::report::tables::{Kept, write_all};
@@ -718,7 +719,7 @@ pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize
 fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<f64> {
     let scene = changed(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
-    let mut newton = Newton::new(dynamics.nodes(), scene.solver.newton_tolerance.get()).ok()?;
+    let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;
     let mut state = dynamics.first_state();
     state.q.copy_from_slice(positions);
     newton.solve(&mut dynamics, &mut state, Direction::POSITIONS).ok()?;

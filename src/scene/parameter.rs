@@ -202,12 +202,11 @@ impl Scene {
         if let Some(tolerance) = self.solver.tolerance {
             list.add("solver.tolerance", "1", "largest estimated error of an internal step", tolerance);
         }
-        let tolerance = self.solver.newton_tolerance;
         list.add(
             "solver.newton_tolerance",
             "1",
             "largest last increment of Newton's method over the length",
-            tolerance,
+            Tolerance::constant(self.newton_tolerance()),
         );
         if let Ok((method, values)) = self.method() {
             for (parameter, value) in method.parameters.iter().zip(values) {

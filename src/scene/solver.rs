@@ -37,9 +37,9 @@ pub struct SolverTable {
     pub tolerance: Option<Tolerance>,
     /// Duration of the run, s.
     pub duration_s: Positive,
-    /// Largest displacement increment of Newton's last iteration over the length.
-    #[serde(default = "default_tolerance")]
-    pub newton_tolerance: Tolerance,
+    /// Largest displacement increment of Newton's last iteration over the length; [`Scene::newton_tolerance`] is that of
+    /// scenes that say nothing too.
+    pub newton_tolerance: Option<Tolerance>,
     /// The linear solver.
     #[serde(default)]
     pub linear: linear::Choice,
@@ -113,16 +113,18 @@ pub(super) const DEFAULT_INTEGRATORS: [&str; 3] = ["esdirk3", "generalized-alpha
 /// The tolerance of a scene that gives neither step nor tolerance.
 const DEFAULT_TOLERANCE: f64 = 1e-3;
 
+/// Newton's tolerance where steps are fixed; where they are adaptive, the part of their tolerance that it is, and the largest
+/// value: from a transverse error δ on, stiff rods have the stretching energy of δ²/2ℓ.
+const NEWTON_TOLERANCE: f64 = 1e-10;
+const NEWTON_OF_TOLERANCE: f64 = 1e-3;
+const LARGEST_NEWTON_TOLERANCE: f64 = 1e-6;
+
 pub(super) fn full() -> String {
     "full".to_string()
 }
 
 fn default_accuracy() -> Positive {
     Positive::constant(1e-3)
-}
-
-fn default_tolerance() -> Tolerance {
-    Tolerance::constant(1e-10)
 }
 
 impl SolverTable {
@@ -349,6 +351,15 @@ impl Scene {
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(step), _) => Pace::Fixed(step.get()),
             (None, tolerance) => Pace::Adaptive(tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get)),
+        }
+    }
+
+    /// The largest displacement increment of Newton's last iteration over the length.
+    pub fn newton_tolerance(&self) -> f64 {
+        match (self.solver.newton_tolerance, self.pace()) {
+            (Some(tolerance), _) => tolerance.get(),
+            (None, Pace::Fixed(_)) => NEWTON_TOLERANCE,
+            (None, Pace::Adaptive(tolerance)) => (NEWTON_OF_TOLERANCE * tolerance).min(LARGEST_NEWTON_TOLERANCE),
         }
     }
 

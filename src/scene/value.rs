@@ -74,13 +74,6 @@ number!(
     |x| (0.0..=1.0).contains(&x)
 );
 
-impl Tolerance {
-    /// This one, or `most` where that is smaller.
-    pub(crate) fn at_most(self, most: f64) -> Self {
-        Self(self.0.min(most))
-    }
-}
-
 struct Number {
     allowed: &'static str,
     ok: fn(f64) -> bool,

@@ -30,13 +30,12 @@ impl Scene {
 
     /// The same scene by the whole model, with steps whose error is small: what cheaper models are compared with.
     pub fn whole(&self) -> Self {
-        let mut scene = self.clone();
+        let mut scene = self.with_newton_tolerance(WHOLE_NEWTON_TOLERANCE);
         scene.solver = SolverTable {
             integrator: Some(DEFAULT_INTEGRATORS[0].to_string()),
             model: full(),
             time_step_s: None,
             tolerance: Some(Tolerance::constant(WHOLE_TOLERANCE)),
-            newton_tolerance: scene.solver.newton_tolerance.at_most(WHOLE_NEWTON_TOLERANCE),
             parameters: BTreeMap::new(),
             ..scene.solver
         };
@@ -58,6 +57,13 @@ impl Scene {
             Pace::Fixed(step) => (Some(Positive::constant(step)), None),
             Pace::Adaptive(tolerance) => (None, Some(Tolerance::constant(tolerance))),
         };
+        scene
+    }
+
+    /// The same scene with a tolerance of Newton's method of at most `most`.
+    pub fn with_newton_tolerance(&self, most: f64) -> Self {
+        let mut scene = self.clone();
+        scene.solver.newton_tolerance = Some(Tolerance::constant(self.newton_tolerance().min(most)));
         scene
     }
 
@@ -92,9 +98,7 @@ impl Scene {
         if choice.reason.is_none() || choice.rung.method.is_none() {
             return self.with_model(choice.rung);
         }
-        let mut scene = self.with_pace(self.cheaper_pace()).with_model(choice.rung);
-        scene.solver.newton_tolerance = scene.solver.newton_tolerance.at_most(WHOLE_NEWTON_TOLERANCE);
-        scene
+        self.with_pace(self.cheaper_pace()).with_model(choice.rung).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)
     }
 
     /// The same scene with Young's modulus times `factor`.

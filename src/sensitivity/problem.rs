@@ -106,7 +106,7 @@ impl Problem {
             actuation: scene.model()?.actuation.map(|(actuation, _)| actuation),
             moved: Vec::new(),
             integrator,
-            tolerance: scene.solver.newton_tolerance.get(),
+            tolerance: scene.newton_tolerance(),
             linear: scene.solver.linear,
             steps: Steps { whole: whole as usize, length, last },
             controls: Controls::default(),

@@ -172,7 +172,7 @@ pub fn order(coarse: f64, fine: f64) -> f64 {
 /// The rest under forces that grow to `force` (N, two entries per node) in `parts` equal parts.
 pub fn equilibrium(scene: &Scene, force: &[f64], parts: u32) -> (Dynamics, State) {
     let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-    let mut newton = Newton::new(dynamics.nodes(), scene.solver.newton_tolerance.get()).unwrap();
+    let mut newton = Newton::new(dynamics.nodes(), scene.newton_tolerance()).unwrap();
     let mut state = dynamics.first_state();
     for part in 1..=parts {
         dynamics.inputs.force = Some(force.iter().map(|f| f * f64::from(part) / f64::from(parts)).collect());

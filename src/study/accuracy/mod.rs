@@ -26,7 +26,8 @@ use crate::modes::Modes;
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
 
-/// Newton's tolerance in all runs: far below every error of interest.
+/// Newton's tolerance in runs with fixed steps: far below every error of interest. In those that choose their steps it follows
+/// from their tolerance, and so it is part of their error.
 const NEWTON: f64 = 1e-12;
 /// The references' steps are this part of the finest of the study, and half of that.
 const FINER: f64 = 0.5;
@@ -115,9 +116,6 @@ fn alpha() -> Option<Recipe> {
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
 pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Result<Studied> {
-    let mut scene = scene.clone();
-    scene.solver.newton_tolerance = scene.solver.newton_tolerance.at_most(NEWTON);
-    let scene = &scene;
     let own = scene.rod.nodes.get() as u64;
     let meshes =
         if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };
@@ -150,7 +148,10 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Resul
     }
     let run = |case: &Case| {
         let duration = case.part * scene.solver.duration_s.get();
-        let scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
+        let mut scene = case.recipe.of(scene).with_pace(case.pace).with_nodes(case.nodes).with_duration(duration);
+        if let Pace::Fixed(_) = case.pace {
+            scene = scene.with_newton_tolerance(NEWTON);
+        }
         Trial::of(&scene, Manner { push: case.push, ..MANNER }, desk.interrupted)
     };
     let trials = match desk.work("references", scene, &cases, jobs::cores(), run)? {
