@@ -81,9 +81,9 @@ const WATER: f64 = 2.2;
 const FOLLOWED_STEP: f64 = 6.5;
 const CREEPING_STEP: f64 = 22.0;
 
-/// Newton iterations of adaptive steps in a period of the drive, measured on eight scenes: the whole model's 500 … 790 with a
-/// tolerance of 1e-3 and 1450 … 2500 with 1e-4; the overdamped one's up to 550 with 1e-4 and 900 with 1e-5.
-const WHOLE_PERIOD: f64 = 500.0;
+/// Newton iterations of adaptive steps in a period of the drive, measured on eight scenes: the whole model's 290 … 580 with a
+/// tolerance of 1e-3, 2.5 times as many with 1e-4 (`baseline-smooth`); the overdamped one's up to 550 with 1e-4 and 900 with 1e-5.
+const WHOLE_PERIOD: f64 = 300.0;
 const OVERDAMPED_PERIOD: f64 = 550.0;
 
 /// Part of that which is left for a free rod that loads or a flow carry along: its steps are as long as that motion allows.
