@@ -393,7 +393,10 @@ impl Forces {
         }
         let along = jacobian.as_ref().map(|jacobian| jacobian.direction);
         let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
-        let in_pass = self.iter().enumerate().find_map(|(i, force)| Some((i, force.in_pass()?)));
+        // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
+        // short: such a law takes its turn among the others.
+        let linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
+        let in_pass = linear.into_iter().find_map(|(i, force)| Some((i, force.in_pass()?)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, _)| [&self.0[..i], &self.0[i + 1..]]);
         let mut others = ActingOn { forces, rod: moving, along, room };
         match in_pass {

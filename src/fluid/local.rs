@@ -1,6 +1,7 @@
 //! Local drag: the force on a length of rod depends on its own tangent and its own velocity against the fluid.
 //!
-//! Every half of an edge loads its own node with its length times the traction of the law there: second order in the mesh.
+//! Every half of an edge loads its own node with its length times the traction of the law there: second order in the mesh. A law
+//! is asked for both halves of an edge at once, a half a lane: roots and quotients of both then take the time of one.
 
 use std::ops::Range;
 
@@ -14,32 +15,33 @@ use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
 use crate::system::{Direction, Linearisation};
 
-/// Force per unit length (N/m) that opposes a velocity with the components `along` and `across` the rod.
+/// Force per unit length (N/m) that opposes velocities with the components `along` and `across` the rod, on both halves of an
+/// edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Traction {
     /// Its component along the tangent, N/m.
-    pub along: f64,
+    pub along: f64x2,
     /// Its component along the normal, N/m.
-    pub across: f64,
+    pub across: f64x2,
 }
 
 /// The derivatives of a traction by the velocity's components, N s/m².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct TractionSlopes {
     /// ∂(along)/∂(velocity along).
-    pub along: f64,
+    pub along: f64x2,
     /// ∂(across)/∂(velocity across).
-    pub across: f64,
+    pub across: f64x2,
     /// ∂(along)/∂(velocity across) and ∂(across)/∂(velocity along), of a law where the components are not independent.
-    pub mixed: Option<[f64; 2]>,
+    pub mixed: Option<[f64x2; 2]>,
 }
 
 /// A local drag law.
 pub trait Law: std::fmt::Debug + Send + Sync {
-    /// What it knows of half an edge.
-    type Half: std::fmt::Debug + Copy + Default + PartialEq + Send + Sync;
-    /// What it makes of the fluid, once for all halves.
-    type Fluid: Copy;
+    /// What it knows of both halves of an edge.
+    type Halves: std::fmt::Debug + Copy + Default + PartialEq + Send + Sync;
+    /// What it makes of the fluids at both ends of an edge, once for all edges where there is only one.
+    type Fluids: Copy;
 
     /// Its name in a scene.
     fn name(&self) -> &'static str;
@@ -50,21 +52,38 @@ pub trait Law: std::fmt::Debug + Send + Sync {
     /// True where it is linear in the velocity.
     fn is_linear(&self) -> bool;
 
-    /// The law for a fluid.
-    fn in_fluid(&self, fluid: Fluid) -> Self::Fluid;
+    /// The law for the fluids at both ends of an edge.
+    fn in_fluids(&self, fluids: [&Fluid; 2]) -> Self::Fluids;
 
-    /// The traction where the velocity against the fluid is `along` and `across` (m/s) the rod.
-    fn traction(&self, half: &Self::Half, fluid: Self::Fluid, along: f64, across: f64) -> Traction;
+    /// The traction where the velocities against the fluid are `along` and `across` (m/s) the rod.
+    fn traction(&self, halves: &Self::Halves, fluids: Self::Fluids, along: f64x2, across: f64x2) -> Traction;
 
     /// The same, with its derivatives.
-    fn with_slopes(&self, half: &Self::Half, fluid: Self::Fluid, along: f64, across: f64)
-    -> (Traction, TractionSlopes);
+    fn with_slopes(
+        &self,
+        halves: &Self::Halves,
+        fluids: Self::Fluids,
+        along: f64x2,
+        across: f64x2,
+    ) -> (Traction, TractionSlopes);
 
     /// The parameters that it depends on, by their keys in a scene.
     fn parameters(&self) -> &[Key];
 
     /// ∂(traction)/∂p for one of its parameters.
-    fn by_parameter(&self, key: Key, half: &Self::Half, fluid: Fluid, along: f64, across: f64) -> Traction;
+    fn by_parameter(
+        &self,
+        key: Key,
+        halves: &Self::Halves,
+        fluids: [&Fluid; 2],
+        along: f64x2,
+        across: f64x2,
+    ) -> Traction;
+}
+
+/// What `of` says of both halves of an edge.
+pub fn both<T>(halves: &[T; 2], of: impl Fn(&T) -> f64) -> f64x2 {
+    f64x2::new([of(&halves[0]), of(&halves[1])])
 }
 
 /// How the drag on the head differs from that on the rest: `weight` times it up to arc length `length` (m).
@@ -87,57 +106,55 @@ pub struct LocalDrag<L: Law> {
     law: L,
     /// Whether the law depends on viscosity and density.
     depends: [bool; 2],
-    /// For both halves of every edge: its weighted length, m, and what the law knows of it.
-    halves: Alike<[(f64, L::Half); 2]>,
+    /// For both halves of every edge: their weighted lengths, m, and what the law knows of them.
+    halves: Alike<(f64x2, L::Halves)>,
 }
 
 impl<L: Law> LocalDrag<L> {
-    /// Spreads `law` over `rod`; `half` tells the law of each half of an edge. Each half takes the exact mean of the weight
+    /// Spreads `law` over `rod`; `of` tells the law of both halves of an edge. Each half takes the exact mean of the weight
     /// over itself.
-    pub fn new(law: L, rod: &Rod, head: HeadWeight, half: impl Fn(&Half) -> L::Half) -> Self {
+    pub fn new(law: L, rod: &Rod, head: HeadWeight, of: impl Fn(&[Half; 2]) -> L::Halves) -> Self {
         let weighted = |h: &Half| {
             let inside = (head.length - (h.middle - 0.5 * h.length)).clamp(0.0, h.length);
-            (h.length + (head.weight - 1.0) * inside, half(h))
+            h.length + (head.weight - 1.0) * inside
         };
-        let halves: Vec<_> = rod.halves().map(|both| both.map(|h| weighted(&h))).collect();
+        let halves: Vec<_> = rod.halves().map(|halves| (both(&halves, weighted), of(&halves))).collect();
         let depends = [VISCOSITY, DENSITY].map(|key| law.parameters().contains(&key));
         Self { law, depends, halves: halves.into() }
     }
 
-    /// The change (N) of what opposes an end that moves at `w` (m/s) against `fluid`, where that fluid changes by `change`.
+    /// The change (N) of what opposes the ends of an edge that move at `w` (m/s) against `fluids`, where those change by
+    /// `changes`.
     #[inline(always)]
-    fn by_fluid(
+    fn by_fluids(
         &self,
-        (length, half): &(f64, L::Half),
-        fluid: Fluid,
+        (lengths, halves): &(f64x2, L::Halves),
+        fluids: [&Fluid; 2],
         edge: &Edge,
-        w: Vector2<f64>,
-        change: &Fluid,
-    ) -> Vector2<f64> {
-        let (t, n) = (edge.t, edge.n());
-        let (u, v) = (w.dot(&t), w.dot(&n));
-        let mut sum = Vector2::zeros();
-        let changes = [(VISCOSITY, change.viscosity), (DENSITY, change.density)];
-        for ((key, change), depends) in changes.into_iter().zip(self.depends) {
-            if depends && change != 0.0 {
-                let by = self.law.by_parameter(key, half, fluid, u, v);
-                sum += (t * by.along + n * by.across) * change;
+        w: [f64x2; 2],
+        changes: [&Fluid; 2],
+    ) -> [f64x2; 2] {
+        let [u, v] = edge.components(w);
+        let (mut along, mut across) = (f64x2::ZERO, f64x2::ZERO);
+        let properties = [
+            (VISCOSITY, both(&changes, |change| change.viscosity)),
+            (DENSITY, both(&changes, |change| change.density)),
+        ];
+        for ((key, change), depends) in properties.into_iter().zip(self.depends) {
+            if depends && change != f64x2::ZERO {
+                let by = self.law.by_parameter(key, halves, fluids, u, v);
+                along += by.along * change;
+                across += by.across * change;
             }
         }
-        if change.flow != Vector2::zeros() {
-            let (_, by) = self.law.with_slopes(half, self.law.in_fluid(fluid), u, v);
-            let (du, dv) = (-change.flow.dot(&t), -change.flow.dot(&n));
-            let [along, across] = by.mixed.unwrap_or_default();
-            sum += t * (by.along * du + along * dv) + n * (across * du + by.across * dv);
+        if changes.iter().any(|change| change.flow != Vector2::zeros()) {
+            let (_, by) = self.law.with_slopes(halves, self.law.in_fluids(fluids), u, v);
+            let [du, dv] = edge.components(changes.map(|change| lanes(-change.flow)));
+            let mixed = by.mixed.unwrap_or_default();
+            along += by.along * du + mixed[0] * dv;
+            across += mixed[1] * du + by.across * dv;
         }
-        sum * *length
-    }
-
-    /// Visits every end with its edge, its half and its node.
-    fn each_end(&self, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, &Edge, &(f64, L::Half))) {
-        for (e, edge) in rod.edges.iter().enumerate() {
-            self.halves[e].iter().enumerate().for_each(|(i, half)| visit(e + i, edge, half));
-        }
+        edge.vectors(along * *lengths, across * *lengths)
     }
 
     /// What opposes `edges` in `fluid`, the same along all of them.
@@ -150,21 +167,20 @@ impl<L: Law> LocalDrag<L> {
         edges: Range<usize>,
         sums: &mut Tally<'_>,
     ) {
-        let flow = fluid.flow;
-        let fluid = self.law.in_fluid(fluid);
+        let (flow, fluids) = (lanes(fluid.flow), self.law.in_fluids([&fluid; 2]));
         let v = rod.v.as_chunks::<2>().0;
         let first = edges.start;
         let some = &rod.edges[edges.clone()];
         let v = &v[first..=edges.end];
         let here = edges.map(|e| &self.halves[e]).zip(some).zip(v.windows(2));
-        let against = |v: &[f64; 2]| Vector2::from(*v) - flow;
+        let against = |v: &[[f64; 2]]| [f64x2::new(v[0]) - flow, f64x2::new(v[1]) - flow];
         match along {
-            Some(direction) => sums.each(here, |((halves, edge), v)| {
-                on_edge(&self.law, halves, fluid, edge, [against(&v[0]), against(&v[1])], direction)
-            }),
-            None => sums.each(here, |((halves, edge), v)| {
-                let force = |i: usize| push(&self.law, &halves[i], fluid, edge, against(&v[i]));
-                OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
+            Some(direction) => {
+                sums.each(here, |((halves, edge), v)| on_edge(&self.law, halves, fluids, edge, against(v), direction))
+            }
+            None => sums.each(here, |((halves, edge), v)| OnEdge {
+                force: push(&self.law, halves, fluids, edge, against(v)),
+                ..OnEdge::ZERO
             }),
         }
     }
@@ -178,110 +194,114 @@ impl<L: Law> LocalDrag<L> {
         sums: &mut Tally<'_>,
     ) {
         let normal = lanes(rod.normal());
-        let mut next = self.place(rod, edges.start);
+        let mut next = Place::of(rod, edges.start);
         sums.each(edges, |e| {
-            let ends = [std::mem::replace(&mut next, self.place(rod, e + 1)), next];
+            let ends = [std::mem::replace(&mut next, Place::of(rod, e + 1)), next];
             let (halves, edge) = (&self.halves[e], &rod.edges[e]);
             match along {
                 Some(direction) => self.on_edge_at([&ends[0], &ends[1]], halves, edge, normal, direction),
                 None => {
-                    let force = |i: usize| push(&self.law, &halves[i], ends[i].fluid, edge, ends[i].against);
-                    OnEdge { force: [force(0), force(1)], ..OnEdge::ZERO }
+                    let fluids = self.law.in_fluids([&ends[0].here.fluid, &ends[1].here.fluid]);
+                    let force = push(&self.law, halves, fluids, edge, [ends[0].against, ends[1].against]);
+                    OnEdge { force, ..OnEdge::ZERO }
                 }
             }
         });
-    }
-
-    /// The place where node `k` is.
-    #[inline(always)]
-    fn place(&self, rod: &Kinematics<'_>, k: usize) -> Place<L::Fluid> {
-        let here = rod.here(k);
-        Place { here, fluid: self.law.in_fluid(here.fluid), against: node(rod.v, k) - here.fluid.flow }
     }
 
     /// What opposes both ends of `edge`, which are at different `places`.
     #[inline(always)]
     fn on_edge_at(
         &self,
-        places: [&Place<L::Fluid>; 2],
-        halves: &[(f64, L::Half); 2],
+        places: [&Place; 2],
+        halves: &(f64x2, L::Halves),
         edge: &Edge,
         normal: f64x2,
         direction: Direction,
     ) -> OnEdge {
-        let [(f0, own0, edge0), (f1, own1, edge1)] = [0, 1].map(|i| {
-            let Place { here, fluid, against } = places[i];
-            let (force, mut own, by_edge) = end(&self.law, &halves[i], *fluid, edge, *against, direction);
-            if direction.q != 0.0 && here.slope != Fluid::NONE {
-                let by_height = self.by_fluid(&halves[i], here.fluid, edge, *against, &here.slope);
-                own += Block::outer(by_height * direction.q, normal);
+        let [first, second] = places;
+        let (fluids, against) = ([&first.here.fluid, &second.here.fluid], [first.against, second.against]);
+        let mut on = on_edge(&self.law, halves, self.law.in_fluids(fluids), edge, against, direction);
+        let slopes = [&first.here.slope, &second.here.slope];
+        if direction.q != 0.0 && slopes != [&Fluid::NONE; 2] {
+            let by_height = self.by_fluids(halves, fluids, edge, against, slopes);
+            for (own, by_height) in on.own.iter_mut().zip(by_height) {
+                *own += Block::outer(Vector2::from(by_height.to_array()) * direction.q, normal);
             }
-            (force, own, by_edge)
-        });
-        OnEdge { force: [f0, f1], own: [own0, own1], edge: [edge0, edge1] }
+        }
+        on
     }
 }
 
 /// A node of the rod in a medium that is not the same everywhere.
 #[derive(Debug, Clone, Copy)]
-struct Place<F> {
+struct Place {
     here: Here,
-    /// What the law makes of the fluid there.
-    fluid: F,
-    /// The node's velocity against it, m/s.
-    against: Vector2<f64>,
+    /// The node's velocity against the fluid there, m/s.
+    against: f64x2,
 }
 
-/// What a law opposes an end of `edge` with that moves at `w` (m/s) against the fluid, N.
-#[inline(always)]
-fn push<L: Law>(law: &L, (length, half): &(f64, L::Half), fluid: L::Fluid, edge: &Edge, w: Vector2<f64>) -> f64x2 {
-    let Traction { along, across } = law.traction(half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
-    lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length)
-}
-
-/// What a law does to an end of `edge` that moves at `w` (m/s) against the fluid: force (N), and its derivatives along
-/// `direction` where the end moves and where the edge changes.
-#[inline(always)]
-fn end<L: Law>(
-    law: &L,
-    (length, half): &(f64, L::Half),
-    fluid: L::Fluid,
-    edge: &Edge,
-    w: Vector2<f64>,
-    direction: Direction,
-) -> (f64x2, Block, Block) {
-    let (t, n) = (lanes(edge.t), lanes(edge.n()));
-    let (u, v) = (w.dot(&edge.t), w.dot(&edge.n()));
-    let (Traction { along, across }, by) = law.with_slopes(half, fluid, u, v);
-    let force = t * (along * length) + n * (across * length);
-    // a t tᵀ + b n nᵀ = b I + (a − b) t tᵀ.
-    let by_velocity = length * direction.v;
-    let mut own =
-        Block::outer(edge.t, t) * ((by.along - by.across) * by_velocity) + Block::diagonal(by.across * by_velocity);
-    // The edge turns by n·δe/ℓ; the velocity's components turn with it, and so does the traction.
-    let turn = length * direction.q * edge.per_length;
-    let mut turned = [by.along * v - across, along - by.across * u];
-    if let Some([along, across]) = by.mixed {
-        own += Block::outer(edge.t, n * (along * by_velocity)) + Block::outer(edge.n(), t * (across * by_velocity));
-        turned = [turned[0] - along * u, turned[1] + across * v];
+impl Place {
+    /// The place where node `k` is.
+    #[inline(always)]
+    fn of(rod: &Kinematics<'_>, k: usize) -> Self {
+        let here = rod.here(k);
+        Self { here, against: lanes(node(rod.v, k) - here.fluid.flow) }
     }
-    let by_turning = edge.t * (turned[0] * turn) + edge.n() * (turned[1] * turn);
-    (force, own, Block::outer(by_turning, n))
 }
 
-/// What a law does to both ends of `edge`, which move at `w` (m/s) against the fluid.
+/// What a law opposes the ends of `edge` with that move at `w` (m/s) against the fluid, N.
+#[inline(always)]
+fn push<L: Law>(
+    law: &L,
+    (lengths, halves): &(f64x2, L::Halves),
+    fluids: L::Fluids,
+    edge: &Edge,
+    w: [f64x2; 2],
+) -> [f64x2; 2] {
+    let [u, v] = edge.components(w);
+    let Traction { along, across } = law.traction(halves, fluids, u, v);
+    edge.vectors(along * *lengths, across * *lengths)
+}
+
+/// What a law does to both ends of `edge`, which move at `w` (m/s) against the fluid: forces (N), and their derivatives along
+/// `direction` where an end moves and where the edge changes.
 #[inline(always)]
 fn on_edge<L: Law>(
     law: &L,
-    [first, second]: &[(f64, L::Half); 2],
-    fluid: L::Fluid,
+    (lengths, halves): &(f64x2, L::Halves),
+    fluids: L::Fluids,
     edge: &Edge,
-    w: [Vector2<f64>; 2],
+    w: [f64x2; 2],
     direction: Direction,
 ) -> OnEdge {
-    let (f0, own0, edge0) = end(law, first, fluid, edge, w[0], direction);
-    let (f1, own1, edge1) = end(law, second, fluid, edge, w[1], direction);
-    OnEdge { force: [f0, f1], own: [own0, own1], edge: [edge0, edge1] }
+    let (t, n) = (lanes(edge.t), lanes(edge.n()));
+    let (tt, tn, nn) = (Block::outer(edge.t, t), Block::outer(edge.t, n), Block::outer(edge.n(), n));
+    let [u, v] = edge.components(w);
+    let (Traction { along, across }, by) = law.with_slopes(halves, fluids, u, v);
+    let force = edge.vectors(along * *lengths, across * *lengths);
+    let by_velocity = *lengths * direction.v;
+    // The edge turns by n·δe/ℓ; the velocity's components turn with it, and so does the traction.
+    let turn = *lengths * (direction.q * edge.per_length);
+    let mut turned = [by.along * v - across, along - by.across * u];
+    let own = match by.mixed {
+        // a t tᵀ + b n nᵀ = b I + (a − b) t tᵀ.
+        None => {
+            let ([a0, a1], [b0, b1]) =
+                (((by.along - by.across) * by_velocity).to_array(), (by.across * by_velocity).to_array());
+            [tt * a0 + Block::diagonal(b0), tt * a1 + Block::diagonal(b1)]
+        }
+        Some([along, across]) => {
+            turned = [turned[0] - along * u, turned[1] + across * v];
+            let nt = tn.transpose();
+            let (a, b) = ((by.along * by_velocity).to_array(), (along * by_velocity).to_array());
+            let (c, d) = ((across * by_velocity).to_array(), (by.across * by_velocity).to_array());
+            // Not `map` over both ends: that is a call for each.
+            [tt * a[0] + tn * b[0] + (nt * c[0] + nn * d[0]), tt * a[1] + tn * b[1] + (nt * c[1] + nn * d[1])]
+        }
+    };
+    let (a, b) = ((turned[0] * turn).to_array(), (turned[1] * turn).to_array());
+    OnEdge { force, own, edge: [tn * a[0] + nn * b[0], tn * a[1] + nn * b[1]] }
 }
 
 impl<L: Law> InPass for LocalDrag<L> {
@@ -298,22 +318,22 @@ impl<L: Law> InPass for LocalDrag<L> {
         let Some(fluid) = others.rod.everywhere() else {
             let (medium, normal) = (others.rod, lanes(others.rod.normal()));
             // Edges that are looked at together lie in one fluid, or every node of them at its own place.
-            let (mut one, mut next) = (None, self.place(&medium, 0));
+            let (mut one, mut next) = (None, Place::of(&medium, 0));
             let around = edges.iter().enumerate().map(|(e, edge)| {
                 if e % TOGETHER == 0 {
                     let together = e..edges.len().min(e + TOGETHER);
-                    one = medium.throughout(&together).map(|fluid| (law.in_fluid(fluid), fluid.flow));
+                    one = medium.throughout(&together).map(|fluid| (law.in_fluids([&fluid; 2]), lanes(fluid.flow)));
                     if one.is_none() {
-                        next = self.place(&medium, e);
+                        next = Place::of(&medium, e);
                     }
                 }
                 let mut on = match &one {
-                    Some((fluid, flow)) => {
-                        let w = [node(v, e) - flow, node(v, e + 1) - flow];
-                        on_edge(law, &halves[e], *fluid, edge, w, direction)
+                    Some((fluids, flow)) => {
+                        let w = [lanes(node(v, e)) - *flow, lanes(node(v, e + 1)) - *flow];
+                        on_edge(law, &halves[e], *fluids, edge, w, direction)
                     }
                     None => {
-                        let ends = [std::mem::replace(&mut next, self.place(&medium, e + 1)), next];
+                        let ends = [std::mem::replace(&mut next, Place::of(&medium, e + 1)), next];
                         self.on_edge_at([&ends[0], &ends[1]], &halves[e], edge, normal, direction)
                     }
                 };
@@ -324,11 +344,11 @@ impl<L: Law> InPass for LocalDrag<L> {
             });
             return rod.assemble(around, residual, jacobian);
         };
-        let (flow, fluid) = (fluid.flow, law.in_fluid(fluid));
+        let (flow, fluids) = (lanes(fluid.flow), law.in_fluids([&fluid; 2]));
         let ends = v.as_chunks::<2>().0.windows(2);
         let around = edges.iter().zip(ends).enumerate().map(|(e, (edge, v))| {
-            let w = [Vector2::from(v[0]) - flow, Vector2::from(v[1]) - flow];
-            let mut on = on_edge(law, &halves[e], fluid, edge, w, direction);
+            let w = [f64x2::new(v[0]) - flow, f64x2::new(v[1]) - flow];
+            let mut on = on_edge(law, &halves[e], fluids, edge, w, direction);
             if !alone {
                 on.add(&others.on(e));
             }
@@ -338,20 +358,19 @@ impl<L: Law> InPass for LocalDrag<L> {
     }
 
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers {
-        let (law, flow, fluid) = (&self.law, fluid.flow, self.law.in_fluid(fluid));
-        let (mut opposing, mut against_fluid) = (f64x2::ZERO, 0.0);
+        let (law, flow, fluids) = (&self.law, fluid.flow, self.law.in_fluids([&fluid; 2]));
+        let (mut opposing, mut against_fluid) = (f64x2::ZERO, f64x2::ZERO);
         let ends = rod.v.as_chunks::<2>().0.windows(2);
         for (e, (edge, v)) in rod.edges.iter().zip(ends).enumerate() {
-            for (i, (length, half)) in self.halves[e].iter().enumerate() {
-                let w = Vector2::from(v[i]) - flow;
-                let (u, w) = (w.dot(&edge.t), w.dot(&edge.n()));
-                let Traction { along, across } = law.traction(half, fluid, u, w);
-                against_fluid += length * (along * u + across * w);
-                opposing += lanes(edge.t) * (along * length) + lanes(edge.n()) * (across * length);
-            }
+            let (lengths, halves) = &self.halves[e];
+            let [u, w] = edge.components([f64x2::new(v[0]) - lanes(flow), f64x2::new(v[1]) - lanes(flow)]);
+            let Traction { along, across } = law.traction(halves, fluids, u, w);
+            let (along, across) = (along * *lengths, across * *lengths);
+            against_fluid += along * u + across * w;
+            opposing += lanes(edge.t) * along.reduce_add() + lanes(edge.n()) * across.reduce_add();
         }
         let opposing = Vector2::from(opposing.to_array());
-        Powers { opposing, against_fluid, of_flow: -opposing.dot(&flow) }
+        Powers { opposing, against_fluid: against_fluid.reduce_add(), of_flow: -opposing.dot(&flow) }
     }
 }
 
@@ -388,18 +407,24 @@ impl<L: Law> Force for LocalDrag<L> {
         if property.is_none() && !self.law.parameters().contains(&key) {
             return [0.0; 2];
         }
-        self.each_end(rod, |k, edge, half| {
-            let (fluid, w) = (rod.here(k).fluid, rod.against_fluid(k));
-            let force = match property {
-                Some(property) => self.by_fluid(half, fluid, edge, w, &rod.by_property(property, k).fluid),
+        for (e, edge) in rod.edges.iter().enumerate() {
+            let here = [rod.here(e), rod.here(e + 1)];
+            let (fluids, w) = ([&here[0].fluid, &here[1].fluid], [e, e + 1].map(|k| lanes(rod.against_fluid(k))));
+            let forces = match property {
+                Some(property) => {
+                    let by = [e, e + 1].map(|k| rod.by_property(property, k));
+                    self.by_fluids(&self.halves[e], fluids, edge, w, [&by[0].fluid, &by[1].fluid])
+                }
                 None => {
-                    let (length, half) = half;
-                    let by = self.law.by_parameter(key, half, fluid, w.dot(&edge.t), w.dot(&edge.n()));
-                    (edge.t * by.along + edge.n() * by.across) * *length
+                    let ((lengths, halves), [u, w]) = (&self.halves[e], edge.components(w));
+                    let by = self.law.by_parameter(key, halves, fluids, u, w);
+                    edge.vectors(by.along * *lengths, by.across * *lengths)
                 }
             };
-            add(out, k, force);
-        });
+            for (k, force) in [e, e + 1].into_iter().zip(forces) {
+                add(out, k, force.to_array().into());
+            }
+        }
         [0.0; 2]
     }
 }

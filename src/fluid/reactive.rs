@@ -12,11 +12,12 @@ use std::f64::consts::FRAC_PI_4;
 use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
+use wide::f64x2;
 
 use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validity};
 use super::laws::{Published, Uncertainty};
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
-use crate::linear::Block;
+use crate::linear::{Block, lanes};
 use crate::rod::{Alike, Edge, Rod, add, node};
 use crate::system::Direction;
 
@@ -63,81 +64,94 @@ impl Reactive {
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
-    /// What opposes the ends of edge `k`, whose fluid is that of `ends`; it changes from there where it `VARIES`.
+    /// What opposes the ends of edge `k`, whose fluid is that of `ends`; it changes from there where it `VARIES`. Numbers are
+    /// those of both ends, an end a lane, and blocks are put together from their components along and across the edge: numbers
+    /// written apart and read as lanes would have to wait for each other.
     #[inline(always)]
     fn on_edge<const VARIES: bool>(
         &self,
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         k: usize,
-        ends: [Here; 2],
+        ends: &[Here; 2],
     ) -> OnEdge {
         let edge = &rod.edges[k];
-        let (t, n, length) = (edge.t, edge.n(), edge.length);
-        let opening = node(rod.v, k + 1) - node(rod.v, k);
-        let (stretching, lambda) = (opening.dot(&t), opening.dot(&n));
-        let c = [0, 1].map(|i| ends[i].fluid.density * self.halves[k][i]);
-        let motion = [0, 1].map(|i| {
-            let (v, a) = (node(rod.v, k + i) - ends[i].fluid.flow, rod.accelerating_against_fluid(k + i));
-            ([v.dot(&t), v.dot(&n)], [a.dot(&t), a.dot(&n)])
-        });
-        let mut pair = Vector2::zeros();
-        let mut force = [0, 1].map(|i| {
-            let ([u, w], [_, an]) = motion[i];
-            pair += (t * (0.5 * w * w) - n * (u * w)) * c[i];
-            (n * (length * an + stretching * w - lambda * u) - t * (lambda * w)) * c[i]
-        });
-        let place = VARIES.then(|| {
-            [0, 1].map(|i| {
-                let v = node(rod.v, k + i) - ends[i].fluid.flow;
-                let along = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-                crossing(self.halves[k][i], edge, rod.normal(), &ends[i], v, along)
-            })
-        });
-        for (force, (more, ..)) in force.iter_mut().zip(place.iter().flatten()) {
-            *force += more;
+        let (t, n, length) = (lanes(edge.t), lanes(edge.n()), edge.length);
+        let [first, second] = ends;
+        let [v0, v1] = [node(rod.v, k), node(rod.v, k + 1)];
+        let opening = v1 - v0;
+        let (stretching, lambda) = (opening.dot(&edge.t), opening.dot(&edge.n()));
+        let halves = &self.halves[k];
+        let c = f64x2::new([first.fluid.density * halves[0], second.fluid.density * halves[1]]);
+        let [u, w] = edge.components([lanes(v0 - first.fluid.flow), lanes(v1 - second.fluid.flow)]);
+        let [at, an] =
+            edge.components([lanes(rod.accelerating_against_fluid(k)), lanes(rod.accelerating_against_fluid(k + 1))]);
+        // p_i over c_i, and the pair that acts with opposite signs on the two ends.
+        let own_along = -(w * lambda);
+        let own_across = an * length + w * stretching - u * lambda;
+        let (pair_along, pair_across) = (w * w * 0.5, -(u * w));
+        let force = edge.vectors(
+            own_along * c + opposite((pair_along * c).reduce_add()),
+            own_across * c + opposite((pair_across * c).reduce_add()),
+        );
+        let mut on = OnEdge { force, ..OnEdge::ZERO };
+        if let Some(Direction { q, v, a }) = along {
+            let (by_velocity, by_turning) = (c * v, c * (q * edge.per_length));
+            // The pair changes by (tn − nt) w − nn u with each end's velocity.
+            let (turned, pushed) = (by_velocity * w, by_velocity * u);
+            let both = opposite(turned.reduce_add());
+            let mixed = -(by_velocity * lambda);
+            let own_tn = (mixed + both).to_array();
+            let own_nt = (mixed - both).to_array();
+            let own_nn = (c * (length * a + stretching * v) - opposite(pushed.reduce_add())).to_array();
+            // Where one end stays, the other moves with the edge vector.
+            let turned = turned - swapped(turned);
+            let edge_tn = (by_turning * (u * (2.0 * lambda) - an * length) - turned).to_array();
+            let edge_nt = (c * an * q + turned).to_array();
+            let pair_nn = (by_turning * (u * u - pair_along)).reduce_add();
+            let edge_nn =
+                (opposite(pair_nn) - by_turning * (at * length + w * lambda) - pushed - swapped(pushed)).to_array();
+            let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
+            on.own =
+                [tn * own_tn[0] + nt * own_nt[0] + nn * own_nn[0], tn * own_tn[1] + nt * own_nt[1] + nn * own_nn[1]];
+            on.edge = [
+                tn * edge_tn[0] + nt * edge_nt[0] + nn * edge_nn[0],
+                tn * edge_tn[1] + nt * edge_nt[1] + nn * edge_nn[1],
+            ];
         }
-        force[0] += pair;
-        force[1] -= pair;
-        let Some(Direction { q, v, a }) = along else {
-            return OnEdge::new(force, [Block::ZERO; 2], [Block::ZERO; 2]);
-        };
-        let (nn, nt, tn) = (outer(n, n), outer(n, t), outer(t, n));
-        let per = edge.per_length;
-        let mut own = [Matrix2::zeros(); 2];
-        let mut by_edge = [Matrix2::zeros(); 2];
-        let mut pair_by_own = [Matrix2::zeros(); 2];
-        let mut pair_by_edge = Matrix2::zeros();
-        for i in 0..2 {
-            let ([u, w], [at, an]) = motion[i];
-            own[i] = (nn * (length * a + stretching * v) - (nt + tn) * (lambda * v)) * c[i];
-            let by_opening = (nt - tn) * w - nn * u;
-            let by_vector = (outer(t, n) * (2.0 * lambda * u - length * an) - nn * (length * at + lambda * w))
-                .map(|x| x * per)
-                + nt * an;
-            by_edge[i] = (by_opening * v + by_vector.map(|x| x * q)) * c[i];
-            pair_by_own[i] = ((tn - nt) * w - nn * u) * (c[i] * v);
-            pair_by_edge += nn * (c[i] * (u * u - 0.5 * w * w) * per * q);
-        }
-        if let Some(place) = place {
-            for (i, (_, by_own, by_vector)) in place.into_iter().enumerate() {
-                let ([u, w], [_, an]) = motion[i];
+        if VARIES {
+            let along = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
+            let components = [own_along, own_across, pair_along, pair_across].map(f64x2::to_array);
+            for (i, here) in ends.iter().enumerate() {
+                let velocity = node(rod.v, k + i) - here.fluid.flow;
+                let (force, own, by_vector) = crossing(halves[i], edge, rod.normal(), here, velocity, along);
+                let [p_t, p_n, g_t, g_n] = components.map(|both| both[i]);
                 // c changes with the place.
-                let by_place = rod.normal() * (self.halves[k][i] * ends[i].slope.density * q);
-                let unit = n * (length * an + stretching * w - lambda * u) - t * (lambda * w);
-                own[i] += by_own + outer(unit, by_place);
-                by_edge[i] += by_vector;
-                pair_by_own[i] += outer(t * (0.5 * w * w) - n * (u * w), by_place);
+                let by_place = lanes(rod.normal()) * (halves[i] * here.slope.density * along.q);
+                let pair = Block::outer(edge.t * g_t + edge.n() * g_n, by_place);
+                on.force[i] += lanes(force);
+                on.own[i] += Block::from(own) + Block::outer(edge.t * p_t + edge.n() * p_n, by_place);
+                on.own[0] += pair;
+                on.own[1] = on.own[1] - pair;
+                on.edge[i] += Block::from(by_vector);
+                on.edge[1 - i] += pair;
             }
         }
-        let both = pair_by_own[0] + pair_by_own[1];
-        own[0] += both;
-        own[1] -= both;
-        // Where one end stays, the other moves with the edge vector.
-        by_edge[0] += pair_by_edge + pair_by_own[1];
-        by_edge[1] += pair_by_own[0] - pair_by_edge;
-        OnEdge::new(force, own.map(Block::from), by_edge.map(Block::from))
+        on
     }
+}
+
+/// `value` on the first end, and the opposite on the second.
+#[inline(always)]
+fn opposite(value: f64) -> f64x2 {
+    f64x2::new([value, -value])
+}
+
+/// What the other end has.
+#[inline(always)]
+fn swapped(ends: f64x2) -> f64x2 {
+    let [first, second] = ends.to_array();
+    f64x2::new([second, first])
 }
 
 impl Wake {
@@ -193,12 +207,15 @@ impl Force for Reactive {
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
         match rod.throughout(&edges) {
-            Some(fluid) => sums.each(edges, |k| self.on_edge::<false>(rod, along, k, [fluid.into(); 2])),
+            Some(fluid) => {
+                let ends = [fluid.into(); 2];
+                sums.each(edges, |k| self.on_edge::<false>(rod, along, k, &ends));
+            }
             None => {
                 let mut next = rod.here(edges.start);
                 sums.each(edges, |k| {
                     let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
-                    self.on_edge::<true>(rod, along, k, ends)
+                    self.on_edge::<true>(rod, along, k, &ends)
                 });
             }
         }
@@ -290,7 +307,7 @@ impl Force for Reactive {
                 let by = rod.by_property(property, k + i);
                 Here { fluid: Fluid { flow: rod.flow(k + i), ..by.fluid }, ..by }
             });
-            let on = self.on_edge::<true>(rod, None, k, ends);
+            let on = self.on_edge::<true>(rod, None, k, &ends);
             for i in 0..2 {
                 add(out, k + i, on.force(i));
                 let w = rod.against_fluid(k + i).dot(&edge.n());

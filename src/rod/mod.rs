@@ -12,6 +12,7 @@ pub mod stretch;
 
 use nalgebra::Vector2;
 use serde::Deserialize;
+use wide::f64x2;
 
 pub use alike::Alike;
 pub use section::{Half, Profile, Section, Sections};
@@ -48,6 +49,19 @@ impl Edge {
     #[inline]
     pub fn n(&self) -> Vector2<f64> {
         Vector2::new(-self.t.y, self.t.x)
+    }
+
+    /// The components along and across it of a vector at each of its ends, an end a lane.
+    #[inline(always)]
+    pub(crate) fn components(&self, ends: [f64x2; 2]) -> [f64x2; 2] {
+        let [x, y] = f64x2::transpose(ends);
+        [x * self.t.x + y * self.t.y, y * self.t.x - x * self.t.y]
+    }
+
+    /// The vectors at both ends whose components are `along` and `across`, an end a lane.
+    #[inline(always)]
+    pub(crate) fn vectors(&self, along: f64x2, across: f64x2) -> [f64x2; 2] {
+        f64x2::transpose([along * self.t.x - across * self.t.y, along * self.t.y + across * self.t.x])
     }
 }
 

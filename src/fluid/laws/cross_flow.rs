@@ -8,9 +8,11 @@
 
 use std::f64::consts::PI;
 
+use wide::f64x2;
+
 use super::{Causes, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::{Force, Validity};
-use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
+use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
 use crate::rod::Half;
 
@@ -36,18 +38,23 @@ pub static LAW: DragLaw = DragLaw {
     needs: &[],
     resistance: None,
     slender: Some(|recipe| recipe.viscous.slender.map_or(f64::INFINITY, |slender| slender(recipe))),
-    build: |recipe| Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |half| Coefficients::of(recipe, half))),
+    build: |recipe| {
+        Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |halves| Coefficients::of(recipe, halves)))
+    },
     parts: Some(parts),
 };
 
 /// The law as three of its kind: each has what one cause does, and nothing of the others.
 fn parts(recipe: &Recipe<'_>) -> Causes {
     let only = |keep: fn(Coefficients) -> Coefficients| -> Box<dyn Force> {
-        Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |half| keep(Coefficients::of(recipe, half))))
+        Box::new(LocalDrag::new(CrossFlow, recipe.rod, recipe.head, |halves| keep(Coefficients::of(recipe, halves))))
     };
     vec![
         ("viscous", only(|c| Coefficients { viscous: c.viscous, ..Coefficients::default() })),
-        ("boundary layer", only(|c| Coefficients { viscous: [0.0; 2], form: 0.0, form_unit: 0.0, ..c })),
+        (
+            "boundary layer",
+            only(|c| Coefficients { viscous: Default::default(), form: f64x2::ZERO, form_unit: f64x2::ZERO, ..c }),
+        ),
         ("form drag", only(|c| Coefficients { form: c.form, form_unit: c.form_unit, ..Coefficients::default() })),
     ]
 }
@@ -66,65 +73,69 @@ const BLASIUS: f64 = 1.42;
 #[derive(Debug)]
 struct CrossFlow;
 
-/// What does not depend on fluid and velocity.
+/// What does not depend on fluid and velocity, of both halves of an edge.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 struct Coefficients {
     /// ξ∥/μ, ξ⊥/μ.
-    viscous: [f64; 2],
+    viscous: [f64x2; 2],
     /// 2√D, m^½: times √(ρμ).
-    layer_across: f64,
+    layer_across: f64x2,
     /// ½D C_d, m: times ρ.
-    form: f64,
+    form: f64x2,
     /// The same for C_d = 1.
-    form_unit: f64,
+    form_unit: f64x2,
     /// ½·3.5 (P/π)/√D, m^½: times √(ρμ).
-    layer_along: f64,
+    layer_along: f64x2,
     /// The same for a factor of 1 in place of 3.5.
-    layer_along_unit: f64,
+    layer_along_unit: f64x2,
     /// ½P C_f, m: times ρ.
-    turbulent: f64,
+    turbulent: f64x2,
     /// τ².
-    thinning: f64,
+    thinning: f64x2,
     /// (1.42 D/L)².
-    blasius: f64,
+    blasius: f64x2,
 }
 
 impl Coefficients {
-    fn of(recipe: &Recipe<'_>, half: &Half) -> Self {
-        let (depth, breadth) = (half.depth, 2.0 * half.radius);
+    fn of(recipe: &Recipe<'_>, halves: &[Half; 2]) -> Self {
+        let (depth, breadth) = (both(halves, |half| half.depth), both(halves, |half| 2.0 * half.radius));
         // Ramanujan's perimeter of the ellipse.
-        let (a, b) = (0.5 * depth, 0.5 * breadth);
-        let perimeter = PI * (3.0 * (a + b) - ((3.0 * a + b) * (a + 3.0 * b)).sqrt());
-        let slim = (breadth / depth).min(1.0);
-        let form_unit = 0.5 * depth;
-        let layer_along_unit = 0.5 * perimeter / (PI * depth.sqrt());
+        let (a, b) = (depth * 0.5, breadth * 0.5);
+        let perimeter = ((a + b) * 3.0 - ((a * 3.0 + b) * (a + b * 3.0)).sqrt()) * PI;
+        let slim = (breadth / depth).min(f64x2::ONE);
+        let form_unit = depth * 0.5;
+        let layer_along_unit = perimeter * 0.5 / (depth.sqrt() * PI);
+        let viscous =
+            recipe.viscous.resistance.map_or([[0.0; 2]; 2], |of| halves.each_ref().map(|half| of(recipe, half)));
+        let thinning = recipe.thinning.map_or(slim, f64x2::from);
+        let sweeping = depth * (BLASIUS / recipe.rod.length);
         Self {
-            viscous: recipe.viscous.resistance.map_or([0.0; 2], |of| of(recipe, half)),
-            layer_across: 2.0 * depth.sqrt(),
-            form: form_unit * recipe.form_drag.unwrap_or(2.0 - 0.9 * slim),
+            viscous: [both(&viscous, |xi| xi[0]), both(&viscous, |xi| xi[1])],
+            layer_across: depth.sqrt() * 2.0,
+            form: form_unit * recipe.form_drag.map_or(f64x2::from(2.0) - slim * 0.9, f64x2::from),
             form_unit,
             layer_along: layer_along_unit * recipe.skin_friction.unwrap_or(FRICTION),
             layer_along_unit,
-            turbulent: 0.5 * perimeter * recipe.turbulent_friction.unwrap_or(0.0),
-            thinning: recipe.thinning.unwrap_or(slim).powi(2),
-            blasius: (BLASIUS * depth / recipe.rod.length).powi(2),
+            turbulent: perimeter * 0.5 * recipe.turbulent_friction.unwrap_or(0.0),
+            thinning: thinning * thinning,
+            blasius: sweeping * sweeping,
         }
     }
 
     /// (τ²w² + (1.42 D u/L)²), and its fourth root.
     #[inline(always)]
-    fn sweep(&self, u: f64, w: f64) -> [f64; 2] {
+    fn sweep(&self, u: f64x2, w: f64x2) -> [f64x2; 2] {
         let square = self.thinning * w * w + self.blasius * u * u;
         [square, square.sqrt().sqrt()]
     }
 }
 
 /// μ, √(ρμ) and ρ.
-type InFluid = [f64; 3];
+type InFluids = [f64x2; 3];
 
 impl Law for CrossFlow {
-    type Half = Coefficients;
-    type Fluid = InFluid;
+    type Halves = Coefficients;
+    type Fluids = InFluids;
 
     fn name(&self) -> &'static str {
         LAW.name
@@ -138,13 +149,14 @@ impl Law for CrossFlow {
         false
     }
 
-    #[inline]
-    fn in_fluid(&self, fluid: Fluid) -> InFluid {
-        [fluid.viscosity, (fluid.density * fluid.viscosity).sqrt(), fluid.density]
+    #[inline(always)]
+    fn in_fluids(&self, fluids: [&Fluid; 2]) -> InFluids {
+        let (viscosity, density) = (both(&fluids, |fluid| fluid.viscosity), both(&fluids, |fluid| fluid.density));
+        [viscosity, (density * viscosity).sqrt(), density]
     }
 
     #[inline(always)]
-    fn traction(&self, c: &Coefficients, [viscosity, root, density]: InFluid, u: f64, w: f64) -> Traction {
+    fn traction(&self, c: &Coefficients, [viscosity, root, density]: InFluids, u: f64x2, w: f64x2) -> Traction {
         let [_, sweep] = c.sweep(u, w);
         let (speed, along) = (w.abs(), u.abs());
         let across = viscosity * c.viscous[1] + root * c.layer_across * speed.sqrt() + density * c.form * speed;
@@ -156,9 +168,9 @@ impl Law for CrossFlow {
     fn with_slopes(
         &self,
         c: &Coefficients,
-        [viscosity, root, density]: InFluid,
-        u: f64,
-        w: f64,
+        [viscosity, root, density]: InFluids,
+        u: f64x2,
+        w: f64x2,
     ) -> (Traction, TractionSlopes) {
         let [square, sweep] = c.sweep(u, w);
         let speed = w.abs();
@@ -167,14 +179,14 @@ impl Law for CrossFlow {
         let layer_along = root * c.layer_along * sweep;
         let (viscous_along, turbulent) = (viscosity * c.viscous[0], density * c.turbulent * u.abs());
         // d(sweep)/sweep = ½ (τ²w dw + (1.42 D/L)²u du)/square, which vanishes with the velocity.
-        let per_square = if square > 0.0 { 0.5 * layer_along * u / square } else { 0.0 };
+        let per_square = layer_along * (u * 0.5 / square.max(f64x2::from(f64::MIN_POSITIVE)));
         let along = viscous_along + layer_along + turbulent;
         (
             Traction { along: along * u, across: (viscous + layer + form) * w },
             TractionSlopes {
                 along: along + turbulent + per_square * c.blasius * u,
-                across: viscous + 1.5 * layer + 2.0 * form,
-                mixed: Some([per_square * c.thinning * w, 0.0]),
+                across: viscous + layer * 1.5 + form * 2.0,
+                mixed: Some([per_square * c.thinning * w, f64x2::ZERO]),
             },
         )
     }
@@ -184,22 +196,22 @@ impl Law for CrossFlow {
     }
 
     #[inline(always)] // which settles the key when it is compiled
-    fn by_parameter(&self, key: Key, c: &Coefficients, fluid: Fluid, u: f64, w: f64) -> Traction {
+    fn by_parameter(&self, key: Key, c: &Coefficients, fluids: [&Fluid; 2], u: f64x2, w: f64x2) -> Traction {
         let [_, sweep] = c.sweep(u, w);
-        let root = (fluid.density * fluid.viscosity).sqrt();
+        let [viscosity, root, density] = self.in_fluids(fluids);
         let layers = [root * c.layer_along * sweep, root * c.layer_across * w.abs().sqrt()];
         let [along, across] = match key {
             VISCOSITY => {
-                let half = 0.5 / fluid.viscosity;
+                let half = f64x2::HALF / viscosity;
                 [c.viscous[0] + half * layers[0], c.viscous[1] + half * layers[1]]
             }
             DENSITY => {
-                let half = 0.5 / fluid.density;
+                let half = f64x2::HALF / density;
                 [c.turbulent * u.abs() + half * layers[0], c.form * w.abs() + half * layers[1]]
             }
-            FORM_DRAG => [0.0, fluid.density * c.form_unit * w.abs()],
-            SKIN_FRICTION => [root * c.layer_along_unit * sweep, 0.0],
-            _ => [0.0; 2],
+            FORM_DRAG => [f64x2::ZERO, density * c.form_unit * w.abs()],
+            SKIN_FRICTION => [root * c.layer_along_unit * sweep, f64x2::ZERO],
+            _ => [f64x2::ZERO; 2],
         };
         Traction { along: along * u, across: across * w }
     }

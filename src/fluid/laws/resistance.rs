@@ -1,8 +1,10 @@
 //! Drag linear in velocity: f = ξ∥ u t + ξ⊥ w n per unit length, with u = V·t and w = V·n.
 
+use wide::f64x2;
+
 use crate::fluid::force::{Force, Validity};
 use crate::fluid::laws::{DragLaw, Recipe};
-use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
+use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{Fluid, Key, VISCOSITY};
 
 /// A linear law: each half of an edge knows its coefficients ξ∥ and ξ⊥, over the viscosity where they are in proportion to it.
@@ -24,15 +26,18 @@ impl Resistance {
     pub fn scaled(law: &'static DragLaw, recipe: &Recipe<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let of = law.resistance.unwrap_or(|_, _| [0.0; 2]);
         let own = Self { law, viscous: true, parameters };
-        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |half| of(recipe, half)))
+        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |halves| {
+            let of = halves.each_ref().map(|half| of(recipe, half));
+            [both(&of, |xi| xi[0]), both(&of, |xi| xi[1])]
+        }))
     }
 
     /// The force of a `law` with the coefficients that the scene gives, whatever the fluid.
     pub fn given(law: &'static DragLaw, recipe: &Recipe<'_>, parameters: &'static [Key]) -> Box<dyn Force> {
         let own = Self { law, viscous: false, parameters };
         let length = recipe.rod.length;
-        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |half| {
-            [&recipe.along, &recipe.across].map(|profile| profile.at(half.middle / length))
+        Box::new(LocalDrag::new(own, recipe.rod, recipe.head, |halves| {
+            [&recipe.along, &recipe.across].map(|profile| both(halves, |half| profile.at(half.middle / length)))
         }))
     }
 }
@@ -45,8 +50,8 @@ pub const ACROSS: Key = "drag.across_n_s_m2";
 pub const RATIO: Key = "drag.ratio";
 
 impl Law for Resistance {
-    type Half = [f64; 2];
-    type Fluid = f64;
+    type Halves = [f64x2; 2];
+    type Fluids = f64x2;
 
     fn name(&self) -> &'static str {
         self.law.name
@@ -60,19 +65,25 @@ impl Law for Resistance {
         true
     }
 
-    #[inline]
-    fn in_fluid(&self, fluid: Fluid) -> f64 {
-        if self.viscous { fluid.viscosity } else { 1.0 }
+    #[inline(always)]
+    fn in_fluids(&self, fluids: [&Fluid; 2]) -> f64x2 {
+        if self.viscous { both(&fluids, |fluid| fluid.viscosity) } else { f64x2::ONE }
     }
 
     #[inline(always)]
-    fn traction(&self, [along, across]: &[f64; 2], scale: f64, u: f64, w: f64) -> Traction {
-        Traction { along: along * scale * u, across: across * scale * w }
+    fn traction(&self, [along, across]: &[f64x2; 2], scale: f64x2, u: f64x2, w: f64x2) -> Traction {
+        Traction { along: *along * scale * u, across: *across * scale * w }
     }
 
     #[inline(always)]
-    fn with_slopes(&self, [along, across]: &[f64; 2], scale: f64, u: f64, w: f64) -> (Traction, TractionSlopes) {
-        let (along, across) = (along * scale, across * scale);
+    fn with_slopes(
+        &self,
+        [along, across]: &[f64x2; 2],
+        scale: f64x2,
+        u: f64x2,
+        w: f64x2,
+    ) -> (Traction, TractionSlopes) {
+        let (along, across) = (*along * scale, *across * scale);
         (Traction { along: along * u, across: across * w }, TractionSlopes { along, across, mixed: None })
     }
 
@@ -81,13 +92,20 @@ impl Law for Resistance {
     }
 
     #[inline(always)] // which settles the key when it is compiled
-    fn by_parameter(&self, key: Key, &[along, across]: &[f64; 2], fluid: Fluid, u: f64, w: f64) -> Traction {
+    fn by_parameter(
+        &self,
+        key: Key,
+        &[along, across]: &[f64x2; 2],
+        fluids: [&Fluid; 2],
+        u: f64x2,
+        w: f64x2,
+    ) -> Traction {
         match key {
             VISCOSITY => Traction { along: along * u, across: across * w },
-            ALONG => Traction { along: u, across: 0.0 },
-            ACROSS => Traction { along: 0.0, across: w },
+            ALONG => Traction { along: u, across: f64x2::ZERO },
+            ACROSS => Traction { along: f64x2::ZERO, across: w },
             // Across is the ratio times along.
-            RATIO => Traction { along: 0.0, across: along * fluid.viscosity * w },
+            RATIO => Traction { along: f64x2::ZERO, across: along * both(&fluids, |fluid| fluid.viscosity) * w },
             _ => Traction::default(),
         }
     }

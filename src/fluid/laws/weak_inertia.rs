@@ -6,9 +6,11 @@
 
 use std::f64::consts::{LN_2, PI, TAU};
 
+use wide::f64x2;
+
 use super::{DragLaw, Published, Reach, SLENDER, Uncertainty};
 use crate::fluid::force::Validity;
-use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes};
+use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
 
 /// What is known of it.
@@ -34,7 +36,7 @@ pub static LAW: DragLaw = DragLaw {
             per_length: 1.0 / recipe.slender(),
             root_omega: recipe.frequency.map_or(0.0, |frequency| (TAU * frequency).sqrt()),
         };
-        Box::new(LocalDrag::new(law, recipe.rod, recipe.head, |half| half.radius))
+        Box::new(LocalDrag::new(law, recipe.rod, recipe.head, |halves| both(halves, |half| half.radius)))
     },
     parts: None,
 };
@@ -54,44 +56,52 @@ struct WeakInertia {
     root_omega: f64,
 }
 
-/// Viscosity, 1/ℒ at rest, its growth with the speed, and its derivatives by ν.
-type InFluid = (f64, f64, f64);
+/// Viscosity, 1/ℒ at rest, and its growth with the speed.
+type InFluids = [f64x2; 3];
 
 /// ξ∥ and ξ⊥, and their derivatives by 1/ℒ and by the part of it at rest.
 struct Resistances {
-    xi: [f64; 2],
-    by_inverse: [f64; 2],
-    by_rest: f64,
+    xi: [f64x2; 2],
+    by_inverse: [f64x2; 2],
+    by_rest: f64x2,
 }
 
 impl WeakInertia {
     /// ξ for 1/ℒ = `inverse`, `rest` of it at rest. Beyond the range of slender bodies 1/ℒ stays at its limit.
-    fn resistances(radius: f64, viscosity: f64, rest: f64, inverse: f64) -> Resistances {
-        let most = (-SLENDER).exp() / radius;
-        let (inside, inverse) = if inverse < most { (1.0, inverse) } else { (0.0, most) };
-        let slender = -(inverse * radius).ln();
+    #[inline]
+    fn resistances(radius: f64x2, viscosity: f64x2, rest: f64x2, inverse: f64x2) -> Resistances {
+        let most = f64x2::from((-SLENDER).exp()) / radius;
+        let inside = inverse.simd_lt(most).bitselect(f64x2::ONE, f64x2::ZERO);
+        let inverse = inverse.min(most);
+        let slender = -f64x2::new((inverse * radius).to_array().map(f64::ln));
         let (lt, ln) = (slender - 1.5 + LN_2, slender - 0.5 + LN_2);
-        let (along, plain) = (2.0 * PI * viscosity / lt, 4.0 * PI * viscosity / ln);
-        let (epsilon, share) = (1.0 / ln, (1.0 - rest / inverse).max(0.0));
-        let kaplun = 1.0 - KAPLUN * epsilon * epsilon * share;
+        let (along, plain) = (viscosity * (2.0 * PI) / lt, viscosity * (4.0 * PI) / ln);
+        let (epsilon, share) = (f64x2::ONE / ln, (f64x2::ONE - rest / inverse).max(f64x2::ZERO));
+        // Kaplun's factor holds where the fluid's inertia has a share.
+        let kaplun = epsilon * epsilon * share.simd_gt(f64x2::ZERO).bitselect(f64x2::from(KAPLUN), f64x2::ZERO);
+        let factor = f64x2::ONE - kaplun * share;
         let by = inside / inverse;
-        let (plain_by, epsilon_by) = (plain * epsilon * by, epsilon * epsilon * by);
-        let share_by = if share > 0.0 { inside * rest / (inverse * inverse) } else { 0.0 };
+        let share_by = inside * rest / (inverse * inverse);
         Resistances {
-            xi: [along, plain * kaplun],
+            xi: [along, plain * factor],
             by_inverse: [
                 along / lt * by,
-                plain_by * kaplun
-                    - plain * KAPLUN * (2.0 * epsilon * epsilon_by * share + epsilon * epsilon * share_by),
+                plain * (epsilon * by * factor - kaplun * (epsilon * by * share * 2.0 + share_by)),
             ],
-            by_rest: if share > 0.0 { plain * KAPLUN * epsilon * epsilon / inverse } else { 0.0 },
+            by_rest: plain * kaplun / inverse,
         }
     }
 }
 
+/// |V|.
+#[inline(always)]
+fn speed(u: f64x2, w: f64x2) -> f64x2 {
+    (u * u + w * w).sqrt()
+}
+
 impl Law for WeakInertia {
-    type Half = f64;
-    type Fluid = InFluid;
+    type Halves = f64x2;
+    type Fluids = InFluids;
 
     fn name(&self) -> &'static str {
         LAW.name
@@ -105,30 +115,33 @@ impl Law for WeakInertia {
         false
     }
 
-    fn in_fluid(&self, fluid: Fluid) -> InFluid {
-        let per_nu = fluid.density / fluid.viscosity;
-        (fluid.viscosity, self.per_length + self.root_omega * per_nu.sqrt() / OSCILLATING, per_nu / STEADY)
+    #[inline]
+    fn in_fluids(&self, fluids: [&Fluid; 2]) -> InFluids {
+        let viscosity = both(&fluids, |fluid| fluid.viscosity);
+        let per_nu = both(&fluids, |fluid| fluid.density) / viscosity;
+        [viscosity, per_nu.sqrt() * self.root_omega / OSCILLATING + self.per_length, per_nu / STEADY]
     }
 
     #[inline]
-    fn traction(&self, radius: &f64, (viscosity, rest, growth): InFluid, u: f64, w: f64) -> Traction {
-        let [along, across] = Self::resistances(*radius, viscosity, rest, rest + growth * u.hypot(w)).xi;
+    fn traction(&self, radius: &f64x2, [viscosity, rest, growth]: InFluids, u: f64x2, w: f64x2) -> Traction {
+        let [along, across] = Self::resistances(*radius, viscosity, rest, rest + growth * speed(u, w)).xi;
         Traction { along: along * u, across: across * w }
     }
 
     #[inline]
     fn with_slopes(
         &self,
-        radius: &f64,
-        (viscosity, rest, growth): InFluid,
-        u: f64,
-        w: f64,
+        radius: &f64x2,
+        [viscosity, rest, growth]: InFluids,
+        u: f64x2,
+        w: f64x2,
     ) -> (Traction, TractionSlopes) {
-        let speed = u.hypot(w);
+        let speed = speed(u, w);
         let Resistances { xi: [along, across], by_inverse, .. } =
             Self::resistances(*radius, viscosity, rest, rest + growth * speed);
         // |V| grows by V·δV/|V|.
-        let [su, sw] = if speed > 0.0 { [growth * u / speed, growth * w / speed] } else { [0.0; 2] };
+        let per_speed = growth / speed.max(f64x2::from(f64::MIN_POSITIVE));
+        let [su, sw] = [per_speed * u, per_speed * w];
         (
             Traction { along: along * u, across: across * w },
             TractionSlopes {
@@ -144,20 +157,20 @@ impl Law for WeakInertia {
     }
 
     #[inline(always)] // which settles the key when it is compiled
-    fn by_parameter(&self, key: Key, radius: &f64, fluid: Fluid, u: f64, w: f64) -> Traction {
-        let (viscosity, rest, growth) = self.in_fluid(fluid);
-        let speed = u.hypot(w);
+    fn by_parameter(&self, key: Key, radius: &f64x2, fluids: [&Fluid; 2], u: f64x2, w: f64x2) -> Traction {
+        let [viscosity, rest, growth] = self.in_fluids(fluids);
+        let speed = speed(u, w);
         let found = Self::resistances(*radius, viscosity, rest, rest + growth * speed);
         // ρ/μ moves by −ρ/μ² δμ or by δρ/μ.
-        let per_nu = fluid.density / viscosity;
+        let per_nu = growth * STEADY;
         let moved = match key {
             VISCOSITY => -per_nu / viscosity,
-            DENSITY => 1.0 / viscosity,
+            DENSITY => f64x2::ONE / viscosity,
             _ => return Traction::default(),
         };
-        let rest_by = 0.5 * self.root_omega / (per_nu.sqrt() * OSCILLATING) * moved;
+        let rest_by = moved * (0.5 * self.root_omega / OSCILLATING) / per_nu.sqrt();
         let inverse_by = rest_by + speed / STEADY * moved;
-        let own = |i: usize| if key == VISCOSITY { found.xi[i] / viscosity } else { 0.0 };
+        let own = |i: usize| if key == VISCOSITY { found.xi[i] / viscosity } else { f64x2::ZERO };
         Traction {
             along: (own(0) + found.by_inverse[0] * inverse_by) * u,
             across: (own(1) + found.by_inverse[1] * inverse_by + found.by_rest * rest_by) * w,
