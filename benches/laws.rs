@@ -1,11 +1,12 @@
-//! One step by what acts on the rod: nothing, the default drag (`cox`), `cross-flow`, and all of the water (`cross-flow` and
-//! `[reactive]`), of the eel of `models/`. Beside the times it prints each over that of `cox`, from steps taken in turns, so that
-//! other work on the machine weighs on all alike: `cargo bench --bench laws`.
+//! One step by what acts on the rod: nothing, the default drag (`cox`), `cross-flow`, and all of the water (`cross-flow`,
+//! `[reactive]` and buoyancy), of the eel of `models/`. Beside the times it prints each over that of `cox`, a step and an iteration,
+//! from steps taken in turns, so that other work on the machine weighs on all alike: `cargo bench --bench laws`, or
+//! `cargo bench --bench laws -- --test` for the ratios alone.
 
 #![allow(clippy::unwrap_used, missing_docs, reason = "a benchmark may panic; criterion's macros write no documents")]
 
 use std::hint::black_box;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
@@ -25,7 +26,7 @@ const CASES: [(&str, &[(&str, &str)]); 4] = [
     ("nothing", &[("[drag]\nlaw = \"cross-flow\"", ""), ("[reactive]", "")]),
     ("cox", &[("\"cross-flow\"", "\"cox\""), ("[reactive]", "")]),
     ("cross-flow", &[("[reactive]", "")]),
-    ("everything", &[]),
+    ("everything", &[("[reactive]", "[reactive]\n\n[loads]\ngravity_m_s2 = [0.0, -9.81]\nbuoyancy = true")]),
 ];
 
 fn stepper(changes: &[(&str, &str)], nodes: usize) -> Stepper {
@@ -43,30 +44,38 @@ fn stepper(changes: &[(&str, &str)], nodes: usize) -> Stepper {
     stepper
 }
 
-/// Prints the time of a step of every case over that of `cox`: the fastest of many turns of ten steps each.
+/// Prints the time of a step of every case, and of an iteration, over that of `cox`: the fastest of many turns, each over the
+/// same steps.
 fn ratios(nodes: usize) {
+    let steps = if nodes > 1000 { 4 } else { 10 };
+    let turns = if nodes > 1001 { TURNS / 3 } else { TURNS };
     let mut steppers = CASES.map(|(_, changes)| stepper(changes, nodes));
-    let work = |stepper: &Stepper| (stepper.meter().totals.steps, stepper.work().newton_iterations);
-    let before: Vec<_> = steppers.iter().map(work).collect();
-    let mut fastest = [Duration::MAX; CASES.len()];
-    for _ in 0..TURNS {
-        for (stepper, fastest) in steppers.iter_mut().zip(&mut fastest) {
+    let mut iterations = [0; CASES.len()];
+    let mut fastest = [[f64::INFINITY; 2]; CASES.len()];
+    for _ in 0..turns {
+        for (i, stepper) in steppers.iter_mut().enumerate() {
+            let before = stepper.work().newton_iterations;
             let start = Instant::now();
-            (0..10).for_each(|_| stepper.do_step(black_box(H)).unwrap());
-            *fastest = (*fastest).min(start.elapsed());
+            (0..steps).for_each(|_| stepper.do_step(black_box(H)).unwrap());
+            let (time, made) = (start.elapsed().as_secs_f64(), stepper.work().newton_iterations - before);
+            iterations[i] += made;
+            for (fastest, time) in fastest[i].iter_mut().zip([time / f64::from(steps), time / made as f64]) {
+                *fastest = fastest.min(time);
+            }
         }
     }
     for (i, (name, _)) in CASES.iter().enumerate() {
-        let (steps, iterations) = work(&steppers[i]);
-        let iterations = (iterations - before[i].1) as f64 / (steps - before[i].0) as f64;
-        let ratio = fastest[i].as_secs_f64() / fastest[1].as_secs_f64();
-        println!("laws/{name}/{nodes}: {ratio:.2} of cox, {iterations:.2} iterations per step");
+        let [step, iteration] = [0, 1].map(|of| fastest[i][of] / fastest[1][of]);
+        let iterations = iterations[i] as f64 / f64::from(steps) / turns as f64;
+        println!(
+            "laws/{name}/{nodes}: a step {step:.2} of cox, an iteration {iteration:.2}, {iterations:.2} iterations per step"
+        );
     }
 }
 
 fn laws(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("laws");
-    for nodes in [9, 101, 1001] {
+    for nodes in [9, 101, 1001, 10_001] {
         group.throughput(Throughput::Elements(nodes as u64));
         for (name, changes) in CASES {
             let mut stepper = stepper(changes, nodes);

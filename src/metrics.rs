@@ -268,8 +268,7 @@ impl Reading {
             momentum.rod = Vector2::zeros();
         }
         if dynamics.is_loaded() {
-            push.load = (0..rod.nodes).map(|k| dynamics.load(k)).sum();
-            power.load = (0..rod.nodes).map(|k| dynamics.load(k).dot(&node(&state.v, k))).sum();
+            (power.load, push.load) = dynamics.loads_along(|k| node(&state.v, k));
         }
         let edges = bent.edges();
         let mut stretch: f64 = 0.0;

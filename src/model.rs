@@ -490,7 +490,20 @@ impl Dynamics {
     }
 
     fn work_along(&self, from: &[f64], to: &[f64]) -> f64 {
-        (0..self.model.rod.nodes).map(|k| self.load(k).dot(&(node(to, k) - node(from, k)))).sum()
+        self.loads_along(|k| node(to, k) - node(from, k)).0
+    }
+
+    /// Σ F·d over the constant and host forces and buoyancy F, d the `motion` of a node, and ΣF (N).
+    pub(crate) fn loads_along(&self, motion: impl Fn(usize) -> Vector2<f64>) -> (f64, Vector2<f64>) {
+        let (mut along, mut total) = (0.0, Vector2::zeros());
+        for (forces, factor) in self.loads() {
+            for (k, force) in forces.as_chunks().0.iter().enumerate() {
+                let force = Vector2::from(*force) * factor;
+                along += force.dot(&motion(k));
+                total += force;
+            }
+        }
+        (along, total)
     }
 
     /// How a rod of these `edges` moves at time `t` (s) with positions, velocities and accelerations `motion`.

@@ -9,9 +9,10 @@
 use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
+use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
-use crate::linear::Coupling;
+use crate::linear::{Coupling, lanes};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -567,14 +568,16 @@ pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
     if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
         return force.powers(rod, fluid);
     }
-    let mut powers = Powers::default();
+    let everywhere =
+        if force.is_of_fluid() { rod.everywhere().map(|fluid| fluid.flow) } else { Some(Vector2::zeros()) };
+    let (mut sum, mut against_fluid, mut of_flow) = (f64x2::ZERO, f64x2::ZERO, f64x2::ZERO);
     visit_alone(force, rod, |k, opposing| {
-        let flow = if force.is_of_fluid() { rod.flow(k) } else { Vector2::zeros() };
-        powers.against_fluid += opposing.dot(&(node(rod.v, k) - flow));
-        powers.of_flow -= opposing.dot(&flow);
-        powers.opposing += opposing;
+        let (opposing, flow) = (lanes(opposing), lanes(everywhere.unwrap_or_else(|| rod.flow(k))));
+        sum += opposing;
+        against_fluid += opposing * (lanes(node(rod.v, k)) - flow);
+        of_flow -= opposing * flow;
     });
-    powers
+    Powers { opposing: sum.to_array().into(), against_fluid: against_fluid.reduce_add(), of_flow: of_flow.reduce_add() }
 }
 
 /// The directions that a force is differentiated along: accelerations only where it depends on them.

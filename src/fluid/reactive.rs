@@ -77,13 +77,9 @@ impl Reactive {
     ) -> OnEdge {
         let edge = &rod.edges[k];
         let (t, n, length) = (lanes(edge.t), lanes(edge.n()), edge.length);
-        let [first, second] = ends;
-        let [v0, v1] = [node(rod.v, k), node(rod.v, k + 1)];
-        let opening = v1 - v0;
+        let opening = node(rod.v, k + 1) - node(rod.v, k);
         let (stretching, lambda) = (opening.dot(&edge.t), opening.dot(&edge.n()));
-        let halves = &self.halves[k];
-        let c = f64x2::new([first.fluid.density * halves[0], second.fluid.density * halves[1]]);
-        let [u, w] = edge.components([lanes(v0 - first.fluid.flow), lanes(v1 - second.fluid.flow)]);
+        let (c, [u, w]) = self.moving(rod, k, [&ends[0].fluid, &ends[1].fluid]);
         let [at, an] =
             edge.components([lanes(rod.accelerating_against_fluid(k)), lanes(rod.accelerating_against_fluid(k + 1))]);
         // p_i over c_i, and the pair that acts with opposite signs on the two ends.
@@ -124,10 +120,10 @@ impl Reactive {
             let components = [own_along, own_across, pair_along, pair_across].map(f64x2::to_array);
             for (i, here) in ends.iter().enumerate() {
                 let velocity = node(rod.v, k + i) - here.fluid.flow;
-                let (force, own, by_vector) = crossing(halves[i], edge, rod.normal(), here, velocity, along);
+                let (force, own, by_vector) = crossing(self.halves[k][i], edge, rod.normal(), here, velocity, along);
                 let [p_t, p_n, g_t, g_n] = components.map(|both| both[i]);
                 // c changes with the place.
-                let by_place = lanes(rod.normal()) * (halves[i] * here.slope.density * along.q);
+                let by_place = lanes(rod.normal()) * (self.halves[k][i] * here.slope.density * along.q);
                 let pair = Block::outer(edge.t * g_t + edge.n() * g_n, by_place);
                 on.force[i] += lanes(force);
                 on.own[i] += Block::from(own) + Block::outer(edge.t * p_t + edge.n() * p_n, by_place);
@@ -138,6 +134,29 @@ impl Reactive {
             }
         }
         on
+    }
+
+    /// Visits every edge with c and the velocities against the fluid, along and across it, an end a lane.
+    #[inline(always)]
+    fn each_edge(&self, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, &Edge, f64x2, [f64x2; 2])) {
+        let everywhere = rod.everywhere();
+        for (k, edge) in rod.edges.iter().enumerate() {
+            let fluids = match everywhere {
+                Some(fluid) => [fluid; 2],
+                None => [rod.here(k).fluid, rod.here(k + 1).fluid],
+            };
+            let (c, components) = self.moving(rod, k, [&fluids[0], &fluids[1]]);
+            visit(k, edge, c, components);
+        }
+    }
+
+    /// c and the velocities of the ends of edge `k` against the `fluids` there, along and across it, an end a lane.
+    #[inline(always)]
+    fn moving(&self, rod: &Kinematics<'_>, k: usize, fluids: [&Fluid; 2]) -> (f64x2, [f64x2; 2]) {
+        let halves = &self.halves[k];
+        let c = f64x2::new([fluids[0].density * halves[0], fluids[1].density * halves[1]]);
+        let v = [lanes(node(rod.v, k) - fluids[0].flow), lanes(node(rod.v, k + 1) - fluids[1].flow)];
+        (c, rod.edges[k].components(v))
     }
 }
 
@@ -222,49 +241,47 @@ impl Force for Reactive {
     }
 
     fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
-        let mut energy = 0.0;
-        for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
-            let (t, n) = (edge.t, edge.n());
-            for (i, half) in halves.iter().enumerate() {
-                let here = rod.here(k + i);
-                let c = here.fluid.density * half;
-                let v = node(rod.v, k + i) - here.fluid.flow;
-                let (u, w) = (v.dot(&t), v.dot(&n));
-                energy += 0.5 * c * edge.length * w * w;
-                if let Some(Slopes { q, v, .. }) = &mut by {
-                    let pair = (t * (0.5 * w * w) - n * (u * w)) * (c * factor);
+        let mut energy = f64x2::ZERO;
+        self.each_edge(rod, |k, edge, c, [u, w]| {
+            let own = c * w * w * 0.5;
+            energy += own * edge.length;
+            if let Some(Slopes { q, v, .. }) = &mut by {
+                let pair = edge.vectors(own * factor, -(c * u * w) * factor);
+                let across = (c * w).to_array();
+                for i in 0..2 {
+                    let (pair, half, slope) =
+                        (Vector2::from(pair[i].to_array()), self.halves[k][i], rod.here(k + i).slope);
+                    let w = w.to_array()[i];
                     add(q, k, -pair);
                     add(q, k + 1, pair);
-                    add(q, k + i, rod.normal() * (0.5 * half * here.slope.density * edge.length * w * w * factor));
-                    add(v, k + i, n * (c * edge.length * w * factor));
+                    add(q, k + i, rod.normal() * (0.5 * half * slope.density * edge.length * w * w * factor));
+                    add(v, k + i, edge.n() * (across[i] * edge.length * factor));
                 }
             }
-        }
-        energy
+        });
+        energy.reduce_add()
     }
 
     fn momentum(&self, rod: &Kinematics<'_>, axis: Vector2<f64>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {
         // Σ c ℓ w n, the derivative of the energy by the velocity of the whole rod.
-        let mut momentum = 0.0;
-        for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
-            let (t, n) = (edge.t, edge.n());
-            let (along, across) = (t.dot(&axis), n.dot(&axis));
-            for (i, half) in halves.iter().enumerate() {
-                let here = rod.here(k + i);
-                let c = here.fluid.density * half;
-                let v = node(rod.v, k + i) - here.fluid.flow;
-                let (u, w) = (v.dot(&t), v.dot(&n));
-                momentum += c * edge.length * w * across;
-                if let Some(Slopes { q, v, .. }) = &mut by {
-                    let pair = (t * (w * across) - n * (u * across + w * along)) * (c * factor);
+        let mut momentum = f64x2::ZERO;
+        self.each_edge(rod, |k, edge, c, [u, w]| {
+            let (along, across) = (edge.t.dot(&axis), edge.n().dot(&axis));
+            momentum += c * w * (edge.length * across);
+            if let Some(Slopes { q, v, .. }) = &mut by {
+                let pair = edge.vectors(c * w * (across * factor), -(c * (u * across + w * along)) * factor);
+                for i in 0..2 {
+                    let (pair, half, slope) =
+                        (Vector2::from(pair[i].to_array()), self.halves[k][i], rod.here(k + i).slope);
+                    let (c, w) = (c.to_array()[i], w.to_array()[i]);
                     add(q, k, -pair);
                     add(q, k + 1, pair);
-                    add(q, k + i, rod.normal() * (half * here.slope.density * edge.length * w * across * factor));
-                    add(v, k + i, n * (c * edge.length * across * factor));
+                    add(q, k + i, rod.normal() * (half * slope.density * edge.length * w * across * factor));
+                    add(v, k + i, edge.n() * (c * edge.length * across * factor));
                 }
             }
-        }
-        momentum
+        });
+        momentum.reduce_add()
     }
 
     /// ½ g ℓ w² ∇ρ of every end.

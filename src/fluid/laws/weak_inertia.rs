@@ -140,8 +140,8 @@ impl Law for WeakInertia {
         let Resistances { xi: [along, across], by_inverse, .. } =
             Self::resistances(*radius, viscosity, rest, rest + growth * speed);
         // |V| grows by V·δV/|V|.
-        let per_speed = growth / speed.max(f64x2::from(f64::MIN_POSITIVE));
-        let [su, sw] = [per_speed * u, per_speed * w];
+        let some = speed.max(f64x2::from(f64::MIN_POSITIVE));
+        let [su, sw] = [u / some * growth, w / some * growth];
         (
             Traction { along: along * u, across: across * w },
             TractionSlopes {
