@@ -12,6 +12,8 @@ from pathlib import Path
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 HERE = Path(__file__).parent
+#: Where cargo works: in the repository here, in a source distribution in the core that it brings.
+CORE = HERE / "core/bindings/python" if (HERE / "core").exists() else HERE
 #: Symbols of Python are resolved where the module is loaded.
 MACOS = 'target."cfg(target_os=\\"macos\\")".rustflags=["-C", "link-arg=-undefined", "-C", "link-arg=dynamic_lookup"]'
 EXTENSION = "_caudal.pyd" if sys.platform == "win32" else "_caudal.abi3.so"
@@ -24,7 +26,7 @@ def compiled():
     command = ["cargo", "build", "--locked", f"--profile={profile}", "--lib", "--bins", "--message-format=json", "--config", MACOS]
     # The stable interface needs no interpreter, whose path would make every build a new one.
     environment = {**os.environ, "PYO3_NO_PYTHON": "1"}
-    built = subprocess.run([*command, *packages], cwd=HERE, env=environment, check=True, stdout=subprocess.PIPE, text=True)
+    built = subprocess.run([*command, *packages], cwd=CORE, env=environment, check=True, stdout=subprocess.PIPE, text=True)
     files = {}
     for message in map(json.loads, built.stdout.splitlines()):
         if message["reason"] == "compiler-artifact":

@@ -1,5 +1,6 @@
 """Derivatives are those of differences of whole simulations, whatever asks for them."""
 
+import pickle
 import sys
 
 import numpy as np
@@ -198,6 +199,16 @@ def test_means_over_cycles_have_the_derivatives_of_differences():
 
         expected = difference(of, {name: value}, name, 1.0, 1e-4 * value)
         assert exact == pytest.approx(expected, rel=1e-6)
+
+
+def test_a_simulation_comes_back_from_a_pickle_and_shows_itself():
+    simulation = caudal.simulate(scene(), ["tip_y_m", "x_m"], {"medium.viscosity_pa_s": 2.0})
+    again = pickle.loads(pickle.dumps(simulation))
+    for name, values in simulation.outputs.items():
+        np.testing.assert_array_equal(values, again.outputs[name])
+    weights = {"tip_y_m": np.ones_like(simulation.times_s)}
+    assert again.pull_back(weights, ["rod.length_m"]) == simulation.pull_back(weights, ["rod.length_m"])
+    assert "tip_y_m" in simulation._repr_html_()
 
 
 def test_what_has_no_derivative_is_refused_by_name():

@@ -69,7 +69,19 @@ class Design(Mapping[str, Any]):
 
         figure = Figure(figsize=(7, 4), layout="constrained")
         axes = figure.subplots()
-        axes.plot(self["xi"], self["stiffness_n_m2"], "o-")
+        joints = (self._content.get("answer") or {}).get("joints")
+        if joints:
+            # What the data do not tell is no result.
+            known = [joint for joint in joints if joint["verdict"] == "identified"]
+            rest = [joint for joint in joints if joint["verdict"] != "identified"]
+            xi, stiffness, deviation = ([joint[key] for joint in known] for key in ("xi", "stiffness_n_m2", "deviation_n_m2"))
+            axes.errorbar(xi, stiffness, deviation, fmt="o-", capsize=3, label="identified, with standard deviation")
+            if rest:
+                xi, stiffness = ([joint[key] for joint in rest] for key in ("xi", "stiffness_n_m2"))
+                axes.plot(xi, stiffness, "o", color="0.6", fillstyle="none", label="not identified")
+            axes.legend()
+        else:
+            axes.plot(self["xi"], self["stiffness_n_m2"], "o-")
         axes.set(xlabel="xi, from the head at 0 to the tip at 1", ylabel="bending stiffness (N m²)", title=self["name"])
         axes.grid(alpha=0.3)
         return figure

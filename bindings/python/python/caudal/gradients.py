@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Optional, Union
 
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from ._caudal import Scene, _parameters, _Simulation
 from .result import Array, Source, load
+from .showing import table
 
 #: A number, or an array.
 Value = Union[float, Array]
@@ -31,6 +33,9 @@ class Parameter(NamedTuple):
     value: Value
     unit: str
     description: str
+
+    def _repr_html_(self) -> str:
+        return table(("value", "unit", "description"), [self])
 
 
 def parameters(scene: Source) -> dict[str, Parameter]:
@@ -78,8 +83,9 @@ class Simulation:
         What was read: a number per time, of ``x_m``, ``y_m``, ``vx_m_s`` and ``vy_m_s`` a row per time.
     """
 
-    def __init__(self, scene: Scene, content: _Simulation) -> None:
+    def __init__(self, scene: Scene, content: _Simulation, values: Mapping[str, npt.ArrayLike]) -> None:
         self.scene = scene
+        self._values = dict(values)
         self.times_s: Array = content.times
         self.outputs: dict[str, Array] = content.values()
         self._content = content
@@ -112,6 +118,13 @@ class Simulation:
 
     def __repr__(self) -> str:
         return f"<caudal.Simulation of {self.scene.name!r}: {', '.join(self.outputs)} at {len(self.times_s)} times>"
+
+    def _repr_html_(self) -> str:
+        rows = ((name, values.shape, float(values.min()), float(values.max())) for name, values in self.outputs.items())
+        return f"<p>{html.escape(repr(self))}</p>" + table(("output", "shape", "least", "largest"), rows)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return simulate, (self.scene, list(self.outputs), self._values)  # the same again, to the bit
 
 
 def simulate(
@@ -146,7 +159,7 @@ def simulate(
     scene = scene if isinstance(scene, Scene) else load(scene)
     names = [outputs] if isinstance(outputs, str) else list(outputs)
     given = [(name, np.ascontiguousarray(value, dtype=np.float64)) for name, value in (values or {}).items()]
-    return Simulation(scene, _Simulation(scene, given, names))
+    return Simulation(scene, _Simulation(scene, given, names), dict(given))
 
 
 def value_and_grad(
