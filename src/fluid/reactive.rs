@@ -16,6 +16,7 @@ use wide::f64x2;
 
 use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validity};
 use super::laws::{Published, Uncertainty};
+use super::local::both;
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
 use crate::linear::{Block, lanes};
 use crate::rod::{Alike, Edge, Rod, add, node};
@@ -83,55 +84,69 @@ impl Reactive {
         let [at, an] =
             edge.components([lanes(rod.accelerating_against_fluid(k)), lanes(rod.accelerating_against_fluid(k + 1))]);
         // p_i over c_i, and the pair that acts with opposite signs on the two ends.
-        let own_along = -(w * lambda);
-        let own_across = an * length + w * stretching - u * lambda;
-        let (pair_along, pair_across) = (w * w * 0.5, -(u * w));
-        let force = edge.vectors(
-            own_along * c + opposite((pair_along * c).reduce_add()),
-            own_across * c + opposite((pair_across * c).reduce_add()),
-        );
-        let mut on = OnEdge { force, ..OnEdge::ZERO };
-        if let Some(Direction { q, v, a }) = along {
-            let (by_velocity, by_turning) = (c * v, c * (q * edge.per_length));
-            // The pair changes by (tn − nt) w − nn u with each end's velocity.
-            let (turned, pushed) = (by_velocity * w, by_velocity * u);
-            let both = opposite(turned.reduce_add());
-            let mixed = -(by_velocity * lambda);
-            let own_tn = (mixed + both).to_array();
-            let own_nt = (mixed - both).to_array();
-            let own_nn = (c * (length * a + stretching * v) - opposite(pushed.reduce_add())).to_array();
-            // Where one end stays, the other moves with the edge vector.
-            let turned = turned - swapped(turned);
-            let edge_tn = (by_turning * (u * (2.0 * lambda) - an * length) - turned).to_array();
-            let edge_nt = (c * an * q + turned).to_array();
-            let pair_nn = (by_turning * (u * u - pair_along)).reduce_add();
-            let edge_nn =
-                (opposite(pair_nn) - by_turning * (at * length + w * lambda) - pushed - swapped(pushed)).to_array();
-            let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
-            on.own =
-                [tn * own_tn[0] + nt * own_nt[0] + nn * own_nn[0], tn * own_tn[1] + nt * own_nt[1] + nn * own_nn[1]];
-            on.edge = [
-                tn * edge_tn[0] + nt * edge_nt[0] + nn * edge_nn[0],
-                tn * edge_tn[1] + nt * edge_nt[1] + nn * edge_nn[1],
-            ];
+        let own = [-(w * lambda), an * length + w * stretching - u * lambda];
+        let pair = [w * w * 0.5, -(u * w)];
+        let mut force =
+            [own[0] * c + opposite((pair[0] * c).reduce_add()), own[1] * c + opposite((pair[1] * c).reduce_add())];
+        // c changes with the place: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the fluid that becomes heavier as the rod moves and the pull
+        // towards the lighter side.
+        let crossing = VARIES && ends.iter().any(|here| here.slope.density != 0.0 || here.bend != 0.0);
+        let halves = f64x2::new(self.halves[k]);
+        let slope = halves * both(ends, |here| here.slope.density);
+        let (nu_t, nu_n) = (rod.normal().dot(&edge.t), rod.normal().dot(&edge.n()));
+        let rising = u * nu_t + w * nu_n;
+        let shape = [-(pair[0] * nu_t), rising * w - pair[0] * nu_n];
+        if crossing {
+            force[0] += shape[0] * slope * length;
+            force[1] += shape[1] * slope * length;
         }
-        if VARIES {
-            let along = along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-            let components = [own_along, own_across, pair_along, pair_across].map(f64x2::to_array);
-            for (i, here) in ends.iter().enumerate() {
-                let velocity = node(rod.v, k + i) - here.fluid.flow;
-                let (force, own, by_vector) = crossing(self.halves[k][i], edge, rod.normal(), here, velocity, along);
-                let [p_t, p_n, g_t, g_n] = components.map(|both| both[i]);
-                // c changes with the place.
-                let by_place = lanes(rod.normal()) * (self.halves[k][i] * here.slope.density * along.q);
-                let pair = Block::outer(edge.t * g_t + edge.n() * g_n, by_place);
-                on.force[i] += lanes(force);
-                on.own[i] += Block::from(own) + Block::outer(edge.t * p_t + edge.n() * p_n, by_place);
-                on.own[0] += pair;
-                on.own[1] = on.own[1] - pair;
-                on.edge[i] += Block::from(by_vector);
-                on.edge[1 - i] += pair;
+        let mut on = OnEdge { force: edge.vectors(force[0], force[1]), ..OnEdge::ZERO };
+        let Some(Direction { q, v, a }) = along else { return on };
+        let (by_velocity, by_turning) = (c * v, c * (q * edge.per_length));
+        // The pair changes by (tn − nt) w − nn u with each end's velocity.
+        let (turned, pushed) = (by_velocity * w, by_velocity * u);
+        let twisted = opposite(turned.reduce_add());
+        let mixed = -(by_velocity * lambda);
+        let (mut own_tn, mut own_nt) = (mixed + twisted, mixed - twisted);
+        let mut own_nn = c * (length * a + stretching * v) - opposite(pushed.reduce_add());
+        // Where one end stays, the other moves with the edge vector.
+        let turned = turned - swapped(turned);
+        let mut edge_tn = by_turning * (u * (2.0 * lambda) - an * length) - turned;
+        let mut edge_nt = c * an * q + turned;
+        let pair_nn = (by_turning * (u * u - pair[0])).reduce_add();
+        let mut edge_nn = opposite(pair_nn) - by_turning * (at * length + w * lambda) - pushed - swapped(pushed);
+        let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
+        if crossing {
+            let (by_velocity, by_place) = (slope * (length * v), slope * q);
+            let bend = halves * both(ends, |here| here.bend) * (length * q);
+            let pair = [pair[0] * by_place, pair[1] * by_place];
+            let moved = [
+                shape[0] * bend + own[0] * by_place + opposite(pair[0].reduce_add()),
+                shape[1] * bend + own[1] * by_place + opposite(pair[1].reduce_add()),
+            ];
+            let turned = [swapped(pair[0]), swapped(pair[1])];
+            let twisted = by_velocity * w * nu_t;
+            own_tn += moved[0] * nu_n - twisted;
+            own_nt += moved[1] * nu_t + twisted;
+            own_nn += moved[1] * nu_n + by_velocity * rising;
+            edge_tn += turned[0] * nu_n + (u * nu_t - rising) * w * by_place;
+            edge_nt += turned[1] * nu_t + shape[1] * by_place;
+            edge_nn += turned[1] * nu_n + (w * nu_n - rising) * u * by_place;
+            let tt = Block::outer(edge.t, t);
+            let own = (moved[0] * nu_t).to_array();
+            let by_edge = (turned[0] * nu_t + shape[0] * by_place).to_array();
+            for i in 0..2 {
+                on.own[i] = tt * own[i];
+                on.edge[i] = tt * by_edge[i];
             }
+        }
+        let [own_tn, own_nt, own_nn] = [own_tn.to_array(), own_nt.to_array(), own_nn.to_array()];
+        let [edge_tn, edge_nt, edge_nn] = [edge_tn.to_array(), edge_nt.to_array(), edge_nn.to_array()];
+        for i in 0..2 {
+            let own = tn * own_tn[i] + nt * own_nt[i] + nn * own_nn[i];
+            let by_edge = tn * edge_tn[i] + nt * edge_nt[i] + nn * edge_nn[i];
+            // What is there already is zero where nothing is crossed.
+            (on.own[i], on.edge[i]) = if crossing { (on.own[i] + own, on.edge[i] + by_edge) } else { (own, by_edge) };
         }
         on
     }
@@ -184,27 +199,6 @@ impl Wake {
 #[inline(always)]
 fn outer(a: Vector2<f64>, b: Vector2<f64>) -> Matrix2<f64> {
     a * b.transpose()
-}
-
-/// What a place-dependent density adds for one end: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the fluid that becomes heavier as the rod moves
-/// and the pull towards the lighter side, with its derivatives where the edge moves with the end and where it changes.
-#[inline(always)]
-fn crossing(
-    half: f64,
-    edge: &Edge,
-    normal: Vector2<f64>,
-    here: &Here,
-    velocity: Vector2<f64>,
-    Direction { q, v, .. }: Direction,
-) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
-    let (t, n, length, c) = (edge.t, edge.n(), edge.length, half * here.slope.density);
-    let (u, w, across) = (velocity.dot(&t), velocity.dot(&n), velocity.dot(&normal));
-    let shape = n * (across * w) - normal * (0.5 * w * w);
-    let by_velocity = outer(n * across - normal * w, n) + outer(n * w, normal);
-    let by_place = outer(shape, normal) * (half * here.bend * length * q);
-    // n turns by −t n·δe/ℓ, and w with it by −u.
-    let by_vector = outer(shape, t) + outer(normal * (u * w) - n * (across * u) - t * (across * w), n);
-    (shape * (c * length), by_velocity * (c * length * v) + by_place, by_vector * (c * q))
 }
 
 impl Force for Reactive {
