@@ -175,7 +175,7 @@ const MISTAKES: &[Mistake] = &[
     ("beta = 0.25", "beta = 1979-05-27", 0, "solver.beta", "found 1979-05-27; allowed: a number from 1e-6 to 1"),
     // unknown kinds
     ("\"uniform\"", "\"unifrm\"", 0, "rod.mass_lumping", "found \"unifrm\"; allowed: `uniform` or `tributary`; did you mean `uniform`?"),
-    ("\"travelling-wave\"", "\"standing\"", 0, "actuation.kind", "found \"standing\"; allowed: `travelling-wave`"),
+    ("\"travelling-wave\"", "\"standing\"", 0, "actuation.kind", "found \"standing\"; allowed: `travelling-wave`, `standing-wave`; did you mean `standing-wave`?"),
     ("\"ramp\"", "\"rampe\"", 0, "start.kind", "found \"rampe\"; allowed: `jump`, `ramp`, `shaped`; did you mean `ramp`?"),
     ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `cox`, `lighthill`, `gray-hancock`, `spheroid`, `coefficients`, `wall`, `weak-inertia`, `cross-flow`, `nonlocal`, `stokes-like`, `auto`; did you mean `stokes-like`?"),
     ("\"driven\"", "\"held\"", 0, "head.kind", "found \"held\"; allowed: `free`, `clamped`, `driven`"),

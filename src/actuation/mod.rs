@@ -1,11 +1,12 @@
 //! Actuation: natural curvature prescribed along the rod, one kind per file.
 
+pub mod standing_wave;
 pub mod travelling_wave;
 
 pub use travelling_wave::TravellingWave;
 
 /// All kinds; adding one is its file and its line here.
-pub static KINDS: &[&Kind] = &[&travelling_wave::KIND];
+pub static KINDS: &[&Kind] = &[&travelling_wave::KIND, &standing_wave::KIND];
 
 /// What is known of a kind, and how to make it.
 pub struct Kind {

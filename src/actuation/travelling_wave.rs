@@ -19,7 +19,7 @@ pub static KIND: Kind = Kind {
 pub struct TravellingWave {
     /// (ΔL/ℓ_ref)(e₀ + e₁ξ_k) times (cos b_k, sin b_k), b_k = 2πs_k/λ.
     table: Vec<[f64; 2]>,
-    /// λ, m.
+    /// λ, m; infinite where all of the rod bends at once.
     wavelength: f64,
 }
 
@@ -58,7 +58,7 @@ impl Actuation for TravellingWave {
     }
 
     fn wavelength(&self) -> Option<f64> {
-        Some(self.wavelength)
+        Some(self.wavelength).filter(|wavelength| wavelength.is_finite())
     }
 
     fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation> {
