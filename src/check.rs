@@ -106,7 +106,8 @@ impl Assessment {
         let nodes = model.rod.nodes as u64;
         let coarse = if nodes > MODES_UP_TO { Some(scene.with_nodes(MODES_UP_TO).model()?) } else { None };
         let first_frequency = Modes::of(&coarse.as_ref().unwrap_or(model).rod)?.lowest();
-        let drive = drive(model);
+        let regime = scene.regime(&model.rod);
+        let drive = drive(model, regime.as_ref());
         let omega = drive.map(|(frequency, _)| TAU * frequency).filter(|omega| *omega > 0.0);
         let tip_amplitude = drive.map(|(_, amplitude)| amplitude);
         let density = scene.medium.as_ref().map(|medium| medium.density_kg_m3.get());
@@ -129,7 +130,7 @@ impl Assessment {
             warnings: Vec::new(),
             refusal: None,
         };
-        assessment.describe(scene, stepper, coarse.is_some());
+        assessment.describe(scene, stepper, regime.as_ref(), coarse.is_some());
         assessment.warn(scene, stepper, omega);
         Ok(assessment)
     }
@@ -218,7 +219,7 @@ impl Assessment {
         facts
     }
 
-    fn describe(&mut self, scene: &Scene, stepper: &Stepper, coarse: bool) {
+    fn describe(&mut self, scene: &Scene, stepper: &Stepper, regime: Option<&Regime>, coarse: bool) {
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
         let mut fact = |name, text| self.facts.push(Fact { name, text });
@@ -287,14 +288,13 @@ impl Assessment {
                 fact(name, format!("{value:.4e}{meaning}"));
             }
         }
-        self.describe_fluid(scene, stepper.model());
+        self.describe_fluid(scene, stepper.model(), regime);
     }
 
     /// The forces of the fluid, the flow around the rod, and what other laws would say.
-    fn describe_fluid(&mut self, scene: &Scene, model: &Model) {
+    fn describe_fluid(&mut self, scene: &Scene, model: &Model, regime: Option<&Regime>) {
         let Model { rod, forces, fluid, .. } = model;
-        let regime = scene.regime(rod);
-        self.describe_body(model, regime.as_ref());
+        self.describe_body(model, regime);
         let Some(regime) = regime else { return };
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         for force in forces.iter() {
@@ -320,7 +320,7 @@ impl Assessment {
                 ),
             );
         }
-        self.describe_media(scene, model, &regime);
+        self.describe_media(scene, model, regime);
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         // Along and across, at the speeds of the motion.
         let speed = if regime.speed > 0.0 { regime.speed } else { 1e-9 * rod.length };
@@ -542,11 +542,11 @@ fn about_water(regime: &Regime, rod: &Rod) -> String {
 }
 
 /// Frequency (Hz) of what drives the tail, and the largest |y| (m) of its tip in the shape that is prescribed.
-fn drive(model: &Model) -> Option<(f64, f64)> {
+fn drive(model: &Model, regime: Option<&Regime>) -> Option<(f64, f64)> {
     if let Some((actuation, drive)) = &model.actuation {
-        let shapes = regime::shapes(&model.rod, &**actuation, *drive);
-        let tip = shapes.map(|shape| shape.q[2 * model.rod.nodes - 1].abs()).fold(0.0, f64::max);
-        return Some((drive.frequency, tip));
+        let known = regime.and_then(|regime| regime.tip);
+        let tip = || regime::reach(regime::shapes(&model.rod, &**actuation, *drive));
+        return Some((drive.frequency, known.unwrap_or_else(tip)));
     }
     let arms = [0.0, 1.0, model.rod.length];
     let (mut fastest, mut reach) = (None, 0.0);

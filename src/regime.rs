@@ -1,5 +1,6 @@
 //! Which flow a scene makes around its rod, from the motion that it prescribes itself: no run is needed.
 
+use std::borrow::Borrow;
 use std::f64::consts::{FRAC_PI_4, TAU};
 
 use nalgebra::Vector2;
@@ -34,6 +35,8 @@ pub struct Regime {
     pub mass_ratio: f64,
     /// Length over the largest radius.
     pub slenderness: f64,
+    /// Largest |y| of the tip of the shape that the actuation prescribes, at rest, m.
+    pub tip: Option<f64>,
 }
 
 impl Regime {
@@ -49,9 +52,11 @@ impl Regime {
         let depth = rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let added = FRAC_PI_4 * fluid.density * rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi).powi(2));
         let line_density = rod.total_mass() / rod.length;
-        let (mut squares, mut frequency) = (0.0, None);
+        let (mut squares, mut frequency, mut tip) = (0.0, None, None);
         if let Some((actuation, drive)) = actuation {
-            squares += wave(rod, &**actuation, *drive);
+            let shapes: Vec<State> = shapes(rod, &**actuation, *drive).collect();
+            squares += wave(rod, &shapes, drive.frequency);
+            tip = Some(reach(shapes.iter()));
             frequency = Some(drive.frequency).filter(|frequency| *frequency > 0.0);
         }
         // Of a head that turns, half the length is the mean arm.
@@ -76,15 +81,20 @@ impl Regime {
             keulegan_carpenter: frequency.map(|frequency| std::f64::consts::SQRT_2 * speed / (frequency * depth)),
             mass_ratio: added / line_density,
             slenderness: rod.length / rod.sections.outer.largest(),
+            tip,
         }
     }
 }
 
-/// Mean square of the velocity (m/s) across itself of a rod that takes its natural curvature, its centre of mass and its
-/// direction at rest.
-fn wave(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
-    let shapes: Vec<State> = shapes(rod, actuation, drive).collect();
-    let per_phase = f64::from(PHASES) * drive.frequency;
+/// Largest |y| of the tip of `shapes`, m.
+pub fn reach(shapes: impl Iterator<Item = impl Borrow<State>>) -> f64 {
+    shapes.fold(0.0, |most, shape| shape.borrow().q.last().map_or(most, |y| y.abs().max(most)))
+}
+
+/// Mean square of the velocity (m/s) across itself of a rod that takes `shapes` in a period of this frequency (Hz), its centre
+/// of mass and its direction at rest.
+fn wave(rod: &Rod, shapes: &[State], frequency: f64) -> f64 {
+    let per_phase = f64::from(PHASES) * frequency;
     let mut squares = 0.0;
     for (i, now) in shapes.iter().enumerate() {
         let next = &shapes[(i + 1) % shapes.len()];

@@ -306,26 +306,52 @@ pub fn text_file(path: &Path, text: &str) -> Result<NamedTempFile> {
     Ok(file)
 }
 
-/// A CSV file of `rows` of any JSON values under `header`; what is null is empty.
-///
-/// # Errors
-/// Those of `rows`; [`Error::Write`].
-pub fn csv_of(path: &Path, header: &[String], rows: impl Iterator<Item = Result<Vec<Value>>>) -> Result<NamedTempFile> {
-    let mut writer = csv::Writer::from_writer(beside(path)?);
-    let failed = |e: csv::Error| Error::Write { path: path.to_path_buf(), reason: e.to_string() };
-    writer.write_record(header).map_err(failed)?;
-    for row in rows {
-        for cell in row? {
-            let text = match cell {
-                Value::Null => String::new(),
-                Value::String(text) => text,
-                other => other.to_string(),
-            };
-            writer.write_field(text).map_err(failed)?;
-        }
-        writer.write_record(None::<&[u8]>).map_err(failed)?;
+/// A CSV table of texts, numbers and truths in the making.
+#[derive(Debug)]
+pub struct Mixed {
+    path: PathBuf,
+    writer: csv::Writer<NamedTempFile>,
+}
+
+impl Mixed {
+    /// Begins the table at `path` with its header.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn create(path: &Path, header: &[String]) -> Result<Self> {
+        let mut table = Self { path: path.to_path_buf(), writer: csv::Writer::from_writer(beside(path)?) };
+        table.record(|writer| writer.write_record(header))?;
+        Ok(table)
     }
-    writer.into_inner().map_err(|e| write_error(path, e.error()))
+
+    /// Adds a row; null is an empty cell.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn row(&mut self, cells: &[Value]) -> Result<()> {
+        self.record(|writer| {
+            for cell in cells {
+                match cell {
+                    Value::Null => writer.write_field("")?,
+                    Value::String(text) => writer.write_field(text)?,
+                    other => writer.write_field(other.to_string())?,
+                }
+            }
+            writer.write_record(None::<&[u8]>)
+        })
+    }
+
+    /// The finished file.
+    ///
+    /// # Errors
+    /// [`Error::Write`].
+    pub fn complete(self) -> Result<NamedTempFile> {
+        self.writer.into_inner().map_err(|e| write_error(&self.path, e.error()))
+    }
+
+    fn record(&mut self, write: impl FnOnce(&mut csv::Writer<NamedTempFile>) -> csv::Result<()>) -> Result<()> {
+        write(&mut self.writer).map_err(|e| Error::Write { path: self.path.clone(), reason: e.to_string() })
+    }
 }
 
 /// The type of a Parquet column.

@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use serde::Deserialize;
-use serde::de::DeserializeOwned;
-use serde_json::{Map, Value};
+use serde::de::{DeserializeOwned, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
+use serde_json::Value;
 
 use super::{Row, Sweep};
 use crate::error::{Error, Result};
@@ -14,7 +14,7 @@ use crate::report::Figure;
 use crate::report::cases::{Axis, Cases};
 #[cfg(feature = "parquet")]
 use crate::report::parquet::parquet_of;
-use crate::report::tables::{ColumnType, Folder, Kept, csv_of};
+use crate::report::tables::{ColumnType, Folder, Kept, Mixed};
 
 /// From this number of cases on the table is there as Parquet too.
 #[cfg(feature = "parquet")]
@@ -80,9 +80,9 @@ impl<'a> Results<'a> {
         let mut own = vec![None; sweep.columns().len()];
         for row in self.rows() {
             let (index, row) = row?;
-            for (name, value) in &row.quantities {
-                match names.iter_mut().find(|(known, _)| known == name) {
-                    Some((_, kind)) => *kind = ColumnType::widened(*kind, value),
+            for (i, (name, value)) in row.quantities.iter().enumerate() {
+                match place(&names, i, name) {
+                    Some(at) => names[at].1 = ColumnType::widened(names[at].1, value),
                     None => names.push((name.clone(), ColumnType::widened(None, value))),
                 }
             }
@@ -110,20 +110,39 @@ impl<'a> Results<'a> {
             let mut cells = vec![Value::from(index)];
             cells.extend(sweep.values(&sweep.case(index)?).iter().map(json));
             cells.extend([row.scene_hash.into(), env!("CARGO_PKG_VERSION").into()]);
-            cells.extend(names.iter().map(|(name, _)| row.quantities.get(name).cloned().unwrap_or_default()));
+            let found = |(i, (name, _)): (usize, &(String, _))| {
+                place(&row.quantities, i, name).map_or(Value::Null, |at| row.quantities[at].1.clone())
+            };
+            cells.extend(names.iter().enumerate().map(found));
             Ok(cells)
         };
         let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
         let mut kept = Kept::default();
+        // Both tables from one reading of the rows.
         let path = folder.path().join("table.csv");
-        let table = csv_of(&path, &columns, self.read().map(cells));
-        kept.put(path, table);
+        let mut table = Mixed::create(&path, &columns);
+        let rows = self.read().map(cells).inspect(|cells: &Result<Vec<Value>>| {
+            let added = match (&mut table, cells) {
+                (Ok(table), Ok(cells)) => table.row(cells),
+                (_, Err(error)) => Err(Error::Journal { path: path.clone(), problem: error.to_string() }),
+                (Err(_), _) => Ok(()),
+            };
+            if let Err(error) = added {
+                table = Err(error);
+            }
+        });
         #[cfg(feature = "parquet")]
-        if sweep.size() >= PARQUET_FROM {
-            let path = folder.path().join("table.parquet");
-            let table = parquet_of(&path, &header, self.read().map(cells));
-            kept.put(path, table);
-        }
+        let rows = {
+            let mut rows = rows;
+            if sweep.size() >= PARQUET_FROM {
+                let path = folder.path().join("table.parquet");
+                let table = parquet_of(&path, &header, rows.by_ref());
+                kept.put(path, table);
+            }
+            rows
+        };
+        rows.for_each(drop);
+        kept.put(path, table.and_then(Mixed::complete));
         if sweep.record.traces > 0 {
             let path = folder.path().join("traces.csv");
             let table = self.traces(&path);
@@ -140,14 +159,14 @@ impl<'a> Results<'a> {
     /// The paths of the centres of mass: one row per case and time.
     fn traces(&self, path: &Path) -> Result<tempfile::NamedTempFile> {
         let header = ["case", "time_s", "x_com_m", "y_com_m"].map(str::to_string);
-        let rows = self.rows().flat_map(|row| match row {
-            Ok((index, row)) => {
-                let cells = |[t, x, y]: [f64; 3]| Ok(vec![index.into(), t.into(), x.into(), y.into()]);
-                row.trace.into_iter().map(cells).collect::<Vec<_>>()
+        let mut table = Mixed::create(path, &header)?;
+        for row in self.rows() {
+            let (index, row) = row?;
+            for [t, x, y] in row.trace {
+                table.row(&[index.into(), t.into(), x.into(), y.into()])?;
             }
-            Err(error) => vec![Err(error)],
-        });
-        csv_of(path, &header, rows)
+        }
+        table.complete()
     }
 
     /// Empty cases for figures and page.
@@ -177,7 +196,35 @@ pub struct Written {
 #[derive(Deserialize)]
 struct Numbers {
     scene_hash: String,
-    quantities: Map<String, Value>,
+    #[serde(deserialize_with = "in_order")]
+    quantities: Vec<(String, Value)>,
+}
+
+/// The entries of a map in their order.
+fn in_order<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<(String, Value)>, D::Error> {
+    struct Entries;
+    impl<'de> Visitor<'de> for Entries {
+        type Value = Vec<(String, Value)>;
+
+        fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+            f.write_str("a map")
+        }
+
+        fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> std::result::Result<Self::Value, A::Error> {
+            let mut entries = Vec::new();
+            while let Some(entry) = map.next_entry()? {
+                entries.push(entry);
+            }
+            Ok(entries)
+        }
+    }
+    deserializer.deserialize_map(Entries)
+}
+
+/// Where the entry `name` stands: at `near`, as in rows of the same kind, or anywhere.
+fn place<T>(entries: &[(String, T)], near: usize, name: &str) -> Option<usize> {
+    let there = entries.get(near).is_some_and(|(other, _)| other == name);
+    if there { Some(near) } else { entries.iter().position(|(other, _)| other == name) }
 }
 
 /// A level as text and axes show it.
