@@ -62,6 +62,11 @@ impl<'a> Kinematics<'a> {
         self.here(k).fluid.flow
     }
 
+    /// The flow (m/s) where it is known to be the same along the whole rod.
+    pub fn flow_everywhere(&self) -> Option<Vector2<f64>> {
+        self.layers.is_none_or(Layers::flow_together).then_some(self.fluid.flow)
+    }
+
     /// Velocity (m/s) of node `k` against the fluid.
     #[inline(always)]
     pub fn against_fluid(&self, k: usize) -> Vector2<f64> {
@@ -163,11 +168,12 @@ impl Tally<'_> {
         }
     }
 
-    /// Nothing at all where no force has said anything.
-    fn finish(self) {
+    /// Nothing at all where no force has said anything. True where one has.
+    fn finish(self) -> bool {
         if self.fresh {
             self.sums.fill(OnEdge::ZERO);
         }
+        !self.fresh
     }
 }
 
@@ -208,7 +214,8 @@ pub struct Validity {
     pub source: &'static str,
 }
 
-/// A force that knows every edge by itself: its share is computed where the rod's own is, in the pass compiled for it.
+/// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled
+/// for it.
 pub trait InPass {
     /// Assembles `rod` with this force and with what `others` say, see [`Deformed::assemble`].
     fn assemble(
@@ -396,8 +403,8 @@ impl Forces {
         let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
         // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
         // short: such a law takes its turn among the others.
-        let linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
-        let in_pass = linear.into_iter().find_map(|(i, force)| Some((i, force.in_pass()?)));
+        let mut linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
+        let in_pass = linear.find_map(|(i, force)| Some((i, force.in_pass()?)));
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, _)| [&self.0[..i], &self.0[i + 1..]]);
         let mut others = ActingOn { forces, rod: moving, along, room };
         match in_pass {
@@ -513,7 +520,7 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
     look(&Kinematics::within(fluid, &edges, [&q, &v, &a]))
 }
 
-/// Sums what `forces` do on `edges` in `room`.
+/// Sums what `forces` do on `edges` in `room`. True where they do anything.
 #[inline]
 fn sum<'a>(
     forces: impl Iterator<Item = &'a dyn Force>,
@@ -521,15 +528,15 @@ fn sum<'a>(
     along: Option<Direction>,
     edges: Range<usize>,
     room: &mut [OnEdge],
-) {
+) -> bool {
     let mut tally = Tally { sums: &mut room[..edges.len()], fresh: true, slopes: along.is_some() };
     for force in forces {
         force.evaluate(rod, along, edges.clone(), &mut tally);
     }
-    tally.finish();
+    tally.finish()
 }
 
-/// Visits what `forces` do on each of `edges`.
+/// Visits what `forces` do on each of `edges` on which they do anything.
 fn on_edges<'a>(
     forces: impl Iterator<Item = &'a dyn Force> + Clone,
     rod: &Kinematics<'_>,
@@ -541,9 +548,10 @@ fn on_edges<'a>(
     let mut first = edges.start;
     while first < edges.end {
         let some = first..edges.end.min(first + room.len());
-        sum(forces.clone(), rod, along, some.clone(), &mut room);
         first = some.end;
-        some.zip(&room).for_each(|(e, on)| visit(e, on));
+        if sum(forces.clone(), rod, along, some.clone(), &mut room) {
+            some.zip(&room).for_each(|(e, on)| visit(e, on));
+        }
     }
 }
 
@@ -568,8 +576,7 @@ pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
     if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
         return force.powers(rod, fluid);
     }
-    let everywhere =
-        if force.is_of_fluid() { rod.everywhere().map(|fluid| fluid.flow) } else { Some(Vector2::zeros()) };
+    let everywhere = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
     let (mut sum, mut against_fluid, mut of_flow) = (f64x2::ZERO, f64x2::ZERO, f64x2::ZERO);
     visit_alone(force, rod, |k, opposing| {
         let (opposing, flow) = (lanes(opposing), lanes(everywhere.unwrap_or_else(|| rod.flow(k))));

@@ -180,6 +180,11 @@ impl Layers {
         self.layers[..self.count].get_mut(j)
     }
 
+    /// True where they flow as the fluid before the first interface does.
+    pub fn flow_together(&self) -> bool {
+        self.shear == 0.0 && self.iter().all(|layer| layer.fluid.flow == Vector2::zeros())
+    }
+
     /// The direction of the shear flow: the normal turned by −90°.
     #[inline(always)]
     pub fn along(&self) -> Vector2<f64> {
