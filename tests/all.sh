@@ -6,7 +6,7 @@ cd "$(dirname "$0")/.."
 
 cargo fmt --all --check
 cargo clippy --workspace --all-targets --locked -- --deny warnings
-for feature in "" faer report parquet design fmu cli; do
+for feature in "" faer report parquet pictures design fmu cli; do
     cargo clippy --quiet --no-default-features --features "$feature" --locked -- --deny warnings
 done
 cargo test --workspace --locked

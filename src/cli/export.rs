@@ -6,35 +6,88 @@ use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 
 use caudal::error::{Error, Result};
+use caudal::report::film::{Film, Motion};
+use caudal::report::picture::{self, Format};
 use caudal::report::trajectory::Trajectory;
 use caudal::report::vtk;
 use caudal::run::{Ending, run as run_scene};
-use clap::Args;
+use clap::{ArgGroup, Args};
 
 use super::run::{progress_bar, watch_for_interrupts};
 use super::{Prepared, SceneArguments, complain, exit, output_folder, refuse, say, say_written};
 
 #[derive(Debug, Args)]
+#[command(group(ArgGroup::new("what").args(["vtk", "png", "pdf", "gif", "mp4"]).required(true).multiple(true)))]
 pub struct Arguments {
-    /// The folder of a run, or a scene
+    /// The folder of a run, or a scene; for --png and --pdf any folder with figures
     run: PathBuf,
     /// The overrides that the run was made with
     #[arg(long, value_name = "TABLE.KEY=VALUE")]
     set: Vec<String>,
     /// Write NAME.pvd and a .vtp file per recorded time, for ParaView and other programs that read VTK
-    #[arg(long, required = true)]
+    #[arg(long)]
     vtk: bool,
-    /// Folder for the files [default: the run's, or out/<name of the scene>, with /vtk]
+    /// Turn the figures of the folder into PNG files
+    #[arg(long)]
+    png: bool,
+    /// Turn the figures of the folder into PDF files
+    #[arg(long)]
+    pdf: bool,
+    /// Write NAME.gif, a film of the moving rod
+    #[arg(long)]
+    gif: bool,
+    /// Write NAME.mp4, the same by the program ffmpeg
+    #[arg(long)]
+    mp4: bool,
+    /// Folder for the files [default: the run's, or out/<name of the scene>; of --vtk its folder vtk]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
-    /// The fields, variables by name [default: those of nodes and joints, and all of trajectory.csv]
+    /// The fields of --vtk, variables by name [default: those of nodes and joints, and all of trajectory.csv]
     #[arg(long, value_name = "NAMES", value_delimiter = ',')]
     fields: Option<Vec<String>>,
+    /// The figures of --png and --pdf [default: all in the folder]
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    figures: Option<Vec<String>>,
+    /// Pictures per second of a film
+    #[arg(long, value_name = "NUMBER", default_value_t = Film::default().per_second)]
+    fps: u32,
+    /// Seconds of the run per second of a film
+    #[arg(long, value_name = "FACTOR", default_value_t = Film::default().speed)]
+    speed: f64,
 }
 
-/// A run is computed again, equal to the bit: its tables hold neither velocities nor moments.
+impl Arguments {
+    /// What the figures are turned into.
+    fn formats(&self) -> Vec<Format> {
+        let all = [(self.png, Format::Png), (self.pdf, Format::Pdf)];
+        all.into_iter().filter_map(|(wanted, format)| wanted.then_some(format)).collect()
+    }
+
+    /// The endings of the films.
+    fn films(&self) -> impl Iterator<Item = &'static str> {
+        [(self.gif, "gif"), (self.mp4, "mp4")].into_iter().filter_map(|(wanted, ending)| wanted.then_some(ending))
+    }
+
+    /// Turns the figures of `folder` into other files.
+    fn convert(&self, folder: &Path) -> Result<ExitCode> {
+        let out = self.out.as_deref().unwrap_or(folder);
+        let kept = picture::convert(folder, self.figures.as_deref(), &self.formats(), out)?;
+        let last = kept.files.last().and_then(|path| path.file_name()).unwrap_or_default();
+        Ok(say_written(&kept, out, &last.to_string_lossy()))
+    }
+}
+
+/// Figures are those in the folder. For all else a run is computed again, equal to the bit: its tables hold neither velocities
+/// nor moments.
 pub fn export(arguments: &Arguments) -> Result<ExitCode> {
     let folder = arguments.run.is_dir().then_some(arguments.run.as_path());
+    let mut whole = ExitCode::SUCCESS;
+    if let Some(folder) = folder.filter(|_| !arguments.formats().is_empty()) {
+        whole = arguments.convert(folder)?;
+        if !arguments.vtk && arguments.films().next().is_none() {
+            return Ok(whole);
+        }
+    }
     let (file, fingerprint) = match folder {
         None => (arguments.run.clone(), None),
         Some(folder) => match summary(folder) {
@@ -55,13 +108,13 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
         ));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
-    let out = arguments.out.clone().unwrap_or_else(|| match folder {
-        Some(folder) => folder.join("vtk"),
-        None => output_folder(&scene).join("vtk"),
-    });
+    let own = folder.map_or_else(|| output_folder(&scene), Path::to_path_buf);
+    if folder.is_none() && !arguments.formats().is_empty() {
+        whole = arguments.convert(&own)?;
+    }
     let fields = match &arguments.fields {
-        Some(fields) => vtk::POSITIONS.map(str::to_string).into_iter().chain(fields.iter().cloned()).collect(),
-        None => vtk::fields(&stepper),
+        None if arguments.vtk => vtk::fields(&stepper),
+        named => vtk::POSITIONS.map(str::to_string).into_iter().chain(named.iter().flatten().cloned()).collect(),
     };
     let mut trajectory = Trajectory::start(&scene, &stepper, Some(&fields))?;
     let interrupted = watch_for_interrupts();
@@ -74,8 +127,30 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
     });
     bar.finish_and_clear();
     trajectory.finish(&stepper);
-    let kept = vtk::write(&out, &scene.name, &stepper.model().rod, trajectory.columns())?;
-    let whole = say_written(&kept, &out, &format!("{}.pvd", scene.name));
+    if arguments.vtk {
+        let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
+        let kept = vtk::write(&out, &scene.name, &stepper.model().rod, trajectory.columns())?;
+        whole = say_written(&kept, &out, &format!("{}.pvd", scene.name));
+    }
+    let column = |name: &str| {
+        let found = trajectory.columns().iter().find(|column| column.variable.name == name);
+        found.map_or(&[][..], |column| &column.values[..])
+    };
+    let motion = Motion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
+    let film = Film { per_second: arguments.fps, speed: arguments.speed, ..Film::default() };
+    for ending in arguments.films() {
+        let path = arguments.out.as_ref().unwrap_or(&own).join(format!("{}.{ending}", scene.name));
+        let bar = progress_bar();
+        let drawn = film.write(&path, &motion, |part| {
+            bar.set_position((part * bar.length().unwrap_or(0) as f64) as u64);
+            raised()
+        });
+        bar.finish_and_clear();
+        if drawn?.is_break() {
+            return Ok(ExitCode::from(exit::INTERRUPTED));
+        }
+        say(&format!("{} was written", path.display()));
+    }
     Ok(match outcome.ending {
         Ending::Complete => whole,
         Ending::Interrupted => ExitCode::from(exit::INTERRUPTED),

@@ -4,12 +4,16 @@ mod axis;
 pub mod cases;
 pub mod chart;
 mod figures;
+#[cfg(feature = "pictures")]
+pub mod film;
 mod findings;
 pub mod map;
 mod output;
 mod page;
 #[cfg(feature = "parquet")]
 pub mod parquet;
+#[cfg(feature = "pictures")]
+pub mod picture;
 mod record;
 mod svg;
 pub(crate) mod tables;

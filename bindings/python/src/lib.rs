@@ -29,6 +29,8 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(simulation::parameters, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
     module.add_function(wrap_pyfunction!(run::write_vtk, module)?)?;
+    module.add_function(wrap_pyfunction!(run::pictures, module)?)?;
+    module.add_function(wrap_pyfunction!(run::write_film, module)?)?;
     module.add_function(wrap_pyfunction!(values::toml, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::units, module)?)?;
     module.add_class::<sweep::SweepAtWork>()?;

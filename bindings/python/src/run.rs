@@ -6,12 +6,14 @@ use std::path::PathBuf;
 use caudal::Error;
 use caudal::check::Assessment;
 use caudal::report::Output;
+use caudal::report::film::{Film, Motion};
+use caudal::report::picture::{self, Format};
 use caudal::report::trajectory::{Column, Trajectory};
 use caudal::report::vtk;
 use caudal::run::{Ending, Summary};
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn};
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -126,4 +128,49 @@ pub fn write_vtk(
         columns.push(Column { variable, nodes, values: array.as_array().iter().copied().collect() });
     }
     py.detach(|| vtk::write(&folder, &scene.name, &model.rod, &columns)?.complete()).or_raise(py)
+}
+
+/// Turns the figures of a folder into files of other formats; their paths.
+#[pyfunction]
+#[pyo3(name = "_pictures")]
+pub fn pictures(
+    py: Python<'_>,
+    folder: PathBuf,
+    figures: Option<Vec<String>>,
+    formats: Vec<String>,
+    out: PathBuf,
+) -> PyResult<Vec<PathBuf>> {
+    let format = |name: &String| match name.as_str() {
+        "png" => Ok(Format::Png),
+        "pdf" => Ok(Format::Pdf),
+        _ => Err(PyValueError::new_err(format!("found {name:?}; allowed: \"png\", \"pdf\""))),
+    };
+    let formats = formats.iter().map(format).collect::<PyResult<Vec<_>>>()?;
+    py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out)?.complete()).or_raise(py)
+}
+
+/// Writes a film of a rod whose nodes have these positions, a row per time; `look` is pictures per second, speed, and pixels
+/// per px.
+#[pyfunction]
+#[pyo3(name = "_film")]
+pub fn write_film(
+    py: Python<'_>,
+    path: PathBuf,
+    name: &str,
+    times: Vec<f64>,
+    positions: [PyReadonlyArrayDyn<'_, f64>; 2],
+    look: (u32, f64, f64),
+) -> PyResult<()> {
+    let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
+    let (per_second, speed, sharpness) = look;
+    let mut attention = Attention::new();
+    let written = py.detach(|| {
+        let motion = Motion { name, times: &times, x: &positions[0], y: &positions[1] };
+        let film = Film { per_second, speed, sharpness };
+        film.write(&path, &motion, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
+    });
+    match attention.failure {
+        Some(failure) => Err(failure),
+        None => written.map(|_| ()).or_raise(py),
+    }
 }

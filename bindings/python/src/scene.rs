@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
 use crate::error::OrRaise;
-use crate::values::to_toml;
+use crate::values::{shown, to_toml};
 
 /// A scene, read and checked: everything there is to say about a run.
 ///
@@ -164,6 +164,10 @@ impl Scene {
 
     fn __repr__(&self) -> String {
         format!("<caudal.Scene {:?}: {} nodes, {} s>", self.scene.name, self.nodes(), self.duration_s())
+    }
+
+    fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
+        shown(slf.as_any())
     }
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {

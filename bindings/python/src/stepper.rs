@@ -15,6 +15,7 @@ use crate::attention::Attention;
 use crate::error::{OrRaise, exception};
 use crate::scene::Scene;
 use crate::values::Numbers;
+use crate::values::shown;
 
 /// What is known of a variable of a scene.
 ///
@@ -43,6 +44,10 @@ pub struct Variable {
 impl Variable {
     fn __repr__(&self) -> String {
         format!("<caudal.Variable {} ({}, {}): {}>", self.name, self.unit, self.causality, self.description)
+    }
+
+    fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
+        shown(slf.as_any())
     }
 
     fn __eq__(&self, py: Python<'_>, other: &Self) -> PyResult<bool> {
@@ -129,6 +134,10 @@ impl Snapshot {
 
     fn __repr__(&self) -> String {
         format!("<caudal.Snapshot of {:?} at {} s>", self.scene, self.time_s())
+    }
+
+    fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
+        shown(slf.as_any())
     }
 }
 
@@ -401,6 +410,10 @@ impl Stepper {
             Ok(time) => format!("<caudal.Stepper of {:?} at {time} s>", self.scene.get().scene.name),
             Err(_) => format!("<caudal.Stepper of {:?}, closed or at work>", self.scene.get().scene.name),
         }
+    }
+
+    fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
+        shown(slf.as_any())
     }
 }
 

@@ -70,3 +70,8 @@ pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<::toml::Value> {
 pub fn toml(value: &Bound<'_, PyAny>) -> PyResult<String> {
     to_toml(value).map(|value| value.to_string())
 }
+
+/// An object as a notebook shows it, HTML.
+pub fn shown(object: &Bound<'_, PyAny>) -> PyResult<String> {
+    object.py().import("caudal.showing")?.call_method1("shown", (object,))?.extract()
+}

@@ -60,23 +60,65 @@ def test_vtk_files_hold_what_was_recorded(result, tmp_path, command):
     assert caught.value.returncode == 2 and "--set" in caught.value.stderr
 
 
-def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, monkeypatch):
+def test_films_and_pictures_are_made_or_say_what_they_need(result, tmp_path, monkeypatch, command):
     image = pytest.importorskip("PIL.Image")
     result.animate(tmp_path / "tail.gif", fps=20, speed=0.1)
+    shades = []
     with image.open(tmp_path / "tail.gif") as film:
-        assert film.n_frames == 20
+        assert film.n_frames == 20 and film.info["loop"] == 0 and film.info["duration"] == 50
+        for n in (0, 10):
+            film.seek(n)
+            shades.append(np.asarray(film.convert("RGB")).astype(int))
+    assert shades[0].shape == shades[1].shape and shades[0].shape[1] == 640
+    assert np.any(shades[0] != shades[1])
+    # The rod is blue, its head orange, the rest black, white or grey.
+    blue = (shades[0][..., 2] > 150) & (shades[0][..., 0] < 60)
+    assert 200 < blue.sum() < 20000
     result.plot().savefig(tmp_path / "tail.pdf")
     result.plot("x_com_m").savefig(tmp_path / "tail.png")
     assert (tmp_path / "tail.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(ValueError, match=r"\.gif or \.mp4"):
+    with pytest.raises(caudal.errors.WriteError, match=r"\.gif or \.mp4"):
         result.animate(tmp_path / "tail.avi")
+    with pytest.raises(caudal.errors.WriteError, match="allowed: positive numbers"):
+        result.animate(tmp_path / "tail.gif", speed=-1.0)
     if shutil.which("ffmpeg"):
         result.animate(tmp_path / "tail.mp4", fps=10, speed=0.1)
         assert b"ftyp" in (tmp_path / "tail.mp4").read_bytes()[:12]
-    monkeypatch.setattr(shutil, "which", lambda name: None)
-    with pytest.raises(RuntimeError, match="ffmpeg"):
-        result.animate(tmp_path / "other.mp4")
-    assert not list(tmp_path.glob("*.partial*"))
+    # A program of that name that fails says why.
+    (tmp_path / "bin").mkdir()
+    (tmp_path / "bin/ffmpeg").write_text("#!/bin/sh\necho no such codec >&2\nexit 1\n")
+    (tmp_path / "bin/ffmpeg").chmod(0o755)
+    for folder, words in ((tmp_path / "bin", "ffmpeg: no such codec"), (tmp_path / "none", "needs the program ffmpeg")):
+        monkeypatch.setenv("PATH", str(folder))
+        with pytest.raises(caudal.errors.WriteError, match=words):
+            result.animate(tmp_path / "other.mp4")
+    assert sorted(path.name for path in tmp_path.iterdir() if path.name.startswith((".", "other"))) == []
+
+
+def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, command):
+    image = pytest.importorskip("PIL.Image")
+    folder = tmp_path / "run"
+    scene = caudal.load("models/driven-head.toml", set={"solver.duration_s": 0.1})
+    caudal.run(scene, out=folder)
+    drawn = sorted(path.stem for path in folder.glob("*.svg"))
+    files = caudal.export(folder, ["png", "pdf"])
+    assert len(files) == 2 * len(drawn) > 10
+    with image.open(folder / "shape.png") as picture:
+        pixels = np.asarray(picture.convert("RGB")).astype(int)
+    assert pixels.shape[1] == 1280
+    ink = (pixels.sum(axis=2) < 200)[:60]  # the title is there, so letters are
+    assert 200 < ink.sum() < 10000, ink.sum()
+    assert (folder / "energy.pdf").read_bytes().startswith(b"%PDF")
+    one = caudal.export(folder, "png", figures="shape", out=tmp_path / "one")
+    assert [path.name for path in (tmp_path / "one").iterdir()] == ["shape.png"] and len(one) == 1
+    command(None, "export", folder, "--png", "--pdf", "--gif", "--fps", "10", "--out", tmp_path / "two", "--set=solver.duration_s=0.1")
+    assert (tmp_path / "two/shape.png").read_bytes() == (folder / "shape.png").read_bytes()
+    assert (tmp_path / "two/shape.pdf").read_bytes()[:1000] == (folder / "shape.pdf").read_bytes()[:1000]
+    assert (tmp_path / "two/driven-head.gif").read_bytes().startswith(b"GIF89a")
+    with pytest.raises(caudal.errors.ReadError, match="no figures"):
+        caudal.export(tmp_path / "two")
+    with pytest.raises(caudal.errors.ReadError, match="shap.svg"):
+        caudal.export(folder, figures="shap")
 
 
 def test_a_sweep_of_objects_is_that_of_a_file_and_a_dataset_over_its_axes(tmp_path, command):
@@ -135,3 +177,21 @@ def test_a_missing_package_says_what_to_install(module, ask, result, monkeypatch
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(ImportError, match=r'pip install "caudal\['):
         ask(result)
+
+
+def test_every_object_shows_itself_in_a_notebook_and_comes_back_from_a_pickle():
+    import pickle
+
+    scene = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.05})
+    tail = caudal.Stepper(scene)
+    simulation = caudal.simulate(scene, ["tip_y_m", "x_m"], {"medium.viscosity_pa_s": 2.0})
+    parameter = caudal.parameters(scene)["rod.length_m"]
+    for it in (scene, tail, tail.save(), tail.variables["tip_y_m"], simulation, parameter):
+        assert repr(it) and it._repr_html_().count("<") > 1, it
+    assert "rod.length_m" in scene._repr_html_() and "tip_y_m" in tail._repr_html_()
+    again = pickle.loads(pickle.dumps(simulation))
+    for name, values in simulation.outputs.items():
+        np.testing.assert_array_equal(values, again.outputs[name])
+    weights = {"tip_y_m": np.ones_like(simulation.times_s)}
+    assert again.pull_back(weights, ["rod.length_m"]) == simulation.pull_back(weights, ["rod.length_m"])
+    assert pickle.loads(pickle.dumps(parameter)) == parameter

@@ -17,7 +17,7 @@ from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
 from .designing import Design, design
 from .errors import Error
 from .gradients import Parameter, Simulation, parameters, simulate, value_and_grad
-from .result import Result, load, run
+from .result import Result, export, load, run
 from .studying import Findings, study
 from .sweeping import Sweep, sweep
 
@@ -36,6 +36,7 @@ __all__ = [
     "__version__",
     "design",
     "errors",
+    "export",
     "load",
     "parameters",
     "run",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Optional, U
 import numpy as np
 import numpy.typing as npt
 
-from ._caudal import Scene, Variable, _run, _vtk
+from ._caudal import Scene, Variable, _film, _pictures, _run, _vtk
 from .errors import UnknownVariableError
 
 from .optional import optional
@@ -117,6 +117,51 @@ def run(
         failure.result = result  # type: ignore[attr-defined]
         raise failure
     return result
+
+
+def export(
+    folder: Union[str, os.PathLike[str]],
+    formats: Union[str, Iterable[str]] = "png",
+    *,
+    figures: Optional[Union[str, Iterable[str]]] = None,
+    out: Optional[Union[str, os.PathLike[str]]] = None,
+) -> list[str]:
+    """Turn the figures of a run, sweep, study or design into other files.
+
+    Parameters
+    ----------
+    folder : str or os.PathLike
+        Where the figures are, ``.svg``.
+    formats : {"png", "pdf"} or iterable of them, optional
+        What they become.
+    figures : str or iterable of str, optional
+        Names of figures, such as ``"shape"``; by default all.
+    out : str or os.PathLike, optional
+        Folder for the files; by default that of the figures.
+
+    Returns
+    -------
+    list of str
+        The files.
+
+    Raises
+    ------
+    caudal.errors.ReadError, caudal.errors.WriteError
+        Where there are no such figures, no font, or the files cannot be written.
+
+    Examples
+    --------
+    >>> import os, tempfile
+    >>> import caudal
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     short = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.1})
+    ...     result = caudal.run(short, out=folder)
+    ...     [os.path.basename(file) for file in caudal.export(folder, ["png", "pdf"], figures="shape")]
+    ['shape.png', 'shape.pdf']
+    """
+    names = None if figures is None else [figures] if isinstance(figures, str) else list(figures)
+    kinds = [formats] if isinstance(formats, str) else list(formats)
+    return [os.fspath(file) for file in _pictures(folder, names, kinds, folder if out is None else out)]
 
 
 def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
@@ -289,7 +334,7 @@ class Result(Mapping[str, Array]):
             axes.grid(alpha=0.3)
         return figure
 
-    def animate(self, path: Union[str, os.PathLike[str]], *, fps: int = 25, speed: float = 1.0, dpi: int = 100) -> None:
+    def animate(self, path: Union[str, os.PathLike[str]], *, fps: int = 25, speed: float = 1.0, sharpness: float = 1.0) -> None:
         """Write the moving rod to a file.
 
         Parameters
@@ -300,13 +345,19 @@ class Result(Mapping[str, Array]):
             Pictures per second.
         speed : float, optional
             Seconds of the run per second of the film.
-        dpi : int, optional
-            Dots per inch, of 7 by 3.5 inches.
-        """
-        optional("matplotlib", "animate()")
-        from .drawing import animate
+        sharpness : float, optional
+            Pixels per px of a picture that is 640 px wide.
 
-        animate(self, os.fspath(path), fps, speed, dpi)
+        Raises
+        ------
+        caudal.errors.WriteError
+            For another ending, without ffmpeg for an ``.mp4``, and where the file cannot be written.
+        """
+        for name in ("x_m", "y_m"):
+            if name not in self:
+                raise ValueError(f"a film needs {name}: run(..., record=[..., 'x_m', 'y_m'])")
+        positions = [np.ascontiguousarray(self[name]) for name in ("x_m", "y_m")]
+        _film(path, self.scene.name, self["time_s"], positions, (fps, speed, sharpness))
 
     def to_vtk(self, folder: Union[str, os.PathLike[str]]) -> list[str]:
         """Write the run for ParaView and other programs that read VTK.

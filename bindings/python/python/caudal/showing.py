@@ -15,6 +15,21 @@ def number(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
+def shown(it: Any) -> str:
+    """A scene, stepper, snapshot or variable of the core: its repr, and a table of what it holds."""
+    begin = f"<p>{html.escape(repr(it))}</p>"
+    kind = type(it).__name__
+    if kind == "Scene":
+        return begin + table(("key", "value"), it.parameters.items())
+    if kind == "Variable":
+        rows = ((name, getattr(it, name)) for name in ("name", "unit", "causality", "shape", "description"))
+        return begin + table(("of the variable", ""), rows)
+    if kind == "Stepper" and "at work" not in repr(it):
+        scalars = ((name, variable) for name, variable in it.variables.items() if variable.shape == ())
+        return begin + table(("variable", "now", "unit"), ((name, it.get(name), variable.unit) for name, variable in scalars))
+    return begin
+
+
 def table(columns: Sequence[str], rows: Iterable[Iterable[Any]]) -> str:
     """An HTML table."""
     head = "".join(f"<th>{html.escape(column)}</th>" for column in columns)

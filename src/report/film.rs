@@ -1,0 +1,183 @@
+//! Films of a moving rod: GIF, or MP4 by ffmpeg.
+
+use std::borrow::Cow;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::ops::ControlFlow;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use gif::{Encoder, Frame, Repeat};
+
+use super::chart::{Chart, Mark, Scale, Series};
+use super::picture::{Painter, placed};
+use super::tables::write_error;
+use crate::error::{Error, Result};
+
+/// How a film is made.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Film {
+    /// Pictures per second.
+    pub per_second: u32,
+    /// Seconds of the run per second of the film.
+    pub speed: f64,
+    /// Pixels per px of the figure.
+    pub sharpness: f64,
+}
+
+impl Default for Film {
+    fn default() -> Self {
+        Self { per_second: 25, speed: 1.0, sharpness: 1.0 }
+    }
+}
+
+/// The most pictures of a film.
+const MOST: f64 = 100_000.0;
+
+/// A rod over time: positions by rows, one per time and with one entry per node.
+#[derive(Debug, Clone, Copy)]
+pub struct Motion<'a> {
+    /// Name of the scene.
+    pub name: &'a str,
+    /// Times, s, rising.
+    pub times: &'a [f64],
+    /// Positions, m.
+    pub x: &'a [f64],
+    /// Positions, m.
+    pub y: &'a [f64],
+}
+
+impl Motion<'_> {
+    /// The rod at a time, linear between those that are there.
+    fn at(&self, time: f64) -> Vec<(f64, f64)> {
+        let nodes = self.x.len() / self.times.len();
+        let next = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
+        let [from, to] = [self.times[next - 1], self.times[next]];
+        let part = ((time - from) / (to - from)).clamp(0.0, 1.0);
+        let at =
+            |values: &[f64], k: usize| (1.0 - part) * values[(next - 1) * nodes + k] + part * values[next * nodes + k];
+        (0..nodes).map(|k| (at(self.x, k), at(self.y, k))).collect()
+    }
+
+    /// The picture of a time, with axes that hold for all.
+    fn svg(&self, time: f64) -> String {
+        let ends = |values: &[f64]| {
+            let finite = || values.iter().copied().filter(|x| x.is_finite());
+            [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)]
+        };
+        let ([left, right], [low, high]) = (ends(self.x), ends(self.y));
+        let rod = self.at(time);
+        let head = rod.first().copied().into_iter().collect();
+        let series = vec![
+            Series::new("", vec![(left, low), (right, high)], Mark::Unseen),
+            Series::new("", rod, Mark::Line),
+            Series::new("", head, Mark::Dots),
+        ];
+        Chart::new(format!("{}, t = {time:.2} s", self.name), "x (m)", "y (m)", Scale::Equal, series).svg()
+    }
+}
+
+impl Film {
+    /// Writes a film to `path`, which ends in .gif or .mp4; `watch` is asked before every picture, with the part that is done.
+    ///
+    /// # Errors
+    /// [`Error::Write`] for another ending, a run of one time, no font, no ffmpeg for an MP4, or a disk that is full.
+    pub fn write(
+        &self,
+        path: &Path,
+        motion: &Motion<'_>,
+        mut watch: impl FnMut(f64) -> ControlFlow<()>,
+    ) -> Result<ControlFlow<()>> {
+        let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
+        let ending = path.extension().map(|ending| ending.to_string_lossy().to_lowercase());
+        let is_gif = match ending.as_deref() {
+            Some("gif") => true,
+            Some("mp4") => false,
+            _ => return Err(refuse("allowed: a name that ends in .gif or .mp4".to_string())),
+        };
+        let (first, last) = (motion.times.first().copied(), motion.times.last().copied());
+        let (Some(first), Some(last)) = (first, last.filter(|last| Some(*last) != first)) else {
+            return Err(refuse("a film needs a run of more than one time".to_string()));
+        };
+        let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
+        if !(count <= MOST && self.per_second > 0 && self.speed > 0.0) {
+            let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
+            return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MOST} pictures")));
+        }
+        let painter = Painter::new();
+        let draw = |n: f64| {
+            let time = first + (last - first) * n / (count - 1.0);
+            painter.pixels(&motion.svg(time), self.sharpness).map_err(refuse)
+        };
+        let mut stopped = ControlFlow::Continue(());
+        let mut frames = (0..count as usize).map(|n| n as f64).map_while(|n| {
+            stopped = watch(n / count);
+            stopped.is_continue().then(|| draw(n))
+        });
+        placed(path, |file| match is_gif {
+            true => self.gif(path, file, &mut frames),
+            false => self.mp4(path, file, &mut frames),
+        })?;
+        drop(frames);
+        Ok(stopped)
+    }
+
+    fn gif(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
+        let failed = |error: gif::EncodingError| Error::Write { path: path.to_path_buf(), reason: error.to_string() };
+        let mut encoder = None;
+        for pixels in frames {
+            let pixels = pixels?;
+            let (width, height) = (pixels.width() as u16, pixels.height() as u16);
+            if encoder.is_none() {
+                let out = BufWriter::new(File::create(file).map_err(|error| write_error(path, &error))?);
+                let mut new = Encoder::new(out, width, height, &[]).map_err(failed)?;
+                new.set_repeat(Repeat::Infinite).map_err(failed)?;
+                encoder = Some(new);
+            }
+            let mut frame = Frame::from_rgba_speed(width, height, &mut pixels.data().to_vec(), 20);
+            frame.delay = (100.0 / f64::from(self.per_second)).round() as u16;
+            encoder.iter_mut().try_for_each(|encoder| encoder.write_frame(&frame)).map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    fn mp4(&self, path: &Path, file: &Path, frames: Frames<'_>) -> Result<()> {
+        let refuse = |reason: Cow<'_, str>| Error::Write { path: path.to_path_buf(), reason: reason.into_owned() };
+        let mut ffmpeg = None;
+        for pixels in frames {
+            let pixels = pixels?;
+            if ffmpeg.is_none() {
+                let size = format!("{}x{}", pixels.width(), pixels.height());
+                let child = Command::new("ffmpeg")
+                    .args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgba", "-s", &size])
+                    .args(["-r", &self.per_second.to_string(), "-i", "-"])
+                    // Most players want even sides and this kind of colours.
+                    .args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-pix_fmt", "yuv420p"])
+                    .args(["-movflags", "+faststart", "-f", "mp4"])
+                    .arg(file)
+                    .stdin(Stdio::piped())
+                    .stdout(Stdio::null())
+                    .stderr(Stdio::piped())
+                    .spawn();
+                let missing = "it needs the program ffmpeg, which is not installed; a .gif needs none";
+                ffmpeg = Some(child.map_err(|error| match error.kind() {
+                    std::io::ErrorKind::NotFound => refuse(missing.into()),
+                    _ => refuse(format!("ffmpeg: {error}").into()),
+                })?);
+            }
+            let input = ffmpeg.as_mut().and_then(|ffmpeg| ffmpeg.stdin.as_mut());
+            // What is wrong ffmpeg says at its end.
+            if input.is_some_and(|input| input.write_all(pixels.data()).is_err()) {
+                break;
+            }
+        }
+        let Some(ffmpeg) = ffmpeg else { return Ok(()) };
+        let end = ffmpeg.wait_with_output().map_err(|error| write_error(path, &error))?;
+        match end.status.success() {
+            true => Ok(()),
+            false => Err(refuse(format!("ffmpeg: {}", String::from_utf8_lossy(&end.stderr).trim()).into())),
+        }
+    }
+}
+
+type Frames<'a> = &'a mut dyn Iterator<Item = Result<resvg::tiny_skia::Pixmap>>;

@@ -1,0 +1,142 @@
+//! Figures as PNG and PDF files. They are SVG; resvg draws them, with the fonts of the system.
+
+use std::path::{Path, PathBuf};
+
+use resvg::tiny_skia::{Pixmap, Transform};
+use resvg::usvg::{Options, Tree, WriteOptions};
+
+use super::tables::{Kept, beside, put_in_place, write_error};
+use crate::error::{Error, Result};
+
+/// Families that have no serifs, of which most systems have one.
+const FAMILIES: [&str; 6] = ["Inter", "Noto Sans", "DejaVu Sans", "Liberation Sans", "Arial", "Helvetica"];
+
+/// Pixels of a picture per px of its figure.
+pub const SHARPNESS: f64 = 2.0;
+
+/// A kind of file that a figure can be turned into.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Pixels.
+    Png,
+    /// Vectors, letters as outlines.
+    Pdf,
+}
+
+impl Format {
+    fn ending(self) -> &'static str {
+        match self {
+            Self::Png => "png",
+            Self::Pdf => "pdf",
+        }
+    }
+}
+
+/// What draws: the fonts of the system.
+#[derive(Debug)]
+pub struct Painter {
+    options: Options<'static>,
+}
+
+impl Painter {
+    /// Finds the fonts.
+    pub fn new() -> Self {
+        let mut options = Options::default();
+        let fonts = options.fontdb_mut();
+        fonts.load_system_fonts();
+        let has = |family: &&&str| fonts.faces().any(|face| face.families.iter().any(|(name, _)| name == **family));
+        let first = || fonts.faces().next().and_then(|face| face.families.first()).map(|(name, _)| name.clone());
+        if let Some(family) = FAMILIES.iter().find(has).map(|family| (*family).to_string()).or_else(first) {
+            fonts.set_sans_serif_family(family);
+        }
+        Self { options }
+    }
+
+    /// The picture of an SVG document, `sharpness` pixels per px.
+    ///
+    /// # Errors
+    /// Why it cannot be drawn.
+    pub fn pixels(&self, svg: &str, sharpness: f64) -> std::result::Result<Pixmap, String> {
+        let tree = self.tree(svg)?;
+        let side = |length: f32| (f64::from(length) * sharpness).round().max(1.0) as u32;
+        let (width, height) = (side(tree.size().width()), side(tree.size().height()));
+        let mut pixels = Pixmap::new(width, height).ok_or_else(|| format!("{width} × {height} pixels are too many"))?;
+        resvg::render(&tree, Transform::from_scale(sharpness as f32, sharpness as f32), &mut pixels.as_mut());
+        Ok(pixels)
+    }
+
+    /// An SVG document as the bytes of another file.
+    ///
+    /// # Errors
+    /// Why it cannot be drawn.
+    pub fn bytes(&self, svg: &str, format: Format) -> std::result::Result<Vec<u8>, String> {
+        match format {
+            Format::Png => self.pixels(svg, SHARPNESS)?.encode_png().map_err(|error| error.to_string()),
+            Format::Pdf => {
+                let outlines = self.tree(svg)?.to_string(&WriteOptions::default());
+                let (conversion, page) = (svg2pdf::ConversionOptions::default(), svg2pdf::PageOptions::default());
+                svg2pdf::to_pdf(&self.tree(&outlines)?, conversion, page).map_err(|error| error.to_string())
+            }
+        }
+    }
+
+    fn tree(&self, svg: &str) -> std::result::Result<Tree, String> {
+        if self.options.fontdb.is_empty() {
+            return Err("this system has no font; install one, as DejaVu Sans (fonts-dejavu-core)".to_string());
+        }
+        Tree::from_str(svg, &self.options).map_err(|error| error.to_string())
+    }
+}
+
+impl Default for Painter {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Turns all figures of `folder` (`.svg`), or those of these `names`, into files of these `formats` in `out`.
+///
+/// # Errors
+/// [`Error::Read`] where there is no such figure; what cannot be written is in the result.
+pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out: &Path) -> Result<Kept> {
+    let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
+    let files: Vec<PathBuf> = match names {
+        Some(names) => names.iter().map(|name| folder.join(Path::new(name).with_extension("svg"))).collect(),
+        None => {
+            let entries = std::fs::read_dir(folder).map_err(|error| read(folder, error.to_string()))?;
+            let paths = entries.filter_map(|entry| Some(entry.ok()?.path()));
+            let mut files: Vec<PathBuf> = paths.filter(|path| path.extension().is_some_and(|e| e == "svg")).collect();
+            files.sort();
+            files
+        }
+    };
+    if files.is_empty() {
+        return Err(read(folder, "it holds no figures (.svg); `caudal run` leaves some".to_string()));
+    }
+    let painter = Painter::new();
+    std::fs::create_dir_all(out).map_err(|error| write_error(out, &error))?;
+    let mut kept = Kept::default();
+    for file in files {
+        let svg = std::fs::read_to_string(&file).map_err(|error| read(&file, error.to_string()))?;
+        for format in formats {
+            let path = out.join(file.file_name().unwrap_or_default()).with_extension(format.ending());
+            let bytes = painter.bytes(&svg, *format).map_err(|reason| Error::Write { path: path.clone(), reason });
+            kept.put(path.clone(), bytes.and_then(|bytes| written(&path, &bytes)));
+        }
+    }
+    Ok(kept)
+}
+
+fn written(path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile> {
+    use std::io::Write;
+    let mut file = beside(path)?;
+    file.write_all(bytes).map_err(|error| write_error(path, &error))?;
+    Ok(file)
+}
+
+/// Puts a film in its place whose bytes `write` leaves in a file beside it.
+pub(super) fn placed(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
+    let file = beside(path)?;
+    write(file.path())?;
+    put_in_place(file, path.to_path_buf()).map(|_| ())
+}
