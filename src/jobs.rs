@@ -306,6 +306,12 @@ pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
     line_of(&Entry { index, result }).ok()
 }
 
+/// The index and the result of a [`line`] that another program made; `None` where it is damaged.
+pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
+    let entry: Entry<T> = serde_json::from_slice(content(line)?).ok()?;
+    Some((entry.index, entry.result))
+}
+
 /// A line with its checksum and end.
 fn line_of(content: &impl Serialize) -> std::result::Result<Vec<u8>, String> {
     let json = serde_json::to_vec(content).map_err(|e| e.to_string())?;

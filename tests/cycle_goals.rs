@@ -241,6 +241,7 @@ starts = 2
         let sperm = (2.0 * std::f64::consts::TAU / found.profile.stiffness_n_m2[0]).powf(0.25);
         println!("Sp = {sperm:.4}, thrust {:.5e}, {:?}", found.objective, found.starts);
         assert!(found.converged && (sperm - 1.877).abs() <= 0.01, "{sperm}");
+        assert_eq!(found.optima, [Some(1); 2]);
         let unit = std::f64::consts::TAU * 0.02 * 0.02;
         assert!((found.objective / unit / 0.06019 - 1.0).abs() <= 5e-3, "{}", found.objective / unit);
     }

@@ -3,8 +3,10 @@
 #![cfg(feature = "design")]
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
+use std::io::{BufRead, BufReader};
 use std::ops::ControlFlow;
 use std::path::Path;
+use std::process::{Command, Stdio};
 
 use caudal::design::{Answer, Design, Found};
 use caudal::scene::{Document, Scene};
@@ -146,4 +148,51 @@ fn cases_that_mean_nothing_are_refused() {
         let error = Design::of(&document, |_| ControlFlow::Continue(())).map(|_| ()).unwrap_err().to_string();
         assert!(error.contains(words), "{axes} {changes:?}: {error}");
     }
+}
+
+/// An eel's front between speed and economy.
+const FRONT: [&str; 4] = [
+    "rod.nodes=5",
+    "solver.time_step_s=0.02",
+    "solver.duration_s=1.5",
+    r#"design={ goal = "cycle_forward_speed_m_s", variables = ["rod.outer_radius_m", "actuation.kappa_amp"], number_bounds = [0.8, 1.3], starts = 2, front = { goal = "cycle_cost_of_transport", better = "smaller", points = 3 } }"#,
+];
+
+#[test]
+fn a_front_that_was_ended_goes_on_to_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let command = |out: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_caudal"));
+        command.args(["design", "models/eel.toml", "--out"]).arg(folder.path().join(out));
+        command.args(FRONT.iter().flat_map(|change| ["--set", change]));
+        command.stdout(Stdio::piped()).stderr(Stdio::null());
+        command
+    };
+    let whole = command("whole").output().unwrap();
+    assert!(whole.status.success());
+    let lines = String::from_utf8_lossy(&whole.stdout).lines().filter(|line| line.starts_with("start")).count();
+    // Killed, without a warning, again and again: in the search, and in the front.
+    for part in [0.2, 0.6, 0.9] {
+        let mut killed = command("killed").spawn().unwrap();
+        let told = BufReader::new(killed.stdout.take().unwrap()).lines();
+        assert!(told.take((part * lines as f64) as usize).all(|line| line.is_ok()));
+        killed.kill().unwrap();
+        killed.wait().unwrap();
+    }
+    let journal = folder.path().join("killed/design.journal");
+    let kept = std::fs::read_to_string(&journal).unwrap().lines().count();
+    assert!(kept > lines / 2, "{kept} of {lines}");
+    assert!(command("killed").output().unwrap().status.success());
+    let mut names = 0;
+    for entry in std::fs::read_dir(folder.path().join("whole")).unwrap() {
+        let path = entry.unwrap().path();
+        let other = folder.path().join("killed").join(path.file_name().unwrap());
+        assert!(std::fs::read(&path).unwrap() == std::fs::read(&other).unwrap(), "{path:?}");
+        names += 1;
+    }
+    assert!(names > 10 && !journal.exists());
+    // What another design left does not count, and is no hindrance.
+    std::fs::write(&journal, "").unwrap();
+    let other = command("killed").args(["--set", "design.starts=1"]).output().unwrap();
+    assert!(other.status.success() && !journal.exists());
 }

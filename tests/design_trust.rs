@@ -12,6 +12,7 @@ use std::ops::ControlFlow;
 use caudal::design::{Answer, Design, outline};
 use caudal::scene::Document;
 use caudal::sensitivity::Problem;
+use caudal::stepper::Stepper;
 use common::rod;
 
 fn document(changes: &[&str]) -> Document {
@@ -134,4 +135,39 @@ fn a_gain_that_the_next_fluid_does_not_leave_is_said_to_be_none() {
     assert!(trust["least_percent"].as_f64().unwrap() < 0.0 && trust["survives"] == false, "{trust}");
     assert_eq!(trust["least_in"], "the law cross-flow");
     assert!(design.lines.iter().any(|line| line.starts_with("no gain: of +6.")), "{:?}", design.lines);
+}
+
+#[test]
+fn in_creeping_flow_the_next_fluid_is_that_of_the_whole_rod() {
+    let text = std::fs::read_to_string("models/eel.toml").unwrap();
+    let text = text.replace("[reactive]", "").replace("law = \"cross-flow\"", "law = \"cox\"");
+    let mut document = Document::new("eel.toml", text);
+    for change in [
+        "rod.nodes=17",
+        "solver.time_step_s=0.01",
+        "solver.duration_s=1.5",
+        "solver.integrator=generalized-alpha",
+        "medium.viscosity_pa_s=1e3",
+        r#"design={ goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp"], number_bounds = [0.5, 2.0], starts = 1 }"#,
+    ] {
+        document.set(change).unwrap();
+    }
+    let design = design(&document);
+    let numbers = design.numbers().unwrap();
+    let check = numbers["checks"].as_array().unwrap().last().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    design.write(folder.path()).unwrap().complete().unwrap();
+    let mut designed = Document::read(&folder.path().join("eel-designed.toml")).unwrap();
+    designed.set("drag.law=nonlocal").unwrap();
+    let scene = designed.scene().unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    stepper.do_step(1.5).unwrap();
+    let mean = stepper.cycles().averages(stepper.view().dynamics).mean(&caudal::cycle::FORWARD_SPEED).unwrap();
+    println!("{check}, by itself {mean:e}; {:?}", numbers["trust"]);
+    assert_eq!(check["simulation"], "the law nonlocal");
+    let own = check["designed"].as_f64().unwrap();
+    assert!((own / mean - 1.0).abs() <= 1e-6, "{own:e} {mean:e}");
+    // Drag of the whole rod is another one, but the gain is there.
+    let local = numbers["checks"][0]["designed"].as_f64().unwrap();
+    assert!((own / local - 1.0).abs() > 0.01 && numbers["trust"]["survives"] == true, "{own:e} {local:e}");
 }

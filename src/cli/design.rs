@@ -19,7 +19,7 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCo
         return Ok(refuse(&error));
     }
     let interrupted = watch_for_interrupts();
-    let design = Design::of(&document, |iteration| {
+    let design = Design::resumed(&document, &folder, |iteration| {
         say(&format!(
             "start {} iteration {:>2}  objective {:.6e}  stationarity {:.1e}  step {:.1e}{}",
             iteration.start + 1,

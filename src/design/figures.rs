@@ -492,12 +492,12 @@ impl Design {
         if let Answer::Found(found) = &self.answer {
             let row = |(start, value): (usize, &f64)| {
                 let iterations = found.history.iter().filter(|iteration| iteration.start == start).count();
-                vec![json!(start + 1), json!(iterations), json!(value)]
+                vec![json!(start + 1), json!(iterations), json!(value), json!(found.optima[start])]
             };
             tables.push(Table {
                 file: "starts.csv",
                 title: "Starts",
-                columns: names(&["start", "iterations", value]),
+                columns: names(&["start", "iterations", value, "optimum; none: not converged"]),
                 rows: found.starts.iter().enumerate().map(row).collect(),
             });
         }

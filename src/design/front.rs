@@ -5,6 +5,7 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
+use super::memory::Memory;
 use super::search::{Found, Iteration, Objective, Search};
 use super::table::Table;
 use super::unknowns::Profile;
@@ -29,7 +30,8 @@ pub struct Compromise {
     pub best: bool,
 }
 
-/// The front from `found`, which is best for the first goal, to what is best for the second; empty where the table asks for none.
+/// The front from `found`, which is best for the first goal, to what is best for the second, and whether it was stopped; empty
+/// where the table asks for none.
 ///
 /// # Errors
 /// Those of [`Search::run`].
@@ -37,10 +39,10 @@ pub(super) fn front(
     table: &Table,
     objective: &Objective,
     found: &Found,
-    problem: impl Fn() -> Result<Problem>,
+    (problem, memory): (impl Fn() -> Result<Problem>, &mut Memory),
     mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-) -> Result<Vec<Compromise>> {
-    let (Some(wanted), Some(other)) = (&table.front, table.second()) else { return Ok(Vec::new()) };
+) -> Result<(Vec<Compromise>, bool)> {
+    let (Some(wanted), Some(other)) = (&table.front, table.second()) else { return Ok((Vec::new(), false)) };
     let second = Objective::new(&other, &problem()?, None)?.like(objective);
     second.check(&mut problem()?)?;
     let mut points = Vec::new();
@@ -54,17 +56,25 @@ pub(super) fn front(
     };
     let from = add(found)?;
     let mut search = Search::new(&other, &second, problem()?);
-    let end = search.run_from(Some(found.at.1.clone()), &mut tell)?;
+    search.memory = std::mem::take(memory);
+    let end = search.run_from(Some(found.at.1.clone()), &mut tell);
+    *memory = search.memory;
+    let end = end?;
     let to = add(&end)?;
-    if let Some((from, to)) = from.zip(to).filter(|_| !end.interrupted) {
+    let mut interrupted = end.interrupted;
+    if let Some((from, to)) = from.zip(to).filter(|_| !interrupted) {
         let mut last = found.at.1.clone();
         for i in 1..wanted.points - 1 {
             let floor = from + (to - from) * i as f64 / (wanted.points - 1) as f64;
             let table = Table { floor: Some([floor, from.abs().max(to.abs())]), ..table.clone() };
             let mut search = Search::new(&table, objective, problem()?);
-            let found = search.run_from(Some(last), &mut tell)?;
+            search.memory = std::mem::take(memory);
+            let found = search.run_from(Some(last), &mut tell);
+            *memory = search.memory;
+            let found = found?;
             add(&found)?;
-            if found.interrupted {
+            interrupted = found.interrupted;
+            if interrupted {
                 break;
             }
             last = found.at.1.clone();
@@ -80,5 +90,5 @@ pub(super) fn front(
             first.min(second) < -ALIKE || first.max(second) <= ALIKE
         });
     }
-    Ok(points)
+    Ok((points, interrupted))
 }

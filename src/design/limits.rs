@@ -1,6 +1,6 @@
 //! Limits of a design that are no bounds: of the body, of the load on its joints, and of a second goal.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::search::Objective;
 use super::table::Table;
@@ -16,7 +16,7 @@ const ORDER: i32 = 100;
 const LEAST: f64 = 1e-14;
 
 /// A limit, at a point of the search.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Limited {
     /// In words.
     pub name: String,

@@ -13,11 +13,12 @@ use super::front::{Compromise, front};
 use super::identify::{Identified, Verdict, identify};
 use super::limits::Used;
 use super::markers::{LEAST, Markers};
+use super::memory::{self, Memory};
 use super::outline;
-use super::search::{CASE, Found, FoundNumber, Iteration, Objective, Search};
+use super::search::{CASE, Found, FoundNumber, Iteration, Objective, SAME, Search};
 use super::shape::{Resting, rest};
 use super::table::{Goal, Table, Variable};
-use super::trust::{LOOSE, Tolerance, Trust, next_fluid};
+use super::trust::{LOOSE, Tolerance, Trust, higher_fluids};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
@@ -86,6 +87,8 @@ pub(super) struct Evidence {
     pub numbers: Map<String, Value>,
     /// Designs between two goals.
     pub front: Vec<Compromise>,
+    /// True where the front was stopped.
+    pub unfinished: bool,
     /// The scenes that it is for, where these are cases of a sweep.
     pub cases: Vec<InCase>,
     /// What is left of the gain in the other simulations.
@@ -131,7 +134,28 @@ impl Design {
     ///
     /// # Errors
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] where there is no answer; those of data and simulation.
-    pub fn of(document: &Document, mut tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Self> {
+    pub fn of(document: &Document, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Self> {
+        Self::made(document, None, tell)
+    }
+
+    /// The same for [`write`](Self::write) to `folder`, where a search that is ended, by whatever, leaves what it has simulated: the
+    /// next goes on there, to the same bits.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of); [`Error::Journal`] where another program is at work on it.
+    pub fn resumed(
+        document: &Document,
+        folder: &Path,
+        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+    ) -> Result<Self> {
+        Self::made(document, Some(folder), tell)
+    }
+
+    fn made(
+        document: &Document,
+        folder: Option<&Path>,
+        mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+    ) -> Result<Self> {
         let scene = document.scene()?;
         document.read_as::<Wanted>()?; // whose complaints know their place
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
@@ -193,14 +217,12 @@ impl Design {
             }
             Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency | Goal::Cycle(_) => {
                 let target = data(1)?;
-                let mut problem = Problem::of(&scene)?;
-                let mut objective = Objective::new(&table, &problem, target.as_ref())?;
-                objective.check(&mut problem)?;
-                if !table.numbers.is_empty() {
-                    objective = objective.of_document(document);
-                }
+                let (objective, problem) = aim(document, &scene, &table, target.as_ref())?;
                 let mut search = Search::new(&table, &objective, problem);
                 search.cases = cases(asked, &scene, &table)?;
+                if let Some(folder) = folder.filter(|_| !table.fits_positions()) {
+                    search.memory = Memory::open(folder, &scene, &table)?;
+                }
                 let mut found = search.run(&mut tell)?;
                 lines.extend(say_found(&found, &table));
                 let profile = found.profile.clone();
@@ -224,7 +246,8 @@ impl Design {
                 } else {
                     evidence.checks = verify((document, &search.cases), &scene, &table, target.as_ref(), &profile);
                     let again = || Problem::of(&scene);
-                    evidence.front = front(&table, &objective, &found, again, &mut tell)?;
+                    (evidence.front, evidence.unfinished) =
+                        front(&table, &objective, &found, (again, &mut search.memory), &mut tell)?;
                     lines.extend(say_front(&evidence.front, &table));
                     if !table.fits_positions() {
                         found.tolerances = search.tolerances(&found);
@@ -297,7 +320,12 @@ impl Design {
         }
         texts.extend(findings.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
         texts.push(("report.html".to_string(), findings.page(&self.scene.name, &self.document)?));
-        write_all(folder, texts.iter())
+        let kept = write_all(folder, texts.iter())?;
+        let going_on = matches!(&self.answer, Answer::Found(found) if found.interrupted) || self.evidence.unfinished;
+        if kept.lost.is_empty() && !going_on {
+            memory::forget(folder);
+        }
+        Ok(kept)
     }
 
     /// The content of design.json.
@@ -421,6 +449,17 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
             starts.join(", ")
         ),
     ];
+    if found.starts.len() > 1 {
+        let known = found.optima.iter().flatten();
+        let (came, count) = (known.clone().count(), known.copied().max().unwrap_or(0));
+        let optima = if count == 1 { "optimum" } else { "optima" };
+        lines.push(format!(
+            "{came} of {} starts converged, to {count} {optima}, which are the same where objectives agree to {} % or unknowns to {}",
+            found.starts.len(),
+            100.0 * SAME[0],
+            SAME[1]
+        ));
+    }
     lines.extend(found.numbers.iter().map(say_number));
     if let Some(noise) = found.noise_m {
         let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
@@ -508,6 +547,23 @@ fn say_number(number: &FoundNumber) -> String {
     let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
     let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));
     format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}", value / own)
+}
+
+/// The objective of `table` in the `scene` of `document`, and its problem.
+///
+/// # Errors
+/// [`Error::Design`] where the scene has no such objective; those of [`Problem::of`].
+pub(super) fn aim(
+    document: &Document,
+    scene: &Scene,
+    table: &Table,
+    target: Option<&Markers>,
+) -> Result<(Objective, Problem)> {
+    let mut problem = Problem::of(scene)?;
+    let objective = Objective::new(table, &problem, target)?;
+    objective.check(&mut problem)?;
+    let whole = table.numbers.is_empty();
+    Ok((if whole { objective } else { objective.of_document(document) }, problem))
 }
 
 /// The design and what was before in every case.
@@ -649,7 +705,7 @@ fn verify(
 ) -> Vec<Check> {
     let alone = |document: &Document, changes: &[String], profile: &Profile| -> Option<f64> {
         let scene = changed(document, &table.numbers, changes, profile).ok()?;
-        let mut problem = Problem::of(&scene).ok()?;
+        let mut problem = Problem::followed_only(&scene, scene.model().ok()?).ok()?;
         let own = Profile::of(problem.stiffness());
         let objective = Objective::new(table, &problem, target).ok()?;
         objective.measure(&mut problem, &own)
@@ -668,7 +724,10 @@ fn verify(
         let has = table.variables.contains(&Variable::Stiffness);
         Profile::of(if has { vec![even; own.len()] } else { own })
     });
-    let fluid = before.is_ok().then(|| next_fluid(scene)).flatten();
+    let allowed = |(_, changes): &(String, Vec<String>)| {
+        changed(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
+    };
+    let fluid = higher_fluids(scene).into_iter().filter(|_| before.is_ok()).find(allowed);
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = before.as_ref().ok().and_then(|before| measure(&changes, before));

@@ -16,12 +16,13 @@
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::cases::{Case, each};
 use super::identify::Verdict;
 use super::limits::{Limited, Limits, Used};
 use super::markers::Markers;
+use super::memory::Memory;
 use super::qp::{Constraint, Quadratic};
 use super::table::{Goal, Robust, Table, Variable};
 use super::trust::{Tolerance, tolerance};
@@ -78,6 +79,10 @@ const ROUNDING: f64 = 1e-13;
 /// A step must win this part of what its model promises.
 const WON: f64 = 1e-4;
 
+/// Starts whose objectives differ by less than this part, or all of whose unknowns by less than that (logarithms, or rad), came to
+/// the same optimum.
+pub(super) const SAME: [f64; 2] = [1e-4, 1e-2];
+
 /// What a step is kept within, which is no demand.
 const TRUST: &str = "trust region";
 
@@ -105,7 +110,7 @@ pub struct Objective {
 }
 
 /// The objective at one profile.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct Value {
     /// What is made small.
     pub f: f64,
@@ -384,6 +389,8 @@ pub struct Found {
     pub converged: bool,
     /// The objective of every start's end.
     pub starts: Vec<f64>,
+    /// The optimum that each start came to, numbered from 1, the best; none where it did not converge.
+    pub optima: Vec<Option<usize>>,
     /// Every iteration.
     pub history: Vec<Iteration>,
     /// Constraints that bind, with their duals over the objective.
@@ -461,16 +468,34 @@ pub struct Search<'a> {
     pub(super) problem: Problem,
     /// The cases that it is for; empty where it is for the scene alone.
     pub(super) cases: Vec<Case>,
+    /// What was simulated before.
+    pub(super) memory: Memory,
 }
 
 impl<'a> Search<'a> {
     /// Of the scene of `problem`.
     pub fn new(table: &'a Table, objective: &'a Objective, problem: Problem) -> Self {
-        Self { table, objective, problem, cases: Vec::new() }
+        Self { table, objective, problem, cases: Vec::new(), memory: Memory::default() }
     }
 
     /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
     fn at(&mut self, limits: &Limits, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
+        if self.objective.fits {
+            return self.simulated(limits, profile, parameters); // with all derivatives of all times
+        }
+        let asked = format!("{:?} {:?} {profile:?} {}", self.table.goal, self.table.floor, parameters.len());
+        let mut memory = std::mem::take(&mut self.memory);
+        let found = memory.recall(|| asked, || self.simulated(limits, profile, parameters));
+        self.memory = memory;
+        found
+    }
+
+    fn simulated(
+        &mut self,
+        limits: &Limits,
+        profile: &Profile,
+        parameters: &[Parameter],
+    ) -> Option<(Value, Vec<Limited>)> {
         if self.cases.is_empty() {
             let value = self.objective.at(&mut self.problem, profile, parameters)?;
             return Some((value, limits.at(&mut self.problem, profile, parameters)?));
@@ -490,11 +515,20 @@ impl<'a> Search<'a> {
 
     /// The objective of a profile as shown; none where a simulation fails.
     pub(super) fn value(&mut self, profile: &Profile) -> Option<f64> {
-        if self.cases.is_empty() {
-            return self.objective.measure(&mut self.problem, profile);
-        }
-        let values = self.in_cases(profile)?;
-        self.table.counted().of(&values, self.table.smaller_is_better())
+        let asked = format!("{:?} of {profile:?}", self.table.goal);
+        let mut memory = std::mem::take(&mut self.memory);
+        let found = memory.recall(
+            || asked,
+            || {
+                if self.cases.is_empty() {
+                    return self.objective.measure(&mut self.problem, profile);
+                }
+                let values = self.in_cases(profile)?;
+                self.table.counted().of(&values, self.table.smaller_is_better())
+            },
+        );
+        self.memory = memory;
+        found
     }
 
     fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Point> {
@@ -518,10 +552,24 @@ impl<'a> Search<'a> {
         self.run_from(None, tell)
     }
 
+    /// The same from start `only` alone.
+    pub(super) fn run_one(&mut self, only: usize, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+        self.run_starts(None, Some(only), tell)
+    }
+
     /// The same from one start, the unknowns `from`, where there are any.
     pub(super) fn run_from(
         &mut self,
         from: Option<Vec<f64>>,
+        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+    ) -> Result<Found> {
+        self.run_starts(from, None, tell)
+    }
+
+    fn run_starts(
+        &mut self,
+        from: Option<Vec<f64>>,
+        only: Option<usize>,
         mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
     ) -> Result<Found> {
         let own_stiffness_n_m2 = self.problem.stiffness();
@@ -531,16 +579,21 @@ impl<'a> Search<'a> {
             limits.leave_load(); // to the cases
         }
         let n = unknowns.count();
-        let alone = self.objective.fits || from.is_some();
-        let starts = self.table.starts.filter(|_| from.is_none()).unwrap_or(if alone { 1 } else { 3 }).max(1);
+        let starts = if from.is_some() { 1 } else { self.table.all_starts() };
         let mut roughness = None;
         let mut history = Vec::new();
         let mut ends: Vec<End> = Vec::new();
         for start in 0..starts {
+            if only.is_some_and(|only| only < start || only > start && roughness.is_some()) {
+                continue; // the first that can be simulated decides the weight of roughness in all
+            }
             let x = from.clone().map_or_else(|| unknowns.first(start), |x| unknowns.kept(x));
             let Some(first) = self.point(&unknowns, &limits, x) else { continue };
             let weight = self.table.smoothness * first.value.f.abs();
             let rough = roughness.get_or_insert_with(|| DMatrix::from_row_slice(n, n, &unknowns.roughness(weight)));
+            if only.is_some_and(|only| only != start) {
+                continue;
+            }
             ends.push(self.descend((&unknowns, &limits), rough, first, |mut iteration| {
                 iteration.start = start;
                 let told = tell(&iteration);
@@ -553,6 +606,7 @@ impl<'a> Search<'a> {
         }
         let starts: Vec<f64> = ends.iter().map(|end| self.objective.shown(end.point.value.f)).collect();
         let interrupted = ends.iter().any(|end| end.interrupted);
+        let optima = self.optima(&ends);
         let merit = |end: &End| {
             let x = &end.point.x;
             // What keeps its limits comes first.
@@ -567,7 +621,7 @@ impl<'a> Search<'a> {
             let reason = "no start could be simulated; try other bounds, or a smaller step".into();
             return Err(Error::Design { reason });
         };
-        let violation = best.point.violation();
+        let converged = self.has_converged(&best);
         let limits = best.point.limits.iter();
         let limits = limits.map(|limit| Used { limit: limit.name.clone(), used: 1.0 + limit.excess }).collect();
         let value = best.point.value;
@@ -630,9 +684,10 @@ impl<'a> Search<'a> {
             deviations,
             objective,
             stationarity: best.stationarity,
-            converged: violation <= VIOLATED && (best.stationarity <= STATIONARY[1] || self.objective.is_met(value.f)),
+            converged,
             limits,
             starts,
+            optima,
             history,
             active: best.active,
             singular_values,
@@ -640,6 +695,32 @@ impl<'a> Search<'a> {
             tolerances: Vec::new(),
             at: Box::new((unknowns, x)),
         })
+    }
+
+    fn has_converged(&self, end: &End) -> bool {
+        let met = self.objective.is_met(end.point.value.f);
+        end.point.violation() <= VIOLATED && (end.stationarity <= STATIONARY[1] || met)
+    }
+
+    /// Which optimum each of `ends` is at.
+    fn optima(&self, ends: &[End]) -> Vec<Option<usize>> {
+        let mut order: Vec<usize> = (0..ends.len()).filter(|i| self.has_converged(&ends[*i])).collect();
+        order.sort_by(|a, b| ends[*a].point.value.f.total_cmp(&ends[*b].point.value.f));
+        let mut optima = vec![None; ends.len()];
+        let mut found: Vec<&Point> = Vec::new();
+        for i in order {
+            let own = &ends[i].point;
+            let same = |other: &&Point| {
+                let (f, x) = ((own.value.f - other.value.f).abs(), (&own.x - &other.x).amax());
+                f <= SAME[0] * other.value.f.abs() || x <= SAME[1]
+            };
+            let known = found.iter().position(same);
+            if known.is_none() {
+                found.push(own);
+            }
+            optima[i] = Some(known.map_or(found.len(), |at| at + 1));
+        }
+        optima
     }
 
     /// Goes down from `first`. All of a step's programme is in units of the objective.

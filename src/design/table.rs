@@ -424,6 +424,11 @@ impl Table {
         }
     }
 
+    /// Number of its starts.
+    pub fn all_starts(&self) -> usize {
+        self.starts.unwrap_or(if self.fits_positions() { 1 } else { 3 }).max(1)
+    }
+
     /// What counts of the cases that it is for.
     pub fn counted(&self) -> Robust {
         self.robust.unwrap_or_default()

@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use super::report::Check;
-use crate::fluid::laws::{CREEPING, cross_flow};
+use crate::fluid::laws::{CREEPING, DragLaw, LAWS, Reach, cross_flow};
 use crate::scene::Scene;
 
 /// The loss of the objective that a tolerance allows.
@@ -113,21 +113,35 @@ impl Trust {
     }
 }
 
-/// The next higher rung of the fluid, in words and as changes of the scene: drag with the fluid's inertia above a law of
-/// creeping flow, the water that the rod accelerates above that. None above these, and above laws whose coefficients the scene
-/// gives, or which a plane decides.
-pub(super) fn next_fluid(scene: &Scene) -> Option<(String, Vec<String>)> {
-    scene.medium.as_ref()?;
-    let law = scene.fluid_model(&scene.model().ok()?.rod).0?;
+/// Higher rungs of the fluid, in words and as changes of the scene; the first that the scene allows is its next. Above a law of
+/// creeping flow drag for each edge by itself: where the flow does creep and the mesh is not too dear, drag of the whole rod, else
+/// drag with the fluid's inertia. Above that the water that the rod accelerates. None above these, and above laws whose coefficients the
+/// scene gives, or which a plane decides.
+pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
+    let rod = scene.model().map(|model| model.rod);
+    let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime(rod)?)));
+    let Some((law, regime)) = of.filter(|_| scene.medium.is_some()) else { return Vec::new() };
     if law == &cross_flow::LAW {
         let free = scene.reactive.is_none();
-        return free.then(|| ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]));
+        return free
+            .then(|| ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]))
+            .into_iter()
+            .collect();
     }
-    let creeping = law.reynolds <= CREEPING && law.needs.is_empty();
-    creeping.then(|| {
-        let name = cross_flow::LAW.name;
-        let viscous = law.resistance.map(|_| format!("drag.viscous={}", law.name));
-        let changes = std::iter::once(format!("drag.law={name}")).chain(viscous).collect();
-        (format!("the law {name}"), changes)
-    })
+    if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_whole() {
+        return Vec::new();
+    }
+    let cheap = |law: &&DragLaw| match law.reach {
+        Reach::Rod { most_nodes, .. } => regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes,
+        Reach::Edge => false,
+    };
+    let whole = LAWS
+        .iter()
+        .copied()
+        .find(cheap)
+        .map(|law| (format!("the law {}", law.name), vec![format!("drag.law={}", law.name)]));
+    let name = cross_flow::LAW.name;
+    let viscous = law.resistance.map(|_| format!("drag.viscous={}", law.name));
+    let changes = std::iter::once(format!("drag.law={name}")).chain(viscous).collect();
+    whole.into_iter().chain([(format!("the law {name}"), changes)]).collect()
 }

@@ -77,6 +77,7 @@ impl Problem {
         let bends = controls.effects(&dynamics.model.rod, &shape);
         let mut natural = vec![0.0; times * bends.len()];
         let mut by_force = vec![0.0; if controls.force.is_some() { times * 2 * nodes } else { 0 }];
+        let mut by_moved = vec![zeros(); moved.len()];
         // Weights of all later times, for what is summed or counted from the start.
         let mut later = vec![0.0; outputs.len()];
         for n in (0..=steps.count()).rev() {
@@ -98,7 +99,6 @@ impl Problem {
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&bent.dynamics.model.rod, &shape)));
             let at = At { bent, point: &point };
-            let mut by_moved = vec![zeros(); moved.len()];
             for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
                 moved.look(&state, (controls, steps, n), summing, by)?;
             }

@@ -1,5 +1,7 @@
 //! Derivatives that are carried along with the simulation: one column a parameter.
 
+use std::sync::Arc;
+
 use super::ends::Ends;
 use super::equations::Equations;
 use super::output::{At, Gradient, Output, Point, Work};
@@ -72,7 +74,7 @@ impl Problem {
         let mut moved = std::mem::take(&mut self.moved);
         let mut by_moved = vec![vec![0.0; 2 * nodes]; moved.len()];
         let mut scratch = Gradient::new(nodes, &[]);
-        let controls = self.controls.clone();
+        let controls = Arc::clone(&self.controls);
         let placed = self.start.is_none();
 
         let done = self.advance(|dynamics, n, state, h| {

@@ -28,6 +28,7 @@ const BELOW: [[f64; 2]; 5] = [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3
 pub struct Moved {
     pub(super) places: Vec<Place>,
     nodes: usize,
+    residual: Vec<f64>,
 }
 
 /// The scene at one place.
@@ -65,7 +66,7 @@ impl Moved {
             match places.iter().map(|at| place(*at)).collect::<Result<Vec<Place>>>() {
                 Ok(places) => {
                     let nodes = places.first().map_or(0, |place| place.state.q.len() / 2);
-                    return Ok(Self { places, nodes });
+                    return Ok(Self { places, nodes, residual: Vec::new() });
                 }
                 Err(error) => failed = failed.or(Some(error)),
             }
@@ -75,7 +76,7 @@ impl Moved {
 
     /// Of a scene with so many nodes whose number cannot be another one by itself, as a flow across an interface: no derivatives.
     pub fn nowhere(nodes: usize) -> Self {
-        Self { places: Vec::new(), nodes }
+        Self { places: Vec::new(), nodes, residual: Vec::new() }
     }
 
     /// The derivative of a number.
@@ -102,8 +103,9 @@ impl Moved {
         force: &mut [f64],
     ) -> Result<()> {
         force.fill(0.0);
-        let mut residual = vec![0.0; force.len()];
-        for Place { dynamics, weight, ends, state: own, .. } in &mut self.places {
+        let Self { places, residual, .. } = self;
+        residual.resize(force.len(), 0.0);
+        for Place { dynamics, weight, ends, state: own, .. } in places {
             if wanted {
                 ends.look(dynamics, controls, steps, n);
             } else {
@@ -111,8 +113,8 @@ impl Moved {
             }
             own.clone_from(state);
             dynamics.move_to(state.t, own);
-            dynamics.unconstrained(own, &mut residual, None)?;
-            force.iter_mut().zip(&residual).for_each(|(f, r)| *f += *weight * r);
+            dynamics.unconstrained(own, residual, None)?;
+            force.iter_mut().zip(&*residual).for_each(|(f, r)| *f += *weight * r);
         }
         Ok(())
     }

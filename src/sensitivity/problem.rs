@@ -28,7 +28,7 @@ pub struct Problem {
     tolerance: f64,
     linear: Choice,
     pub(super) steps: Steps,
-    pub(super) controls: Controls,
+    pub(super) controls: Arc<Controls>,
     /// First positions and velocities, where they are not those of the scene's start.
     pub(super) start: Option<[Vec<f64>; 2]>,
 }
@@ -76,6 +76,19 @@ impl Problem {
     /// # Errors
     /// Those of [`of`](Self::of).
     pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
+        let Some(law) = model.forces.whole() else { return Self::followed_only(scene, model) };
+        let problem = format!(
+            "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
+            law.name()
+        );
+        Err(Error::Scene { place: scene.name.clone(), key: "drag.law".to_string(), problem })
+    }
+
+    /// The same of a law of any kind, for simulations without derivatives.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of) but for its law.
+    pub(crate) fn followed_only(scene: &Scene, model: Model) -> Result<Self> {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
@@ -93,13 +106,6 @@ impl Problem {
                 "derivatives need positions as unknowns; allowed: fewer nodes, or \"positions\"",
             );
         }
-        if let Some(law) = model.forces.whole() {
-            let problem = format!(
-                "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
-                law.name()
-            );
-            return refuse("drag.law", &problem);
-        }
         let (whole, last) = whole_steps(scene.solver.duration_s.get(), length);
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),
@@ -109,7 +115,7 @@ impl Problem {
             tolerance: scene.newton_tolerance(),
             linear: scene.solver.linear,
             steps: Steps { whole: whole as usize, length, last },
-            controls: Controls::default(),
+            controls: Arc::default(),
             start: None,
         })
     }
@@ -131,7 +137,7 @@ impl Problem {
                 return Err(Error::WrongLength { name, expected: times * width, found: values.len() });
             }
         }
-        self.controls = controls;
+        self.controls = controls.into();
         Ok(())
     }
 

@@ -36,5 +36,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<sweep::SweepAtWork>()?;
     module.add_function(wrap_pyfunction!(sweep::cases, module)?)?;
     module.add_function(wrap_pyfunction!(study::study, module)?)?;
+    module.add_class::<design::StartsAtWork>()?;
+    module.add_function(wrap_pyfunction!(design::starts, module)?)?;
     module.add_function(wrap_pyfunction!(design::design, module)?)
 }

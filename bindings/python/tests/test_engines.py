@@ -333,3 +333,58 @@ def test_a_client_that_is_killed_or_interrupted_keeps_what_is_done_and_another_o
             caudal.sweep(sweep, out=out, client=client, progress=lambda done, of: told.append(done))
     assert told[0] == len(kept), "cases that were there are not run again"
     assert results(out) == results(tmp_path / "ours")
+
+
+DESIGN = {
+    "rod.nodes": 7,
+    "solver.duration_s": 1.0,
+    "solver.time_step_s": 0.01,
+    "solver.integrator": "generalized-alpha",
+    "design": {
+        "goal": "cycle_forward_speed_m_s",
+        "variables": ["stiffness"],
+        "knots": [0.2, 0.8],
+        "starts": 3,
+        "over": "media.toml",
+        "bounds": [0.5, 2.0],
+    },
+}
+
+
+def design_scene(folder):
+    """An eel that is designed for two fluids, from three starts."""
+    (folder / "eel.toml").write_text(Path("models/eel.toml").read_text())
+    (folder / "media.toml").write_text('scene = "eel.toml"\n[axes]\nmedium.viscosity_pa_s = { factors = [1.0, 10.0] }\n')
+    return caudal.load(folder / "eel.toml", set=DESIGN)
+
+
+def files_of(folder):
+    return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def test_the_starts_of_a_design_are_searched_by_any_executor_to_the_same_bits(tmp_path):
+    scene = design_scene(tmp_path)
+    caudal.design(scene, out=tmp_path / "ours")
+    with ProcessPoolExecutor(2) as executor:
+        found = caudal.design(scene, out=tmp_path / "theirs", executor=executor)
+    assert len(found.answer["starts"]) == 3 and len(found.cases) == 2
+    assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+    # A start that is known is not searched again, and the rest goes on without an engine.
+    starts = caudal._caudal._Starts(scene, tmp_path / "on")
+    assert starts.todo() == [0, 1, 2]
+    lines, _ = caudal._caudal._starts(starts.parcel(), [1])
+    assert starts.keep(lines) == 1 and starts.keep(lines) == 0 and starts.todo() == [0, 2]
+    with pytest.raises(caudal.errors.Error, match="damaged"):
+        starts.keep([lines[0][:-9] + b"\n"])
+    starts.close()
+    caudal.design(scene, out=tmp_path / "on")
+    assert files_of(tmp_path / "on") == files_of(tmp_path / "ours")
+
+
+def test_the_starts_of_a_design_are_searched_by_a_cluster_to_the_same_bits(distributed, tmp_path):
+    scene = design_scene(tmp_path)
+    caudal.design(scene, out=tmp_path / "ours")
+    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
+    with distributed.LocalCluster(**options) as here, distributed.Client(here) as client:
+        caudal.design(scene, out=tmp_path / "theirs", client=client)
+    assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")

@@ -5,10 +5,13 @@ from __future__ import annotations
 import html
 import os
 from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
-from ._caudal import Scene, _design
+from ._caudal import Scene, _design, _Starts
+from .distributing import Distribution, Engine
+from .errors import LostCasesError
 from .optional import optional
 from .result import Source, load
 
@@ -96,6 +99,10 @@ def design(
     *,
     out: Optional[Union[str, os.PathLike[str]]] = None,
     progress: Optional[Callable[[int, float], Any]] = None,
+    client: Any = None,
+    executor: Optional[Executor] = None,
+    workers: Optional[int] = None,
+    patience_s: float = 60.0,
 ) -> Design:
     """Design what the scene's ``[design]`` asks for, and leave the files of ``caudal design``.
 
@@ -109,6 +116,15 @@ def design(
         Called with the number of an iteration and the objective there (of a tracked tip the rms distance in m, else the
         distance in m or the efficiency in m²/J). What it raises, and Ctrl-C, end the search; the best design so far is
         then the exception's ``result``.
+    client : distributed.Client, optional
+        Searches from the several starts on the workers of a Dask cluster. What they simulated is kept in the folder, and the
+        design is the same to the bit.
+    executor : concurrent.futures.Executor, optional
+        The same on any other engine, such as a ``ProcessPoolExecutor``.
+    workers : int, optional
+        How many tasks the engine runs at once, where it does not say.
+    patience_s : float, optional
+        A warning says so where an engine returns nothing for longer.
 
     Returns
     -------
@@ -125,6 +141,18 @@ def design(
         For a wrong ``[design]``.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
+    if client is not None and executor is not None:
+        raise TypeError("give either client or executor")
+    if client is not None or executor is not None:
+        starts = _Starts(scene, out)
+        try:
+            lost = Distribution(starts, Engine(client, executor, workers), patience_s, None).run()
+        finally:
+            starts.close()
+        if lost:
+            error = LostCasesError(f"starts {lost} ended the worker that searched from them, even alone")
+            error.cases = lost
+            raise error
     content, failure = _design(scene, out, progress)
     found = Design(content)
     if failure is not None:

@@ -15,9 +15,10 @@ import warnings
 from collections import deque
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import suppress
-from typing import Any, Callable, Optional
+from typing import Any, Callable, Optional, Union
 
-from ._caudal import __version__, _cases, _Sweep
+from . import _caudal
+from ._caudal import __version__, _Starts, _Sweep
 from .errors import EngineError, Error
 
 #: Time that a batch should take, s: a hundred times what an engine needs to pass it on.
@@ -39,12 +40,13 @@ IN_BATCH, BY_ITSELF, ALONE = range(3)
 Progress = Callable[[int, int], Any]
 
 
-def work(version: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
-    """Run cases of a sweep, on a worker; their lines and the time that each took, s."""
+def work(version: str, kind: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
+    """Run cases of a sweep or starts of a design, on a worker; their lines and the time that each took, s."""
     if version != __version__:
         raise engine_error(whereabouts(), f"it has caudal {__version__}, and the sweep is one of caudal {version}")
     try:
-        return _cases(parcel, indices)
+        lines: tuple[list[bytes], list[float]] = getattr(_caudal, kind)(parcel, indices)
+        return lines
     except Error as error:
         raise engine_error(whereabouts(), str(error)) from error
 
@@ -99,9 +101,12 @@ class Engine:
 
 
 class Distribution:
-    """The cases of a sweep on their way."""
+    """The cases of a sweep, or the starts of a design, on their way."""
 
-    def __init__(self, sweep: _Sweep, engine: Engine, patience_s: float, progress: Optional[Progress]) -> None:
+    def __init__(
+        self, sweep: Union[_Sweep, _Starts], engine: Engine, patience_s: float, progress: Optional[Progress]
+    ) -> None:
+        self.kind = "_cases" if isinstance(sweep, _Sweep) else "_starts"
         self.sweep, self.engine, self.patience_s, self.progress = sweep, engine, patience_s, progress
         self.parcel = sweep.parcel()
         self.todo = deque(sweep.todo())
@@ -150,7 +155,7 @@ class Distribution:
         while len(self.flying) < WAITING * workers and (batch := self.next_batch(workers)):
             indices, attempt = batch
             try:
-                future = self.engine.executor.submit(work, __version__, self.parcel, indices, attempt)
+                future = self.engine.executor.submit(work, __version__, self.kind, self.parcel, indices, attempt)
             except (RuntimeError, OSError) as error:  # it was shut down, or is broken
                 raise self.stopped(f"the engine takes no more work: {error}") from error
             self.flying[future] = batch

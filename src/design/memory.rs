@@ -1,0 +1,144 @@
+//! What a search has simulated, on disk until its design is complete. A search is the same to the bit each time, so one that was
+//! ended goes on by going the same way again: what it has simulated before it reads instead.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::table::Table;
+use crate::error::{Error, Result};
+use crate::jobs::{self, Job, Journal};
+use crate::report::Folder;
+use crate::scene::Scene;
+
+/// Its file in the folder of a design.
+pub(super) const JOURNAL: &str = "design.journal";
+
+/// A result, and what it is of.
+#[derive(Debug, Serialize, Deserialize)]
+pub(super) struct Known<T> {
+    of: String,
+    /// None where a simulation failed.
+    value: Option<T>,
+}
+
+/// A result of any kind, and what it is of.
+pub(super) type Simulated = Known<Value>;
+
+/// What was simulated before.
+#[derive(Debug, Default)]
+pub(super) struct Memory {
+    journal: Option<Journal>,
+    lines: HashMap<String, usize>,
+    next: usize,
+    /// What is simulated, for another program.
+    recorded: Option<Vec<Simulated>>,
+    /// The folder, which does not stay where nothing was written to it.
+    _folder: Option<Folder>,
+}
+
+impl Memory {
+    /// That of the design of `scene` in `folder`; what another one left there is forgotten. Without room for it there is none.
+    ///
+    /// # Errors
+    /// [`Error::Journal`] where another program is at work on it; [`Error::Read`] for the files that the design names.
+    pub fn open(folder: &Path, scene: &Scene, table: &Table) -> Result<Self> {
+        let mut inputs = scene.fingerprint_text().into_bytes();
+        for file in [&table.data, &table.over].into_iter().flatten() {
+            inputs.extend(scene.read_from.read(&scene.folder.join(file))?);
+        }
+        let job = Job::new(&format!("design {}", scene.name), &inputs, 0);
+        let path = folder.join(JOURNAL);
+        let Ok(made) = Folder::open(folder) else { return Ok(Self::default()) };
+        if Journal::read(&path).is_ok_and(|journal| !journal.is_held() && job.difference(journal.job()).is_some()) {
+            let _ = std::fs::remove_file(&path); // else it is refused
+        }
+        let journal = match Journal::open(&path, &job) {
+            Ok(journal) => journal,
+            Err(error @ Error::Journal { .. }) => return Err(error),
+            Err(_) => return Ok(Self::default()),
+        };
+        let mut lines = HashMap::new();
+        for index in journal.indices() {
+            if let Ok(Some(known)) = journal.get::<Known<serde::de::IgnoredAny>>(index) {
+                lines.insert(known.of, index);
+            }
+        }
+        let next = journal.indices().last().map_or(0, |last| last + 1);
+        Ok(Self { journal: Some(journal), lines, next, recorded: None, _folder: Some(made) })
+    }
+
+    /// One for another program.
+    pub fn recorded() -> Self {
+        Self { recorded: Some(Vec::new()), ..Self::default() }
+    }
+
+    /// What was simulated.
+    pub fn record(&self) -> &[Simulated] {
+        self.recorded.as_deref().unwrap_or_default()
+    }
+
+    /// True where all that a start simulates is there.
+    pub fn has_start(&self, start: usize) -> bool {
+        self.lines.contains_key(&of_start(start))
+    }
+
+    /// Keeps all that a start simulated; false where it is there already.
+    pub fn keep_start(&mut self, start: usize, simulated: Vec<Simulated>) -> bool {
+        let new = !self.has_start(start);
+        let end = Known { of: of_start(start), value: Some(Value::Bool(true)) };
+        for known in simulated.into_iter().chain([end]) {
+            if !self.lines.contains_key(&known.of) {
+                self.keep(known);
+            }
+        }
+        new
+    }
+
+    /// Keeps a result; on a full disk no more is kept.
+    fn keep<T: Serialize>(&mut self, known: Known<T>) -> Option<T> {
+        match self.journal.as_mut().map(|journal| journal.add(self.next, &known)) {
+            Some(Ok(())) => drop(self.lines.insert(known.of, self.next)),
+            _ => self.journal = None,
+        }
+        self.next += 1;
+        known.value
+    }
+
+    /// The result of what `asked` names: the one of before, or what `make` makes, which is kept. On a full disk no more is kept.
+    pub fn recall<T: Serialize + DeserializeOwned>(
+        &mut self,
+        asked: impl FnOnce() -> String,
+        make: impl FnOnce() -> Option<T>,
+    ) -> Option<T> {
+        if let Some(recorded) = &mut self.recorded {
+            let value = make();
+            let told = value.as_ref().map(serde_json::to_value).transpose().ok()?;
+            recorded.push(Known { of: jobs::hash(asked().as_bytes()), value: told });
+            return value;
+        }
+        let Some(journal) = &mut self.journal else { return make() };
+        let of = jobs::hash(asked().as_bytes());
+        let known = self.lines.get(&of).and_then(|index| journal.get::<Known<T>>(*index).ok().flatten());
+        if let Some(known) = known {
+            return known.value;
+        }
+        self.keep(Known { of, value: make() })
+    }
+}
+
+/// Names the end of a start.
+fn of_start(start: usize) -> String {
+    jobs::hash(format!("start {start}").as_bytes())
+}
+
+/// Forgets what is kept in `folder`, of a design that is complete.
+pub(super) fn forget(folder: &Path) {
+    let path = folder.join(JOURNAL);
+    if Journal::read(&path).is_ok() {
+        let _ = std::fs::remove_file(path); // of use to nobody, and of no harm
+    }
+}

@@ -1,0 +1,132 @@
+//! The starts of a design, each a search of its own, wherever they are run: what comes back is what they simulated, and the design
+//! goes the same way again without simulating.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::cases::cases;
+use super::memory::{Memory, Simulated};
+use super::report::{aim, pinned};
+use super::search::Search;
+use super::table::Table;
+use crate::error::{Error, Result};
+use crate::jobs;
+use crate::model::Dynamics;
+use crate::scene::files::Contents;
+use crate::scene::{Document, Files};
+use crate::sweep::Sweep;
+
+/// A design with all files that its searches need, for programs elsewhere.
+#[derive(Serialize, Deserialize)]
+struct Parcel {
+    caudal_version: String,
+    path: PathBuf,
+    set: Vec<String>,
+    files: Contents,
+}
+
+/// The starts of a design, and what is known of them in its folder.
+#[derive(Debug)]
+pub struct Starts {
+    document: Document,
+    table: Table,
+    memory: Memory,
+}
+
+impl Starts {
+    /// Those of the design that `document` asks for, whose files go to `folder`.
+    ///
+    /// # Errors
+    /// Those of [`Design::resumed`](super::Design::resumed) before its search.
+    pub fn of(document: &Document, folder: &Path) -> Result<Self> {
+        let scene = document.scene()?;
+        let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let memory = Memory::open(folder, &scene, &table)?;
+        Ok(Self { document: document.clone(), table, memory })
+    }
+
+    /// How many there are.
+    pub fn count(&self) -> usize {
+        self.table.all_starts()
+    }
+
+    /// Those of which nothing is known; none where there is but one, or positions are fitted.
+    pub fn todo(&self) -> Vec<usize> {
+        let many = self.table.is_searched() && !self.table.fits_positions() && self.count() > 1;
+        (0..self.count()).filter(|start| many && !self.memory.has_start(*start)).collect()
+    }
+
+    /// The design as bytes, for [`start`] of the same version of the program.
+    ///
+    /// # Errors
+    /// [`Error::Read`] for a file that is no longer there.
+    pub fn parcel(&self) -> Result<Vec<u8>> {
+        let scene = self.document.scene()?;
+        let mut files = Contents::new();
+        let path = scene.folder.join(scene.file().file_name().unwrap_or_default());
+        files.insert(path.clone(), self.document.text().as_bytes().to_vec());
+        let mut tables = scene.files();
+        if let Some(file) = &self.table.over {
+            let file = scene.folder.join(file);
+            let sweep = Sweep::over(&scene.read_from, &file, &[], Some(self.document.clone()))?;
+            for index in 0..sweep.size() {
+                tables.extend(sweep.scene(&sweep.case(index)?)?.0.files());
+            }
+            tables.push(file);
+        }
+        for table in tables {
+            let content = scene.read_from.read(&table)?;
+            files.insert(table, content);
+        }
+        let (caudal_version, set) = (env!("CARGO_PKG_VERSION").to_string(), self.document.overrides().to_vec());
+        postcard::to_allocvec(&Parcel { caudal_version, path, set, files })
+            .map_err(|e| Error::Parcel { problem: e.to_string() })
+    }
+
+    /// Keeps what [`start`] returned; true where it was not there yet.
+    ///
+    /// # Errors
+    /// [`Error::Parcel`] where the line is damaged.
+    pub fn keep(&mut self, line: &[u8]) -> Result<bool> {
+        let damaged = || Error::Parcel { problem: "a start that came back is damaged".to_string() };
+        let (start, simulated) = jobs::read_line::<Vec<Simulated>>(line).ok_or_else(damaged)?;
+        Ok(self.memory.keep_start(start, simulated))
+    }
+}
+
+/// Searches from start `index` of the design that came as bytes; what it simulated, as a line for [`Starts::keep`].
+///
+/// # Errors
+/// [`Error::Parcel`] for bytes of another version; those of [`Design::of`](super::Design::of).
+pub fn start(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
+    let parcel: Parcel = postcard::from_bytes(parcel).map_err(|e| Error::Parcel { problem: e.to_string() })?;
+    let own = env!("CARGO_PKG_VERSION");
+    if parcel.caudal_version != own {
+        let problem = format!("it comes from caudal {}, and this is caudal {own}", parcel.caudal_version);
+        return Err(Error::Parcel { problem });
+    }
+    let mut asked = Document::read_from(Files::of(parcel.files), &parcel.path)?;
+    for change in &parcel.set {
+        asked.set(change)?;
+    }
+    let scene = asked.scene()?;
+    let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
+    let document = if table.numbers.is_empty() {
+        asked.clone()
+    } else {
+        pinned(&asked, &scene, &Dynamics::new(scene.model()?.into()))
+    };
+    let (objective, problem) = aim(&document, &scene, &table, None)?;
+    let mut search = Search::new(&table, &objective, problem);
+    search.cases = cases(&asked, &scene, &table)?;
+    search.memory = Memory::recorded();
+    match search.run_one(index, |_| ControlFlow::Continue(())) {
+        // No start of this design can be simulated: that is known now.
+        Ok(_) | Err(Error::Design { .. }) => {}
+        Err(error) => return Err(error),
+    }
+    let line = jobs::line(index, search.memory.record());
+    line.ok_or_else(|| Error::Parcel { problem: format!("start {index} cannot be told") })
+}
