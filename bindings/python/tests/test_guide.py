@@ -31,6 +31,8 @@ def test_links_lead_to_files_and_headings_that_are_there():
             target = (page.parent / path).resolve() if path else page
             assert target.exists(), (page.name, link)
             assert not anchor or anchor in anchors(target), (page.name, link)
+            # The book has what is in its folder.
+            assert page not in PAGES or target.is_relative_to(DOCS), (page.name, link)
             checked += 1
     assert checked > 30
 
