@@ -248,8 +248,9 @@ def test_workers_of_a_cluster_that_are_killed_at_any_time_cost_no_case(distribut
 
 #: What a worker of a cluster runs before its work: case 7 ends it, as one that needs too much memory would.
 POISON = """
-from caudal import distributing
-from caudal._caudal import _cases as whole  # this is read more than once
+from caudal import _caudal
+
+whole = _caudal._cases
 
 def poisoned(parcel, indices):
     if 7 in indices:
@@ -257,7 +258,7 @@ def poisoned(parcel, indices):
         os._exit(1)
     return whole(parcel, indices)
 
-distributing._cases = poisoned
+_caudal._cases = poisoned
 """
 
 
