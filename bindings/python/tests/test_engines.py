@@ -250,15 +250,14 @@ def test_workers_of_a_cluster_that_are_killed_at_any_time_cost_no_case(distribut
 POISON = """
 from caudal import _caudal
 
-whole = _caudal._cases
-
 def poisoned(parcel, indices):
     if 7 in indices:
         import os
         os._exit(1)
-    return whole(parcel, indices)
+    return _caudal._whole(parcel, indices)
 
-_caudal._cases = poisoned
+if not hasattr(_caudal, "_whole"):  # this is read more than once
+    _caudal._whole, _caudal._cases = _caudal._cases, poisoned
 """
 
 
