@@ -306,7 +306,7 @@ pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
     line_of(&Entry { index, result }).ok()
 }
 
-/// The index and the result of a [`line`] that another program made; `None` where it is damaged.
+/// The index and the result of a [`line()`] that another program made; `None` where it is damaged.
 pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
     let entry: Entry<T> = serde_json::from_slice(content(line)?).ok()?;
     Some((entry.index, entry.result))
