@@ -70,8 +70,8 @@ pub enum Error {
         /// What is wrong with it and what to do.
         problem: String,
     },
-    /// A sweep that was sent from elsewhere cannot be run.
-    #[error("the sweep that was sent cannot be run: {problem}")]
+    /// A sweep or a design that was sent from elsewhere cannot be run.
+    #[error("what was sent cannot be run: {problem}")]
     Parcel {
         /// What is wrong with it.
         problem: String,

@@ -258,6 +258,19 @@ fn the_variables_of_a_scene_are_listed_with_their_sizes() {
     );
 }
 
+#[cfg(feature = "pictures")]
+#[test]
+fn films_and_positions_go_to_folders_that_are_made_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("films/of/today");
+    let more = ["--set", "solver.duration_s=0.2", "--gif", "--vtk", "--out", out.to_str().unwrap()];
+    let made = caudal(&[&["export", "models/baseline.toml"], &more[..]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    assert!(std::fs::read(out.join("baseline.gif")).unwrap().starts_with(b"GIF89a"));
+    assert!(out.join("baseline.pvd").exists());
+    assert!(files(&out).iter().all(|file| !file.starts_with('.')), "{:?}", files(&out));
+}
+
 #[test]
 fn chosen_nodes_and_times_come_out_the_same_as_csv_and_as_parquet() {
     use parquet::file::reader::{FileReader, SerializedFileReader};

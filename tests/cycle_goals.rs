@@ -207,35 +207,8 @@ mod designs {
     /// meshes).
     #[test]
     fn the_stiffness_for_the_greatest_thrust_is_that_of_a_sperm_number_of_1_877() {
-        const DRIVEN: &str = r#"
-name = "driven"
-[rod]
-nodes = 33
-length_m = 1.0
-outer_radius_m = 0.02
-inner_radius_m = 0.0
-youngs_modulus_pa = 1e7
-density_kg_m3 = 1e-2
-[medium]
-viscosity_pa_s = 1.0
-density_kg_m3 = 1000.0
-[drag]
-law = "coefficients"
-along_n_s_m2 = 1.0
-across_n_s_m2 = 2.0
-[head]
-kind = "driven"
-angle_rad = { amplitude = 0.02, frequency_hz = 1.0 }
-[solver]
-integrator = "generalized-alpha"
-time_step_s = 0.0078125
-duration_s = 6.0
-[design]
-goal = "cycle_thrust_n"
-knots = [0.5]
-starts = 2
-"#;
-        let document = Document::new("driven.toml", DRIVEN);
+        let goal = "[design]\ngoal = \"cycle_thrust_n\"\nknots = [0.5]\nstarts = 2\n";
+        let document = Document::new("driven.toml", common::driven(33) + goal);
         let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
         let Answer::Found(found) = &design.answer else { panic!("found") };
         let sperm = (2.0 * std::f64::consts::TAU / found.profile.stiffness_n_m2[0]).powf(0.25);

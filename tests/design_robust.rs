@@ -3,6 +3,8 @@
 #![cfg(feature = "design")]
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
+mod common;
+
 use std::io::{BufRead, BufReader};
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -12,42 +14,11 @@ use caudal::design::{Answer, Design, Found};
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 
-/// A tail whose base turns, in creeping flow: thrust has a maximum over stiffness, at another one in every fluid.
-const DRIVEN: &str = r#"
-name = "driven"
-[rod]
-nodes = 17
-length_m = 1.0
-outer_radius_m = 0.02
-inner_radius_m = 0.0
-youngs_modulus_pa = 1e7
-density_kg_m3 = 1e-2
-[medium]
-viscosity_pa_s = 1.0
-density_kg_m3 = 1000.0
-[drag]
-law = "coefficients"
-along_n_s_m2 = 1.0
-across_n_s_m2 = 2.0
-[head]
-kind = "driven"
-angle_rad = { amplitude = 0.02, frequency_hz = 1.0 }
-[solver]
-integrator = "generalized-alpha"
-newton_tolerance = 1e-12
-time_step_s = 0.0078125
-duration_s = 6.0
-[design]
-goal = "cycle_thrust_n"
-knots = [0.5]
-starts = 1
-over = "cases.toml"
-"#;
-
 /// The scene beside a sweep of `axes`.
 fn document(folder: &Path, axes: &str, changes: &[&str]) -> Document {
     let path = folder.join("driven.toml");
-    std::fs::write(&path, DRIVEN).unwrap();
+    let design = "newton_tolerance = 1e-12\n[design]\ngoal = \"cycle_thrust_n\"\nknots = [0.5]\nstarts = 1\nover = \"cases.toml\"\n";
+    std::fs::write(&path, common::driven(17) + design).unwrap();
     std::fs::write(folder.join("cases.toml"), format!("scene = \"driven.toml\"\n[axes]\n{axes}\n")).unwrap();
     let mut document = Document::read(&path).unwrap();
     changes.iter().for_each(|change| document.set(change).unwrap());

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use caudal::error::Result;
-use caudal::report::write_text;
+use caudal::report::write_file;
 use caudal::scene::Document;
 use clap::{Args, ValueEnum};
 
@@ -91,7 +91,7 @@ pub fn new(arguments: &Arguments) -> Result<ExitCode> {
     let name = file.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy());
     let text = scene(&name, kind, fluid, length, frequency);
     Document::new(file.clone(), text.clone()).scene()?;
-    write_text(file, &text)?;
+    write_file(file, text)?;
     say(&format!("{}: caudal run {}", file.display(), file.display()));
     Ok(ExitCode::SUCCESS)
 }

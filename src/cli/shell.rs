@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use caudal::error::{Error, Result};
-use caudal::report::write_text;
+use caudal::report::write_file;
 use caudal::scene::Scene;
 use caudal::sweep::Sweep;
 use clap::{Command, CommandFactory};
@@ -51,7 +51,7 @@ pub fn man(folder: &Path) -> Result<ExitCode> {
         let mut text = Vec::new();
         let made = clap_mangen::Man::new(command.clone()).title(name).render(&mut text);
         made.map_err(|e| Error::Write { path: path.clone(), reason: e.to_string() })?;
-        write_text(&path, &String::from_utf8_lossy(&text))?;
+        write_file(&path, text)?;
     }
     say(&format!("{} pages in {}: man {}/caudal.1", pages.len(), folder.display(), folder.display()));
     Ok(ExitCode::SUCCESS)

@@ -5,13 +5,12 @@ use std::ops::ControlFlow;
 use std::sync::Mutex;
 
 use super::limits::{Limited, Limits};
-use super::report::pinned;
+use super::report::{aim, pinned};
 use super::search::{Objective, Value};
 use super::table::{Table, Variable};
 use super::unknowns::Profile;
 use crate::error::{Error, Result};
 use crate::jobs;
-use crate::model::Dynamics;
 use crate::rod::Rod;
 use crate::scene::{Document, Fault, Scene};
 use crate::sensitivity::{Parameter, Problem};
@@ -70,11 +69,7 @@ impl Case {
     /// The scene of `document`, in which the `table` of a scene with `rod` is to be met.
     fn of(name: String, document: &Document, rod: &Rod, table: &Table) -> Result<Self> {
         let scene = document.scene()?;
-        let document = if table.numbers.is_empty() {
-            document.clone()
-        } else {
-            pinned(document, &scene, &Dynamics::new(scene.model()?.into()))
-        };
+        let document = pinned(document, &scene, table)?;
         let own = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let by = |table: &Table| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
         if by(&own) != by(table) {
@@ -82,12 +77,7 @@ impl Case {
                 "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
             return Err(document.refuse(&Fault { key: "design.over".into(), problem: problem.into() }));
         }
-        let mut problem = Problem::of(&scene)?;
-        let mut objective = Objective::new(table, &problem, None)?;
-        objective.check(&mut problem)?;
-        if !table.numbers.is_empty() {
-            objective = objective.of_document(&document);
-        }
+        let (objective, problem) = aim(&document, &scene, table, None)?;
         let of_load = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
         let limits = Limits::of(&of_load, &problem, &objective)?;
         let stiffer = if table.variables.contains(&Variable::Stiffness) {

@@ -55,11 +55,14 @@ pub(super) fn front(
         Ok(b)
     };
     let from = add(found)?;
-    let mut search = Search::new(&other, &second, problem()?);
-    search.memory = std::mem::take(memory);
-    let end = search.run_from(Some(found.at.1.clone()), &mut tell);
-    *memory = search.memory;
-    let end = end?;
+    let mut best = |table: &Table, objective: &Objective, from: &[f64]| -> Result<Found> {
+        let mut search = Search::new(table, objective, problem()?);
+        search.memory = std::mem::take(memory);
+        let found = search.run_from(Some(from.to_vec()), &mut tell);
+        *memory = search.memory;
+        found
+    };
+    let end = best(&other, &second, &found.at.1)?;
     let to = add(&end)?;
     let mut interrupted = end.interrupted;
     if let Some((from, to)) = from.zip(to).filter(|_| !interrupted) {
@@ -67,11 +70,7 @@ pub(super) fn front(
         for i in 1..wanted.points - 1 {
             let floor = from + (to - from) * i as f64 / (wanted.points - 1) as f64;
             let table = Table { floor: Some([floor, from.abs().max(to.abs())]), ..table.clone() };
-            let mut search = Search::new(&table, objective, problem()?);
-            search.memory = std::mem::take(memory);
-            let found = search.run_from(Some(last), &mut tell);
-            *memory = search.memory;
-            let found = found?;
+            let found = best(&table, objective, &last)?;
             add(&found)?;
             interrupted = found.interrupted;
             if interrupted {

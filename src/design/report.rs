@@ -22,6 +22,7 @@ use super::trust::{LOOSE, Tolerance, Trust, higher_fluids};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
+use crate::fluid::laws;
 use crate::linear_stability::RESTED;
 use crate::model::Dynamics;
 use crate::newton::Newton;
@@ -161,7 +162,7 @@ impl Design {
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let asked = document;
-        let document = &if table.numbers.is_empty() { document.clone() } else { pinned(document, &scene, &dynamics) };
+        let document = &pinned(document, &scene, &table)?;
         let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
             Some(file) => {
@@ -582,14 +583,18 @@ fn in_cases(search: &mut Search<'_>, before: &Profile, profile: &Profile) -> Vec
     search.cases.iter().zip(before).zip(designed).map(row).collect()
 }
 
-/// `document` with the law that its scene takes by itself by name, so that other numbers do not change it.
-pub(super) fn pinned(document: &Document, scene: &Scene, dynamics: &Dynamics) -> Document {
+/// `document`, in which the numbers of `table` shall change nothing but what they are: with the law that its scene takes by itself
+/// by name, where there are any.
+pub(super) fn pinned(document: &Document, scene: &Scene, table: &Table) -> Result<Document> {
     let mut document = document.clone();
-    if scene.drag.as_ref().is_some_and(|drag| drag.law_name() == "auto") {
-        let name = dynamics.model.forces.iter().next().map_or("auto", |law| law.name());
-        document.put("the design", "drag.law", &toml::Value::String(name.to_string()));
+    let auto = scene.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
+    if auto
+        && !table.numbers.is_empty()
+        && let (Some(law), _) = scene.fluid_model(&scene.model()?.rod)
+    {
+        document.put("the design", "drag.law", &toml::Value::String(law.name.to_string()));
     }
-    document
+    Ok(document)
 }
 
 /// How much better `value` is than `other`, %.

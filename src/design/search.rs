@@ -16,6 +16,7 @@
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::cases::{Case, each};
@@ -141,6 +142,11 @@ impl Value {
                 Self { cases, ..sum(&|i| f64::from(u8::from(worst == Some(i)))) }
             }
         }
+    }
+
+    /// Its derivatives by `n` unknowns without those that each case has for itself: zero where there are cases.
+    fn common(&self, n: usize) -> DVector<f64> {
+        if self.cases.is_empty() { DVector::from_column_slice(&self.by) } else { DVector::zeros(n) }
     }
 }
 
@@ -484,8 +490,17 @@ impl<'a> Search<'a> {
             return self.simulated(limits, profile, parameters); // with all derivatives of all times
         }
         let asked = format!("{:?} {:?} {profile:?} {}", self.table.goal, self.table.floor, parameters.len());
+        self.remembered(asked, |search| search.simulated(limits, profile, parameters))
+    }
+
+    /// The result of what `asked` names: the one of before, or what `make` makes.
+    fn remembered<T: Serialize + DeserializeOwned>(
+        &mut self,
+        asked: String,
+        make: impl FnOnce(&mut Self) -> Option<T>,
+    ) -> Option<T> {
         let mut memory = std::mem::take(&mut self.memory);
-        let found = memory.recall(|| asked, || self.simulated(limits, profile, parameters));
+        let found = memory.recall(|| asked, || make(self));
         self.memory = memory;
         found
     }
@@ -516,19 +531,13 @@ impl<'a> Search<'a> {
     /// The objective of a profile as shown; none where a simulation fails.
     pub(super) fn value(&mut self, profile: &Profile) -> Option<f64> {
         let asked = format!("{:?} of {profile:?}", self.table.goal);
-        let mut memory = std::mem::take(&mut self.memory);
-        let found = memory.recall(
-            || asked,
-            || {
-                if self.cases.is_empty() {
-                    return self.objective.measure(&mut self.problem, profile);
-                }
-                let values = self.in_cases(profile)?;
-                self.table.counted().of(&values, self.table.smaller_is_better())
-            },
-        );
-        self.memory = memory;
-        found
+        self.remembered(asked, |search| {
+            if search.cases.is_empty() {
+                return search.objective.measure(&mut search.problem, profile);
+            }
+            let values = search.in_cases(profile)?;
+            search.table.counted().of(&values, search.table.smaller_is_better())
+        })
     }
 
     fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Point> {
@@ -733,12 +742,7 @@ impl<'a> Search<'a> {
     ) -> Result<End> {
         let n = unknowns.count();
         let merit = |point: &Point| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
-        // What is the same in all cases.
-        let slope = |point: &Point| {
-            let own = if point.value.cases.is_empty() { &point.value.by[..] } else { &[] };
-            let by = if own.is_empty() { DVector::zeros(n) } else { DVector::from_column_slice(own) };
-            by + rough * &point.x
-        };
+        let slope = |point: &Point| point.value.common(n) + rough * &point.x;
         let squares = first.value.residuals.is_some();
         let stiff = unknowns.roughness((SMOOTH * unknowns.joints() as f64).powi(4));
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
@@ -863,10 +867,7 @@ impl<'a> Search<'a> {
                     let curved = |point: &Point| {
                         let means = unknowns.means(point.x.as_slice());
                         let limited = point.limits.iter().zip(&of_limits).map(|(limit, dual)| (&limit.by, dual));
-                        let mut own = DVector::zeros(n);
-                        if cases == 0 {
-                            own.copy_from_slice(&point.value.by);
-                        }
+                        let mut own = point.value.common(n);
                         for ((_, by), dual) in point.value.cases.iter().zip(&of_cases) {
                             own += DVector::from_column_slice(by) * *dual;
                         }

@@ -2,9 +2,7 @@
 //! goes the same way again without simulating.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
-
-use serde::{Deserialize, Serialize};
+use std::path::Path;
 
 use super::cases::cases;
 use super::memory::{Memory, Simulated};
@@ -13,19 +11,9 @@ use super::search::Search;
 use super::table::Table;
 use crate::error::{Error, Result};
 use crate::jobs;
-use crate::model::Dynamics;
 use crate::scene::files::Contents;
-use crate::scene::{Document, Files};
+use crate::scene::{Document, Files, Parcel};
 use crate::sweep::Sweep;
-
-/// A design with all files that its searches need, for programs elsewhere.
-#[derive(Serialize, Deserialize)]
-struct Parcel {
-    caudal_version: String,
-    path: PathBuf,
-    set: Vec<String>,
-    files: Contents,
-}
 
 /// The starts of a design, and what is known of them in its folder.
 #[derive(Debug)]
@@ -58,11 +46,11 @@ impl Starts {
         (0..self.count()).filter(|start| many && !self.memory.has_start(*start)).collect()
     }
 
-    /// The design as bytes, for [`start`] of the same version of the program.
+    /// The design with all files that its searches need, for [`start`].
     ///
     /// # Errors
     /// [`Error::Read`] for a file that is no longer there.
-    pub fn parcel(&self) -> Result<Vec<u8>> {
+    pub fn parcel(&self) -> Result<Parcel> {
         let scene = self.document.scene()?;
         let mut files = Contents::new();
         let path = scene.folder.join(scene.file().file_name().unwrap_or_default());
@@ -80,9 +68,7 @@ impl Starts {
             let content = scene.read_from.read(&table)?;
             files.insert(table, content);
         }
-        let (caudal_version, set) = (env!("CARGO_PKG_VERSION").to_string(), self.document.overrides().to_vec());
-        postcard::to_allocvec(&Parcel { caudal_version, path, set, files })
-            .map_err(|e| Error::Parcel { problem: e.to_string() })
+        Ok(Parcel::of(path, self.document.overrides().to_vec(), files))
     }
 
     /// Keeps what [`start`] returned; true where it was not there yet.
@@ -99,25 +85,16 @@ impl Starts {
 /// Searches from start `index` of the design that came as bytes; what it simulated, as a line for [`Starts::keep`].
 ///
 /// # Errors
-/// [`Error::Parcel`] for bytes of another version; those of [`Design::of`](super::Design::of).
+/// Those of [`Parcel::read`] and of [`Design::of`](super::Design::of).
 pub fn start(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
-    let parcel: Parcel = postcard::from_bytes(parcel).map_err(|e| Error::Parcel { problem: e.to_string() })?;
-    let own = env!("CARGO_PKG_VERSION");
-    if parcel.caudal_version != own {
-        let problem = format!("it comes from caudal {}, and this is caudal {own}", parcel.caudal_version);
-        return Err(Error::Parcel { problem });
-    }
-    let mut asked = Document::read_from(Files::of(parcel.files), &parcel.path)?;
-    for change in &parcel.set {
+    let Parcel { path, set, files, .. } = Parcel::read(parcel)?;
+    let mut asked = Document::read_from(Files::of(files), &path)?;
+    for change in &set {
         asked.set(change)?;
     }
     let scene = asked.scene()?;
     let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
-    let document = if table.numbers.is_empty() {
-        asked.clone()
-    } else {
-        pinned(&asked, &scene, &Dynamics::new(scene.model()?.into()))
-    };
+    let document = pinned(&asked, &scene, &table)?;
     let (objective, problem) = aim(&document, &scene, &table, None)?;
     let mut search = Search::new(&table, &objective, problem);
     search.cases = cases(&asked, &scene, &table)?;

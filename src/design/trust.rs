@@ -122,11 +122,8 @@ pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime(rod)?)));
     let Some((law, regime)) = of.filter(|_| scene.medium.is_some()) else { return Vec::new() };
     if law == &cross_flow::LAW {
-        let free = scene.reactive.is_none();
-        return free
-            .then(|| ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]))
-            .into_iter()
-            .collect();
+        let water = ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]);
+        return if scene.reactive.is_none() { vec![water] } else { Vec::new() };
     }
     if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_whole() {
         return Vec::new();

@@ -8,7 +8,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::{Catalogue, Standard, description, document, terminals, token};
 use crate::error::{Error, Result, nearest};
-use crate::report::tables::{beside, put_in_place, write_error};
+use crate::report::tables::{write_by, write_error};
 use crate::scene::parameter::Parameter;
 use crate::scene::{Document, Scene};
 use crate::stepper::Stepper;
@@ -172,17 +172,18 @@ impl<'a> Fmu<'a> {
         files.extend(document::files(self).into_iter().map(|(name, text)| (name, text.into_bytes())));
         files.extend(self.document.packed()?.into_iter().map(|(name, bytes)| (format!("resources/{name}"), bytes)));
         let failed = |error: std::io::Error| write_error(path, &error);
-        let mut archive = ZipWriter::new(BufWriter::new(beside(path)?));
-        for (name, bytes) in files {
-            let options = SimpleFileOptions::default()
-                .compression_method(CompressionMethod::Deflated)
-                .last_modified_time(DateTime::default())
-                .unix_permissions(if name.starts_with("binaries") { 0o755 } else { 0o644 });
-            archive.start_file(name, options).map_err(|e| failed(e.into()))?;
-            archive.write_all(&bytes).map_err(failed)?;
-        }
-        let file = archive.finish().map_err(|e| failed(e.into()))?.into_inner().map_err(|e| failed(e.into_error()))?;
-        put_in_place(file, path.to_path_buf()).map(|_| ())
+        write_by(path, |file| {
+            let mut archive = ZipWriter::new(BufWriter::new(file));
+            for (name, bytes) in files {
+                let options = SimpleFileOptions::default()
+                    .compression_method(CompressionMethod::Deflated)
+                    .last_modified_time(DateTime::default())
+                    .unix_permissions(if name.starts_with("binaries") { 0o755 } else { 0o644 });
+                archive.start_file(name, options).map_err(|e| failed(e.into()))?;
+                archive.write_all(&bytes).map_err(failed)?;
+            }
+            archive.finish().map_err(|e| failed(e.into()))?.flush().map_err(failed)
+        })
     }
 }
 

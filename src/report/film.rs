@@ -10,8 +10,8 @@ use std::process::{Command, Stdio};
 use gif::{Encoder, Frame, Repeat};
 
 use super::chart::{Chart, Mark, Scale, Series};
-use super::picture::{Painter, placed};
-use super::tables::write_error;
+use super::picture::Painter;
+use super::tables::{write_by, write_error};
 use crate::error::{Error, Result};
 
 /// How a film is made.
@@ -59,17 +59,22 @@ impl Motion<'_> {
         (0..nodes).map(|k| (at(self.x, k), at(self.y, k))).collect()
     }
 
-    /// The picture of a time, with axes that hold for all.
-    fn svg(&self, time: f64) -> String {
+    /// Two corners between which the rod is at all times.
+    fn corners(&self) -> Vec<(f64, f64)> {
         let ends = |values: &[f64]| {
             let finite = || values.iter().copied().filter(|x| x.is_finite());
             [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)]
         };
         let ([left, right], [low, high]) = (ends(self.x), ends(self.y));
+        vec![(left, low), (right, high)]
+    }
+
+    /// The picture of a time, with axes that hold for all between `corners`.
+    fn svg(&self, time: f64, corners: &[(f64, f64)]) -> String {
         let rod = self.at(time);
         let head = rod.first().copied().into_iter().collect();
         let series = vec![
-            Series::new("", vec![(left, low), (right, high)], Mark::Unseen),
+            Series::new("", corners.to_vec(), Mark::Unseen),
             Series::new("", rod, Mark::Line),
             Series::new("", head, Mark::Dots),
         ];
@@ -104,19 +109,19 @@ impl Film {
             let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
             return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MOST} pictures")));
         }
-        let painter = Painter::new();
+        let (painter, corners) = (Painter::new(), motion.corners());
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
-            painter.pixels(&motion.svg(time), self.sharpness).map_err(refuse)
+            painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)
         };
         let mut stopped = ControlFlow::Continue(());
         let mut frames = (0..count as usize).map(|n| n as f64).map_while(|n| {
             stopped = watch(n / count);
             stopped.is_continue().then(|| draw(n))
         });
-        placed(path, |file| match is_gif {
-            true => self.gif(path, file, &mut frames),
-            false => self.mp4(path, file, &mut frames),
+        write_by(path, |file| match is_gif {
+            true => self.gif(path, file.path(), &mut frames),
+            false => self.mp4(path, file.path(), &mut frames),
         })?;
         drop(frames);
         Ok(stopped)
@@ -134,7 +139,7 @@ impl Film {
                 new.set_repeat(Repeat::Infinite).map_err(failed)?;
                 encoder = Some(new);
             }
-            let mut frame = Frame::from_rgba_speed(width, height, &mut pixels.data().to_vec(), 20);
+            let mut frame = Frame::from_rgba_speed(width, height, &mut pixels.take(), 20);
             frame.delay = (100.0 / f64::from(self.per_second)).round() as u16;
             encoder.iter_mut().try_for_each(|encoder| encoder.write_frame(&frame)).map_err(failed)?;
         }

@@ -25,4 +25,4 @@ pub use findings::{Findings, Table};
 pub use output::Output;
 pub use page::Motion;
 pub use record::Frame;
-pub use tables::{Folder, Kept, check_writable, room, write_text};
+pub use tables::{Folder, Kept, check_writable, room, write_file};

@@ -11,7 +11,7 @@ use super::page::Page;
 #[cfg(feature = "parquet")]
 use super::parquet::Parquet;
 use super::record::{Record, Times};
-use super::tables::{Csv, Folder, Kept, room, text_file};
+use super::tables::{Csv, Folder, Kept, file_of, room};
 use crate::check::recorded;
 use crate::error::{Error, Result};
 use crate::run::Summary;
@@ -83,7 +83,7 @@ impl Output {
         let opened = Folder::open(folder)?;
         let nodes = stepper.model().rod.nodes;
         let [numbers, position, most] = SUMMARY;
-        let reserve = text_file(&folder.join("summary.json"), &" ".repeat((numbers + position * nodes).min(most)))?;
+        let reserve = file_of(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
         let columns: Vec<_> = stepper.variables().iter().copied().filter(|v| v.recorded).collect();
         let header = columns.iter().map(|v| v.name.to_string());
         let trajectory = Csv::create(folder.join("trajectory.csv"), header)?;
@@ -144,16 +144,16 @@ impl Output {
         let place = |name: &str| folder.path().join(name);
         drop(reserve);
         let json = serde_json::to_string_pretty(summary).map_err(|e| Error::Page { reason: e.to_string() });
-        kept.put_text(place("summary.json"), json.map(|json| json + "\n"));
+        kept.put_file(place("summary.json"), json.map(|json| json + "\n"));
         kept.put_table(trajectory);
         nodes.keep(&mut kept);
         let figures = figures::all(&summary.name, &record, period);
         for Figure { file, svg, .. } in &figures {
-            kept.put_text(place(file), Ok(svg.clone()));
+            kept.put_file(place(file), Ok(svg));
         }
         let scene = (document.text(), document.overrides());
         let page = Page { summary, scene, notes, frames: record.frames(), figures: &figures }.html();
-        kept.put_text(place("report.html"), page);
+        kept.put_file(place("report.html"), page);
         for stale in NODES_FILES.into_iter().chain(figures::FILES).map(place) {
             // One left by an earlier run would not belong to this one.
             if !kept.files.contains(&stale) {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree, WriteOptions};
 
-use super::tables::{Kept, beside, put_in_place, write_error};
+use super::tables::{Folder, Kept};
 use crate::error::{Error, Result};
 
 /// Families that have no serifs, of which most systems have one.
@@ -114,29 +114,15 @@ pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out:
         return Err(read(folder, "it holds no figures (.svg); `caudal run` leaves some".to_string()));
     }
     let painter = Painter::new();
-    std::fs::create_dir_all(out).map_err(|error| write_error(out, &error))?;
+    let out = Folder::open(out)?;
     let mut kept = Kept::default();
     for file in files {
         let svg = std::fs::read_to_string(&file).map_err(|error| read(&file, error.to_string()))?;
         for format in formats {
-            let path = out.join(file.file_name().unwrap_or_default()).with_extension(format.ending());
+            let path = out.path().join(file.file_name().unwrap_or_default()).with_extension(format.ending());
             let bytes = painter.bytes(&svg, *format).map_err(|reason| Error::Write { path: path.clone(), reason });
-            kept.put(path.clone(), bytes.and_then(|bytes| written(&path, &bytes)));
+            kept.put_file(path, bytes);
         }
     }
     Ok(kept)
-}
-
-fn written(path: &Path, bytes: &[u8]) -> Result<tempfile::NamedTempFile> {
-    use std::io::Write;
-    let mut file = beside(path)?;
-    file.write_all(bytes).map_err(|error| write_error(path, &error))?;
-    Ok(file)
-}
-
-/// Puts a film in its place whose bytes `write` leaves in a file beside it.
-pub(super) fn placed(path: &Path, write: impl FnOnce(&Path) -> Result<()>) -> Result<()> {
-    let file = beside(path)?;
-    write(file.path())?;
-    put_in_place(file, path.to_path_buf()).map(|_| ())
 }

@@ -143,9 +143,9 @@ impl Kept {
         }
     }
 
-    /// The same for a file with `text`.
-    pub fn put_text(&mut self, path: PathBuf, text: Result<String>) {
-        let file = text.and_then(|text| text_file(&path, &text));
+    /// The same for a file with `content`.
+    pub fn put_file(&mut self, path: PathBuf, content: Result<impl AsRef<[u8]>>) {
+        let file = content.and_then(|content| file_of(&path, content));
         self.put(path, file);
     }
 
@@ -174,18 +174,28 @@ pub fn write_all<'a>(folder: &Path, files: impl Iterator<Item = &'a (String, Str
     let folder = Folder::open(folder)?;
     let mut kept = Kept::default();
     for (name, text) in files {
-        kept.put_text(folder.path().join(name), Ok(text.clone()));
+        kept.put_file(folder.path().join(name), Ok(text));
     }
     Ok(kept)
 }
 
-/// Writes a text to `path` as a whole or not at all, and makes its folder where there is none.
+/// Writes `content` to `path` as a whole or not at all, and makes its folder where there is none.
 ///
 /// # Errors
 /// [`Error::Write`].
-pub fn write_text(path: &Path, text: &str) -> Result<()> {
+pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
+    write_by(path, |file| fill(file, path, content.as_ref()))
+}
+
+/// The same for what `write` leaves in the file beside `path` that it is given.
+///
+/// # Errors
+/// [`Error::Write`]; those of `write`.
+pub fn write_by(path: &Path, write: impl FnOnce(&mut NamedTempFile) -> Result<()>) -> Result<()> {
     let _folder = path.parent().map(Folder::open).transpose()?;
-    put_in_place(text_file(path, text)?, path.to_path_buf()).map(|_| ())
+    let mut file = beside(path)?;
+    write(&mut file)?;
+    put_in_place(file, path.to_path_buf()).map(|_| ())
 }
 
 /// Gives a finished file its name.
@@ -299,11 +309,15 @@ fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
     file.set_len(0)
 }
 
-/// A file with `text` beside `path`.
-pub fn text_file(path: &Path, text: &str) -> Result<NamedTempFile> {
+/// A file with `content` beside `path`.
+pub fn file_of(path: &Path, content: impl AsRef<[u8]>) -> Result<NamedTempFile> {
     let mut file = beside(path)?;
-    file.as_file_mut().write_all(text.as_bytes()).map_err(|e| write_error(path, &e))?;
+    fill(&mut file, path, content.as_ref())?;
     Ok(file)
+}
+
+fn fill(file: &mut NamedTempFile, path: &Path, content: &[u8]) -> Result<()> {
+    file.as_file_mut().write_all(content).map_err(|e| write_error(path, &e))
 }
 
 /// A CSV table of texts, numbers and truths in the making.

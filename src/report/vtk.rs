@@ -112,7 +112,7 @@ pub fn write(folder: &Path, name: &str, rod: &Rod, columns: &[Column]) -> Result
 </VTKFile>
 "#
         );
-        kept.put_text(folder.join(file), Ok(text));
+        kept.put_file(folder.join(file), Ok(text));
     }
     let text = format!(
         r#"<?xml version="1.0"?>
@@ -122,6 +122,6 @@ pub fn write(folder: &Path, name: &str, rod: &Rod, columns: &[Column]) -> Result
 </VTKFile>
 "#
     );
-    kept.put_text(folder.join(format!("{name}.pvd")), Ok(text));
+    kept.put_file(folder.join(format!("{name}.pvd")), Ok(text));
     Ok(kept)
 }

@@ -10,6 +10,7 @@ mod head;
 pub mod layers;
 mod loads;
 pub mod parameter;
+mod parcel;
 mod record;
 mod rod;
 #[cfg(feature = "schema")]
@@ -33,6 +34,7 @@ pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
 pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
+pub use parcel::Parcel;
 pub use record::{NodesTable, RecordTable};
 pub use rod::RodTable;
 pub(crate) use solver::whole_steps;

@@ -22,7 +22,7 @@ use crate::scene::{Document, Fault, Files, Scene};
 
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, row, run};
-pub use parcel::{Parcel, Unpacked};
+pub use parcel::Unpacked;
 pub use results::{Results, Written};
 
 /// Most cases of a sweep.

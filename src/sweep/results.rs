@@ -150,9 +150,9 @@ impl<'a> Results<'a> {
         }
         let figures = cases.figures();
         for Figure { file, svg, .. } in &figures {
-            kept.put_text(folder.path().join(file), Ok(svg.clone()));
+            kept.put_file(folder.path().join(file), Ok(svg));
         }
-        kept.put_text(folder.path().join("report.html"), cases.page(&figures));
+        kept.put_file(folder.path().join("report.html"), cases.page(&figures));
         Ok(Written { kept, failed: cases.into_endings() })
     }
 

@@ -36,6 +36,36 @@ duration_s = 1.0
 newton_tolerance = 1e-12
 "#;
 
+/// A tail of 1 m with `nodes` whose base turns by 0.02 rad, in creeping flow: thrust has a maximum over stiffness.
+pub fn driven(nodes: usize) -> String {
+    format!(
+        r#"
+name = "driven"
+[rod]
+nodes = {nodes}
+length_m = 1.0
+outer_radius_m = 0.02
+inner_radius_m = 0.0
+youngs_modulus_pa = 1e7
+density_kg_m3 = 1e-2
+[medium]
+viscosity_pa_s = 1.0
+density_kg_m3 = 1000.0
+[drag]
+law = "coefficients"
+along_n_s_m2 = 1.0
+across_n_s_m2 = 2.0
+[head]
+kind = "driven"
+angle_rad = {{ amplitude = 0.02, frequency_hz = 1.0 }}
+[solver]
+integrator = "generalized-alpha"
+time_step_s = 0.0078125
+duration_s = 6.0
+"#
+    )
+}
+
 /// The study's travelling wave.
 pub const WAVE: &str = r#"actuation={ kind = "travelling-wave", kappa_amp = 0.6, kappa_reference_length_m = 0.125, frequency_hz = 2.0, wavelength_m = 1.0, envelope = [0.2, 0.8] }"#;
 /// Water.

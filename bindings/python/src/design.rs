@@ -96,7 +96,7 @@ impl StartsAtWork {
 
     /// All that a worker elsewhere needs to search from them.
     fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        self.with(|starts| starts.parcel(), py).map(|bytes| PyBytes::new(py, &bytes))
+        self.with(|starts| starts.parcel()?.bytes(), py).map(|bytes| PyBytes::new(py, &bytes))
     }
 
     /// Keeps what starts simulated elsewhere; how many of them are new.

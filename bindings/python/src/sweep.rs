@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use caudal::Error;
 use caudal::jobs::{Job, Journal, cores};
-use caudal::sweep::{Parcel, Results, Sweep, Unpacked, run as run_cases};
+use caudal::sweep::{Results, Sweep, Unpacked, run as run_cases};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -99,7 +99,7 @@ impl SweepAtWork {
 
     /// All that a worker elsewhere needs to run its cases.
     fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let bytes = self.sweep.parcel(&self.job).and_then(|parcel| parcel.bytes()).or_raise(py)?;
+        let bytes = self.sweep.parcel().and_then(|parcel| parcel.bytes()).or_raise(py)?;
         Ok(PyBytes::new(py, &bytes))
     }
 
@@ -181,7 +181,7 @@ pub fn cases<'py>(
         let sweep = match known.filter(|(bytes, _)| bytes == parcel) {
             Some((_, sweep)) => sweep,
             None => {
-                let sweep = Arc::new(Parcel::read(parcel)?.unpack()?);
+                let sweep = Arc::new(Unpacked::read(parcel)?);
                 let known = Some((parcel.to_vec(), sweep.clone()));
                 *UNPACKED.lock().unwrap_or_else(PoisonError::into_inner) = known;
                 sweep

@@ -153,7 +153,7 @@ class JournalError(Error):
 
 
 class ParcelError(Error):
-    """A sweep that was sent from elsewhere cannot be run.
+    """What was sent from elsewhere, a sweep or a design, cannot be run.
 
     Attributes
     ----------
