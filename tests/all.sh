@@ -11,6 +11,16 @@ for feature in "" faer report parquet pictures design fmu cli; do
 done
 cargo test --workspace --locked
 sh bindings/python/tests/all.sh
+
+# The library of FMUs as it goes into releases: what it needs at run time, and that a host takes it.
+if [ "$(uname -s)" = Linux ] && [ -x target/hosts/bin/python ]; then
+    library=target/$(rustc -vV | sed -n 's/^host: //p')/release/libcaudal_fmi.so
+    target/hosts/bin/python -m pip install --quiet ziglang==0.16.0
+    (PATH="$PWD/target/hosts/bin:$PATH" && sh bindings/fmi/portable.sh)
+    target/debug/caudal fmu models/driven-head.toml --library "$library" --out target/portable.fmu
+    target/hosts/bin/python -m fmpy simulate target/portable.fmu --stop-time 0.05
+fi
+
 RUSTDOCFLAGS="--deny warnings" cargo doc --workspace --no-deps --locked
 
 # The guide as a book.
