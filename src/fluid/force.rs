@@ -83,13 +83,26 @@ impl<'a> Kinematics<'a> {
         }
     }
 
-    /// The fluid where it is the same along all of `edges`.
+    /// The runs of `edges` along each of which the fluid is the same, or changes along every edge, with the rod as it is to be looked
+    /// at there: in one fluid [`everywhere`](Self::everywhere), or not.
     #[inline(always)]
-    pub fn throughout(&self, edges: &Range<usize>) -> Option<Fluid> {
-        match (self.everywhere(), self.layers) {
-            (None, Some(layers)) => layers.throughout(self.fluid, &self.q[2 * edges.start..2 * edges.end + 2]),
-            (everywhere, _) => everywhere,
-        }
+    pub fn runs(self, edges: Range<usize>) -> impl Iterator<Item = (Range<usize>, Self)> {
+        let mut next = edges.start;
+        std::iter::from_fn(move || {
+            let first = next;
+            if first >= edges.end {
+                return None;
+            }
+            if self.here.len() <= 1 {
+                next = edges.end;
+                return Some((first..next, self));
+            }
+            let within = |e: usize| self.here[e].within.filter(|_| self.here[e].within == self.here[e + 1].within);
+            let one = within(first);
+            next = (first + 1..edges.end).find(|e| within(*e) != one).unwrap_or(edges.end);
+            let here = if one.is_some() { &self.here[first..=first] } else { self.here };
+            Some((first..next, Self { here, ..self }))
+        })
     }
 
     /// The change of the fluid at node `k`, and of its slope, with a property of the medium.
@@ -226,8 +239,8 @@ pub trait InPass {
         jacobian: Option<Linearisation<'_>>,
     );
 
-    /// Its [`powers`] in the motion `rod` through `fluid`, the same along all of it.
-    fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers;
+    /// Its [`powers`] on `edges` of `rod`, which moves through `fluid`, the same along all of them.
+    fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers;
 }
 
 /// A force on each node that depends on the motion of all of them. As [`Coupling`] it is what it adds to Newton's matrix beside
@@ -521,19 +534,30 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
 }
 
 /// Sums what `forces` do on `edges` in `room`. True where they do anything.
-#[inline]
+#[inline(always)]
 fn sum<'a>(
-    forces: impl Iterator<Item = &'a dyn Force>,
+    forces: impl Iterator<Item = &'a dyn Force> + Clone,
     rod: &Kinematics<'_>,
     along: Option<Direction>,
     edges: Range<usize>,
     room: &mut [OnEdge],
 ) -> bool {
-    let mut tally = Tally { sums: &mut room[..edges.len()], fresh: true, slopes: along.is_some() };
-    for force in forces {
-        force.evaluate(rod, along, edges.clone(), &mut tally);
+    let on_run = |rod: &Kinematics<'_>, run: Range<usize>, sums: &mut [OnEdge]| {
+        let mut tally = Tally { sums, fresh: true, slopes: along.is_some() };
+        for force in forces.clone() {
+            force.evaluate(rod, along, run.clone(), &mut tally);
+        }
+        tally.finish()
+    };
+    if rod.here.len() <= 1 {
+        return on_run(rod, edges.clone(), &mut room[..edges.len()]);
     }
-    tally.finish()
+    let mut any = false;
+    for (run, rod) in rod.runs(edges.clone()) {
+        let place = run.start - edges.start..run.end - edges.start;
+        any |= on_run(&rod, run, &mut room[place]);
+    }
+    any
 }
 
 /// Visits what `forces` do on each of `edges` on which they do anything.
@@ -557,9 +581,21 @@ fn on_edges<'a>(
 
 /// Visits what `force` alone opposes every node with, edge by edge: node, and force (N).
 pub fn visit_alone(force: &dyn Force, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, Vector2<f64>)) {
+    visit_run(force, rod, 0..rod.edges.len(), &mut visit);
+}
+
+/// The same for what acts on `edges`, and with the last of them on the tip.
+#[inline(always)]
+fn visit_run(
+    force: &dyn Force,
+    rod: &Kinematics<'_>,
+    edges: Range<usize>,
+    visit: &mut impl FnMut(usize, Vector2<f64>),
+) {
+    let last = edges.end == rod.edges.len();
     let on_edge = |e: usize, on: &OnEdge| (0..2).for_each(|i| visit(e + i, on.force(i)));
-    on_edges(std::iter::once(force), rod, None, 0..rod.edges.len(), on_edge);
-    if let Some(tip) = force.tip(rod, None) {
+    on_edges(std::iter::once(force), rod, None, edges, on_edge);
+    if let Some(tip) = force.tip(rod, None).filter(|_| last) {
         visit(rod.edges.len(), tip.force);
     }
 }
@@ -573,12 +609,25 @@ pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
 
 /// The powers of `force`, W; those of one that is not a fluid's are against the ground.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
-    if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
-        return force.powers(rod, fluid);
+    let mut powers = Powers::default();
+    for (run, rod) in rod.runs(0..rod.edges.len()) {
+        let Powers { opposing, against_fluid, of_flow } = match (force.in_pass(), rod.everywhere()) {
+            (Some(force), Some(fluid)) => force.powers(&rod, fluid, run),
+            _ => powers_on(force, &rod, run),
+        };
+        powers.opposing += opposing;
+        powers.against_fluid += against_fluid;
+        powers.of_flow += of_flow;
     }
+    powers
+}
+
+/// The same of what acts on `edges`, and with the last of them on the tip.
+#[inline(always)]
+fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Powers {
     let everywhere = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
     let (mut sum, mut against_fluid, mut of_flow) = (f64x2::ZERO, f64x2::ZERO, f64x2::ZERO);
-    visit_alone(force, rod, |k, opposing| {
+    visit_run(force, rod, edges, &mut |k, opposing| {
         let (opposing, flow) = (lanes(opposing), lanes(everywhere.unwrap_or_else(|| rod.flow(k))));
         sum += opposing;
         against_fluid += opposing * (lanes(node(rod.v, k)) - flow);

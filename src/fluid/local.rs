@@ -8,7 +8,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, TOGETHER, Tally, Validity};
+use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
 use super::medium::{DENSITY, Fluid, Here, Key, Property, VISCOSITY};
 use crate::linear::{Block, lanes};
 use crate::rod::elastic::Deformed;
@@ -136,16 +136,14 @@ impl<L: Law> LocalDrag<L> {
     ) -> [f64x2; 2] {
         let [u, v] = edge.components(w);
         let (mut along, mut across) = (f64x2::ZERO, f64x2::ZERO);
-        let properties = [
-            (VISCOSITY, both(&changes, |change| change.viscosity)),
-            (DENSITY, both(&changes, |change| change.density)),
-        ];
-        for ((key, change), depends) in properties.into_iter().zip(self.depends) {
-            if depends && change != f64x2::ZERO {
-                let by = self.law.by_parameter(key, halves, fluids, u, v);
-                along += by.along * change;
-                across += by.across * change;
-            }
+        let (viscosity, density) = (both(&changes, |change| change.viscosity), both(&changes, |change| change.density));
+        if self.depends[0] && viscosity != f64x2::ZERO {
+            let by = self.law.by_parameter(VISCOSITY, halves, fluids, u, v);
+            (along, across) = (by.along * viscosity, by.across * viscosity);
+        }
+        if self.depends[1] && density != f64x2::ZERO {
+            let by = self.law.by_parameter(DENSITY, halves, fluids, u, v);
+            (along, across) = (along + by.along * density, across + by.across * density);
         }
         if changes.iter().any(|change| change.flow != Vector2::zeros()) {
             let (_, by) = self.law.with_slopes(halves, self.law.in_fluids(fluids), u, v);
@@ -222,8 +220,9 @@ impl<L: Law> LocalDrag<L> {
         let [first, second] = places;
         let (fluids, against) = ([&first.here.fluid, &second.here.fluid], [first.against, second.against]);
         let mut on = on_edge(&self.law, halves, self.law.in_fluids(fluids), edge, against, direction);
-        let slopes = [&first.here.slope, &second.here.slope];
-        if direction.q != 0.0 && slopes != [&Fluid::NONE; 2] {
+        let changing = first.here.within.is_none() || second.here.within.is_none();
+        if direction.q != 0.0 && changing {
+            let slopes = [&first.here.slope, &second.here.slope];
             let by_height = self.by_fluids(halves, fluids, edge, against, slopes);
             for (own, by_height) in on.own.iter_mut().zip(by_height) {
                 *own += Block::outer(Vector2::from(by_height.to_array()) * direction.q, normal);
@@ -317,12 +316,14 @@ impl<L: Law> InPass for LocalDrag<L> {
         let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
         let Some(fluid) = others.rod.everywhere() else {
             let (medium, normal) = (others.rod, lanes(others.rod.normal()));
-            // Edges that are looked at together lie in one fluid, or every node of them at its own place.
+            let (mut runs, mut end) = (medium.runs(0..edges.len()), 0);
             let (mut one, mut next) = (None, Place::of(&medium, 0));
             let around = edges.iter().enumerate().map(|(e, edge)| {
-                if e % TOGETHER == 0 {
-                    let together = e..edges.len().min(e + TOGETHER);
-                    one = medium.throughout(&together).map(|fluid| (law.in_fluids([&fluid; 2]), lanes(fluid.flow)));
+                if e == end
+                    && let Some((run, there)) = runs.next()
+                {
+                    end = run.end;
+                    one = there.everywhere().map(|fluid| (law.in_fluids([&fluid; 2]), lanes(fluid.flow)));
                     if one.is_none() {
                         next = Place::of(&medium, e);
                     }
@@ -357,11 +358,11 @@ impl<L: Law> InPass for LocalDrag<L> {
         rod.assemble(around, residual, jacobian);
     }
 
-    fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid) -> Powers {
+    fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers {
         let (law, flow, fluids) = (&self.law, fluid.flow, self.law.in_fluids([&fluid; 2]));
         let (mut opposing, mut against_fluid) = (f64x2::ZERO, f64x2::ZERO);
-        let ends = rod.v.as_chunks::<2>().0.windows(2);
-        for (e, (edge, v)) in rod.edges.iter().zip(ends).enumerate() {
+        let ends = rod.v.as_chunks::<2>().0[edges.start..=edges.end].windows(2);
+        for (e, (edge, v)) in edges.clone().zip(rod.edges[edges].iter().zip(ends)) {
             let (lengths, halves) = &self.halves[e];
             let [u, w] = edge.components([f64x2::new(v[0]) - lanes(flow), f64x2::new(v[1]) - lanes(flow)]);
             let Traction { along, across } = law.traction(halves, fluids, u, w);
@@ -388,7 +389,7 @@ impl<L: Law> Force for LocalDrag<L> {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        match rod.throughout(&edges) {
+        match rod.everywhere() {
             Some(fluid) => self.evaluate_in(fluid, rod, along, edges, sums),
             None => self.evaluate_across(rod, along, edges, sums),
         }

@@ -122,13 +122,15 @@ pub struct Here {
     pub slope: Fluid,
     /// The second derivative of its density, kg/m⁵.
     pub bend: f64,
+    /// The layer that the place lies in, by its number, where nothing changes around it.
+    pub within: Option<usize>,
 }
 
 impl From<Fluid> for Here {
     /// The same everywhere.
     #[inline(always)]
     fn from(fluid: Fluid) -> Self {
-        Self { fluid, slope: Fluid::NONE, bend: 0.0 }
+        Self { fluid, slope: Fluid::NONE, bend: 0.0, within: Some(0) }
     }
 }
 
@@ -204,14 +206,19 @@ impl Layers {
         for (layer, jump) in self.jumps(first) {
             let per_thickness = 1.0 / layer.thickness;
             let z = (h - layer.offset) * per_thickness + 0.5;
-            if z > 0.0 {
+            if z >= 1.0 {
+                here.fluid.add(&jump, 1.0);
+                here.within = here.within.map(|layer| layer + 1);
+            } else if z > 0.0 {
                 let [r, slope, bend] = blend(z);
+                here.within = None;
                 here.fluid.add(&jump, r);
                 here.slope.add(&jump, slope * per_thickness);
                 here.bend += jump.density * bend * per_thickness * per_thickness;
             }
         }
         if self.shear != 0.0 {
+            here.within = None;
             here.fluid.flow += self.along() * (self.shear * h);
             here.slope.flow += self.along() * self.shear;
         }

@@ -219,7 +219,7 @@ impl Force for Reactive {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        match rod.throughout(&edges) {
+        match rod.everywhere() {
             Some(fluid) => {
                 let ends = [fluid.into(); 2];
                 sums.each(edges, |k| self.on_edge::<false>(rod, along, k, &ends));
@@ -281,9 +281,10 @@ impl Force for Reactive {
     /// ½ g ℓ w² ∇ρ of every end.
     fn pull(&self, rod: &Kinematics<'_>) -> Vector2<f64> {
         let mut pull = Vector2::zeros();
-        if rod.layers.is_some() {
-            for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
-                for (i, half) in halves.iter().enumerate() {
+        for (run, rod) in rod.runs(0..rod.edges.len()).filter(|(_, rod)| rod.everywhere().is_none()) {
+            for k in run {
+                let edge = &rod.edges[k];
+                for (i, half) in self.halves[k].iter().enumerate() {
                     let here = rod.here(k + i);
                     let w = (node(rod.v, k + i) - here.fluid.flow).dot(&edge.n());
                     pull += rod.normal() * (0.5 * half * here.slope.density * edge.length * w * w);

@@ -9,11 +9,13 @@
 use std::f64::consts::FRAC_PI_4;
 use std::ops::Range;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::Vector2;
+use wide::f64x2;
 
 use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
+use super::local::both;
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::Block;
+use crate::linear::{Block, lanes};
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
 use crate::system::Direction;
 
@@ -31,26 +33,36 @@ impl Spray {
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
-    /// What opposes one end, with its derivatives where the edge moves with the end and where it changes: `slope` and `bend`
-    /// are the first two derivatives of the density along the `normal`.
+    /// What opposes both ends of an edge, an end a lane, which move against the fluid at `velocities` (m/s): with g `halves`, and
+    /// `slope` and `bend` the first two derivatives of the density along the `normal`.
     #[inline(always)]
-    fn on_end(
-        half: f64,
+    fn on_edge(
+        halves: f64x2,
         edge: &Edge,
         normal: Vector2<f64>,
-        [slope, bend]: [f64; 2],
-        velocity: Vector2<f64>,
-        Direction { q, v, .. }: Direction,
-    ) -> (Vector2<f64>, Matrix2<f64>, Matrix2<f64>) {
-        let (t, n, length) = (edge.t, edge.n(), edge.length);
-        let (u, w, across) = (velocity.dot(&t), velocity.dot(&n), velocity.dot(&normal));
+        [slope, bend]: [f64x2; 2],
+        velocities: [f64x2; 2],
+        along: Option<Direction>,
+    ) -> OnEdge {
+        let (half, length) = (halves * 0.5, edge.length);
+        let (nu_t, nu_n) = (normal.dot(&edge.t), normal.dot(&edge.n()));
+        let [u, w] = edge.components(velocities);
+        let across = u * nu_t + w * nu_n;
         let rate = slope * across;
-        let (c, sign) = (0.5 * half * rate.abs(), if rate < 0.0 { -1.0 } else { 1.0 });
-        let by_velocity = n * n.transpose() * c + n * normal.transpose() * (0.5 * half * sign * slope * w);
-        let by_place = n * normal.transpose() * (0.5 * half * sign * bend * across * w);
-        // n turns by −t n·δe/ℓ, and w with it by −u.
-        let by_vector = n * t.transpose() * w - (n * u + t * w) * n.transpose();
-        (n * (c * length * w), (by_velocity * v + by_place * q) * length, by_vector * (c * q))
+        let c = half * rate.abs();
+        let force = edge.vectors(f64x2::ZERO, c * w * length);
+        let Some(Direction { q, v, .. }) = along else { return OnEdge { force, ..OnEdge::ZERO } };
+        let sign = rate.simd_lt(f64x2::ZERO).bitselect(f64x2::from(-1.0), f64x2::ONE);
+        // |ρ̇| changes with velocity and place, along ν; n turns by −t n·δe/ℓ, and w with it by −u.
+        let grows = half * sign * w * (slope * v + bend * across * q) * length;
+        let (own_nt, own_nn) = ((grows * nu_t).to_array(), (grows * nu_n + c * (v * length)).to_array());
+        let (turned, pushed) = ((c * w * q).to_array(), (c * u * q).to_array());
+        let (t, n) = (lanes(edge.t), lanes(edge.n()));
+        let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
+        let on = |i: usize| (nt * own_nt[i] + nn * own_nn[i], (nt - tn) * turned[i] - nn * pushed[i]);
+        // Not `map` over both ends: that is a call for each.
+        let ((own0, edge0), (own1, edge1)) = (on(0), on(1));
+        OnEdge { force, own: [own0, own1], edge: [edge0, edge1] }
     }
 }
 
@@ -71,22 +83,16 @@ impl Force for Spray {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        if rod.throughout(&edges).is_some() {
+        if rod.everywhere().is_some() {
             return;
         }
-        let (normal, along) = (rod.normal(), along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 }));
         let mut next = rod.here(edges.start);
         sums.each(edges, |k| {
             let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
-            if ends.iter().all(|here| here.slope.density == 0.0) {
-                return OnEdge::ZERO;
-            }
-            let [(f0, own0, edge0), (f1, own1, edge1)] = [0, 1].map(|i| {
-                let velocity = node(rod.v, k + i) - ends[i].fluid.flow;
-                let slopes = [ends[i].slope.density, ends[i].bend];
-                Self::on_end(self.halves[k][i], &rod.edges[k], normal, slopes, velocity, along)
-            });
-            OnEdge::new([f0, f1], [own0, own1].map(Block::from), [edge0, edge1].map(Block::from))
+            let slopes = [both(&ends, |here| here.slope.density), both(&ends, |here| here.bend)];
+            let against = |i: usize| lanes(node(rod.v, k + i) - ends[i].fluid.flow);
+            let halves = f64x2::new(self.halves[k]);
+            Self::on_edge(halves, &rod.edges[k], rod.normal(), slopes, [against(0), against(1)], along)
         });
     }
 
@@ -96,15 +102,14 @@ impl Force for Spray {
 
     fn add_by_parameter(&self, key: Key, rod: &Kinematics<'_>, out: &mut [f64]) -> [f64; 2] {
         let Some(property) = Property::of(key) else { return [0.0; 2] };
-        let rest = Direction { q: 0.0, v: 0.0, a: 0.0 };
         for (k, (edge, halves)) in rod.edges.iter().zip(self.halves.iter()).enumerate() {
-            for (i, half) in halves.iter().enumerate() {
-                let (here, by) = (rod.here(k + i), rod.by_property(property, k + i));
-                // |ρ′| grows by sgn(ρ′) δρ′.
-                let grows = by.slope.density * here.slope.density.signum();
-                let (force, ..) = Self::on_end(*half, edge, rod.normal(), [1.0, 0.0], rod.against_fluid(k + i), rest);
-                add(out, k + i, force * grows);
-            }
+            let (ends, by) = ([rod.here(k), rod.here(k + 1)], [k, k + 1].map(|k| rod.by_property(property, k)));
+            // |ρ′| grows by sgn(ρ′) δρ′.
+            let grows = [0, 1].map(|i| by[i].slope.density * ends[i].slope.density.signum() * halves[i]);
+            let against = [k, k + 1].map(|k| lanes(rod.against_fluid(k)));
+            let on = Self::on_edge(f64x2::new(grows), edge, rod.normal(), [f64x2::ONE, f64x2::ZERO], against, None);
+            add(out, k, on.force(0));
+            add(out, k + 1, on.force(1));
         }
         [0.0; 2]
     }
