@@ -70,8 +70,8 @@ pub enum Error {
         /// What is wrong with it and what to do.
         problem: String,
     },
-    /// A sweep or a design that was sent from elsewhere cannot be run.
-    #[error("what was sent cannot be run: {problem}")]
+    /// Work that was sent from elsewhere cannot be done.
+    #[error("what was sent cannot be done: {problem}")]
     Parcel {
         /// What is wrong with it.
         problem: String,

@@ -90,6 +90,8 @@ pub mod stepper;
 pub mod sensitivity;
 
 pub mod jobs;
+#[cfg(feature = "report")]
+pub mod parcel;
 
 #[cfg(feature = "faer")]
 pub mod check;

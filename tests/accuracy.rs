@@ -107,7 +107,7 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
 fn study(text: &str, overrides: &[&str], asked: &Accuracy) -> caudal::report::Findings {
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
-    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let desk = Desk::new(folder.path(), &interrupted, &progress);
     match Study::Accuracy(asked.clone()).make(&scene_of(text, overrides), desk).unwrap() {
         Studied::Complete(findings) => findings,
         Studied::Interrupted(..) => panic!("nobody did"),

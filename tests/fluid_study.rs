@@ -23,7 +23,7 @@ const WORM: &str = include_str!("../models/worm-over-a-wall.toml");
 fn study(scene: &Scene, folder: &Path, most: usize) -> Studied {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
-    let desk = Desk { folder, interrupted: &interrupted, progress: &progress };
+    let desk = Desk::new(folder, &interrupted, &progress);
     Study::Fluid(Fluid::default()).make(scene, desk).unwrap()
 }
 

@@ -18,7 +18,7 @@ fn small(folder: &Path, most: usize) -> Studied {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
     let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2"]);
-    Study::Stability(SMALL).make(&scene, Desk { folder, interrupted: &interrupted, progress: &progress }).unwrap()
+    Study::Stability(SMALL).make(&scene, Desk::new(folder, &interrupted, &progress)).unwrap()
 }
 
 fn complete(studied: Studied) -> Findings {
@@ -43,7 +43,7 @@ fn an_interrupted_study_goes_on_to_the_same_end() {
 fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
-    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let desk = Desk::new(folder.path(), &interrupted, &progress);
     let smooth = scene_of(include_str!("../models/baseline-smooth.toml"), &["solver.duration_s=0.05"]);
     let asked = Stability { steps: Some([5e-6, 5e-3]), range: Some([7e6, 7e10]), points: 7, ..SMALL };
     let findings = complete(Study::Stability(asked).make(&smooth, desk).unwrap());
@@ -64,7 +64,7 @@ fn a_map_of_stability_shows_the_explicit_limit_and_no_accurate_run_beyond_it() {
 fn flutter(changes: &[&str], points: usize) -> Findings {
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
-    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let desk = Desk::new(folder.path(), &interrupted, &progress);
     let text = include_str!("../models/flag.toml");
     let bare = text
         .replace("[drag]\nlaw = \"cross-flow\"\n", "")
@@ -110,7 +110,7 @@ fn a_map_over_the_flow_shows_flutter_and_divergence_where_theory_has_them() {
 fn scaling_shows_second_order_in_the_mesh_and_agreement_of_both_forms() {
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
-    let desk = Desk { folder: folder.path(), interrupted: &interrupted, progress: &progress };
+    let desk = Desk::new(folder.path(), &interrupted, &progress);
     let fine = scene_of(include_str!("../models/fine-1e3.toml"), &[]);
     let findings =
         complete(Study::Scaling(Scaling { nodes: vec![17, 33, 65, 1025], steps: 3 }).make(&fine, desk).unwrap());

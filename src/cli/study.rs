@@ -121,7 +121,7 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     };
-    let made = study.make(&scene, Desk { folder: &folder, interrupted: &interrupted, progress: &progress });
+    let made = study.make(&scene, Desk::new(&folder, &interrupted, &progress));
     bar.finish_and_clear();
     match made? {
         Studied::Complete(findings) => {

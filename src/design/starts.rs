@@ -11,8 +11,8 @@ use super::search::Search;
 use super::table::Table;
 use crate::error::{Error, Result};
 use crate::jobs;
-use crate::scene::files::Contents;
-use crate::scene::{Document, Files, Parcel};
+use crate::parcel::Parts;
+use crate::scene::{Document, Parcel};
 use crate::sweep::Sweep;
 
 /// The starts of a design, and what is known of them in its folder.
@@ -34,48 +34,38 @@ impl Starts {
         let memory = Memory::open(folder, &scene, &table)?;
         Ok(Self { document: document.clone(), table, memory })
     }
+}
 
-    /// How many there are.
-    pub fn count(&self) -> usize {
+impl Parts for Starts {
+    fn count(&self) -> usize {
         self.table.all_starts()
     }
 
     /// Those of which nothing is known; none where there is but one, or positions are fitted.
-    pub fn todo(&self) -> Vec<usize> {
+    fn todo(&self) -> Vec<usize> {
         let many = self.table.is_searched() && !self.table.fits_positions() && self.count() > 1;
         (0..self.count()).filter(|start| many && !self.memory.has_start(*start)).collect()
     }
 
-    /// The design with all files that its searches need, for [`start`].
-    ///
-    /// # Errors
-    /// [`Error::Read`] for a file that is no longer there.
-    pub fn parcel(&self) -> Result<Parcel> {
+    fn describe(&self, index: usize) -> String {
+        format!("the search from start {} of {}", index + 1, self.count())
+    }
+
+    fn parcel(&self) -> Result<Vec<u8>> {
         let scene = self.document.scene()?;
-        let mut files = Contents::new();
-        let path = scene.folder.join(scene.file().file_name().unwrap_or_default());
-        files.insert(path.clone(), self.document.text().as_bytes().to_vec());
-        let mut tables = scene.files();
+        let mut files = Vec::new();
         if let Some(file) = &self.table.over {
             let file = scene.folder.join(file);
             let sweep = Sweep::over(&scene.read_from, &file, &[], Some(self.document.clone()))?;
             for index in 0..sweep.size() {
-                tables.extend(sweep.scene(&sweep.case(index)?)?.0.files());
+                files.extend(sweep.scene(&sweep.case(index)?)?.0.files());
             }
-            tables.push(file);
+            files.push(file);
         }
-        for table in tables {
-            let content = scene.read_from.read(&table)?;
-            files.insert(table, content);
-        }
-        Ok(Parcel::of(path, self.document.overrides().to_vec(), files))
+        Parcel::of_scene(&self.document, files, ())?.bytes()
     }
 
-    /// Keeps what [`start`] returned; true where it was not there yet.
-    ///
-    /// # Errors
-    /// [`Error::Parcel`] where the line is damaged.
-    pub fn keep(&mut self, line: &[u8]) -> Result<bool> {
+    fn keep(&mut self, line: &[u8]) -> Result<bool> {
         let damaged = || Error::Parcel { problem: "a start that came back is damaged".to_string() };
         let (start, simulated) = jobs::read_line::<Vec<Simulated>>(line).ok_or_else(damaged)?;
         Ok(self.memory.keep_start(start, simulated))
@@ -87,11 +77,7 @@ impl Starts {
 /// # Errors
 /// Those of [`Parcel::read`] and of [`Design::of`](super::Design::of).
 pub fn start(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
-    let Parcel { path, set, files, .. } = Parcel::read(parcel)?;
-    let mut asked = Document::read_from(Files::of(files), &path)?;
-    for change in &set {
-        asked.set(change)?;
-    }
+    let (asked, ()) = Parcel::read(parcel)?.scene()?;
     let scene = asked.scene()?;
     let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
     let document = pinned(&asked, &scene, &table)?;

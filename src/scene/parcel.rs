@@ -2,14 +2,16 @@
 
 use std::path::PathBuf;
 
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use super::files::Contents;
+use super::{Document, Files};
 use crate::error::{Error, Result};
 
 /// A file with its overrides and all files that it names, as bytes for the same version of the program elsewhere.
 #[derive(Debug, Serialize, Deserialize)]
-pub struct Parcel {
+pub struct Parcel<T = ()> {
     caudal_version: String,
     /// The scene or the sweep, one of `files`.
     pub path: PathBuf,
@@ -17,14 +19,45 @@ pub struct Parcel {
     pub set: Vec<String>,
     /// It and the files that it names.
     pub files: Contents,
+    /// What is to be done with it.
+    pub task: T,
 }
 
-impl Parcel {
+impl<T> Parcel<T> {
     /// Of this version of the program.
-    pub fn of(path: PathBuf, set: Vec<String>, files: Contents) -> Self {
-        Self { caudal_version: env!("CARGO_PKG_VERSION").to_string(), path, set, files }
+    pub fn of(path: PathBuf, set: Vec<String>, files: Contents, task: T) -> Self {
+        Self { caudal_version: env!("CARGO_PKG_VERSION").to_string(), path, set, files, task }
     }
 
+    /// That of a scene, with the tables that it names and `more` files.
+    ///
+    /// # Errors
+    /// Those of [`Document::scene`]; [`Error::Read`] for a file that is no longer there.
+    pub fn of_scene(document: &Document, more: Vec<PathBuf>, task: T) -> Result<Self> {
+        let scene = document.scene()?;
+        let path = scene.folder.join(scene.file().file_name().unwrap_or_default());
+        let mut files = Contents::from([(path.clone(), document.text().as_bytes().to_vec())]);
+        for file in scene.files().into_iter().chain(more) {
+            let content = scene.read_from.read(&file)?;
+            files.insert(file, content);
+        }
+        Ok(Self::of(path, document.overrides().to_vec(), files, task))
+    }
+
+    /// The scene, and what is to be done with it.
+    ///
+    /// # Errors
+    /// Those of [`Document::read`].
+    pub fn scene(self) -> Result<(Document, T)> {
+        let mut document = Document::read_from(Files::of(self.files), &self.path)?;
+        for change in &self.set {
+            document.set(change)?;
+        }
+        Ok((document, self.task))
+    }
+}
+
+impl<T: Serialize> Parcel<T> {
     /// As bytes, for [`read`](Self::read).
     ///
     /// # Errors
@@ -32,18 +65,20 @@ impl Parcel {
     pub fn bytes(&self) -> Result<Vec<u8>> {
         postcard::to_allocvec(self).map_err(|e| Error::Parcel { problem: e.to_string() })
     }
+}
 
+impl<T: DeserializeOwned> Parcel<T> {
     /// From [`bytes`](Self::bytes) of the same version of the program.
     ///
     /// # Errors
     /// [`Error::Parcel`] where it is of another version, or damaged.
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let parcel: Self = postcard::from_bytes(bytes).map_err(|e| Error::Parcel { problem: e.to_string() })?;
+        let failed = |e: postcard::Error| Error::Parcel { problem: e.to_string() };
+        let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // what follows may be others'
         let own = env!("CARGO_PKG_VERSION");
-        if parcel.caudal_version != own {
-            let problem = format!("it comes from caudal {}, and this is caudal {own}", parcel.caudal_version);
-            return Err(Error::Parcel { problem });
+        if version != own {
+            return Err(Error::Parcel { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
         }
-        Ok(parcel)
+        postcard::from_bytes(bytes).map_err(failed)
     }
 }

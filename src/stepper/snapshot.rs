@@ -52,6 +52,23 @@ impl Label {
         let checksum = XxHash3_128::oneshot(bytes);
         Self { magic: MAGIC, version: env!("CARGO_PKG_VERSION").to_string(), scene, checksum }
     }
+
+    fn check_version(&self) -> Result<()> {
+        let here = env!("CARGO_PKG_VERSION");
+        if self.version == here {
+            return Ok(());
+        }
+        refuse(&format!("it was saved by caudal {}; this is {here}", self.version))
+    }
+
+    /// The content that follows it, where it is that of this version, whole.
+    fn read<T: DeserializeOwned>(&self, content: &[u8]) -> Result<T> {
+        self.check_version()?;
+        if self.checksum != XxHash3_128::oneshot(content) {
+            return refuse("it is damaged: its checksum is wrong");
+        }
+        postcard::from_bytes(content).map_err(|error| Error::Snapshot(error.to_string()))
+    }
 }
 
 impl Snapshot {
@@ -66,6 +83,16 @@ impl Snapshot {
     /// Those of [`seal`].
     pub fn serialize(&self) -> Result<Vec<u8>> {
         seal(self.scene, self)
+    }
+
+    /// The snapshot in `bytes`, of whatever scene it is; [`Stepper::restore`] refuses that of another.
+    ///
+    /// # Errors
+    /// [`Error::Snapshot`] for bytes that are damaged, or come from another version or kind of file.
+    pub fn deserialize(bytes: &[u8]) -> Result<Self> {
+        let (label, content) = label_of(bytes)?;
+        let snapshot: Self = label.read(content)?;
+        if snapshot.scene == label.scene { Ok(snapshot) } else { refuse(OTHER) }
     }
 }
 
@@ -160,19 +187,18 @@ pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
 /// # Errors
 /// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
 pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
-    let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
-    let Some((label, content)) = label else { return refuse("these bytes are no state of caudal, or are damaged") };
-    let here = Label::of(scene, content);
-    if label.version != here.version {
-        return refuse(&format!("it was saved by caudal {}; this is {}", label.version, here.version));
-    }
-    if label.scene != here.scene {
+    let (label, content) = label_of(bytes)?;
+    label.check_version()?;
+    if label.scene != scene {
         return refuse(OTHER);
     }
-    if label.checksum != here.checksum {
-        return refuse("it is damaged: its checksum is wrong");
-    }
-    postcard::from_bytes(content).map_err(|error| Error::Snapshot(error.to_string()))
+    label.read(content)
+}
+
+/// The label that `bytes` begin with, and what follows it.
+fn label_of(bytes: &[u8]) -> Result<(Label, &[u8])> {
+    let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
+    label.map_or_else(|| refuse("these bytes are no state of caudal, or are damaged"), Ok)
 }
 
 fn refuse<T>(text: &str) -> Result<T> {

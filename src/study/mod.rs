@@ -1,32 +1,31 @@
 //! Studies of a scene: what a user asks before trusting a run. Each makes [`Findings`].
 //!
 //! A study is a list of independent runs and what follows from their results. The runs are kept in a journal in its folder
-//! until all are there, so that a study goes on where it was interrupted.
+//! until all are there, so that a study goes on where it was interrupted. [`Runs`] hands them to programs elsewhere.
 
 mod accuracy;
 mod beam;
+mod desk;
 mod fluid;
 mod flutter;
 mod modes;
+mod runs;
 mod scaling;
 mod stability;
 mod trial;
 
-use std::fmt::Debug;
-use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
-use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::jobs::{self, Job, Journal};
-use crate::report::{Findings, Folder, Kept};
+use crate::report::{Findings, Kept};
 use crate::scene::{Document, NODES, Scene};
 pub use accuracy::Accuracy;
+pub use desk::Desk;
 pub use fluid::Fluid;
 pub use modes::Spectrum;
+pub use runs::{Runs, make_runs};
 pub use scaling::Scaling;
 pub use stability::{Stability, Vary};
 
@@ -34,7 +33,7 @@ pub use stability::{Stability, Vary};
 const JOURNAL: &str = ".journal";
 
 /// A study, with what is asked of it.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Study {
     /// Natural frequencies and mode shapes.
@@ -129,17 +128,6 @@ fn not_rising(name: &str, numbers: Option<[f64; 2]>) -> Option<String> {
         .or_else(|| (low >= high).then(|| format!("{name}: found {low},{high}; allowed: the smaller number first")))
 }
 
-/// What is known of a study while it goes on, and where its results are kept.
-#[derive(Clone, Copy)]
-pub struct Desk<'a> {
-    /// The study's folder.
-    pub folder: &'a Path,
-    /// Raised from outside to interrupt it.
-    pub interrupted: &'a AtomicBool,
-    /// Told how many runs of how many are there.
-    pub progress: &'a (dyn Fn(usize, usize) + Sync),
-}
-
 /// How a study ended.
 #[derive(Debug)]
 pub enum Studied {
@@ -147,57 +135,6 @@ pub enum Studied {
     Complete(Findings),
     /// Interrupted, with this many runs of so many kept.
     Interrupted(usize, usize),
-}
-
-impl Desk<'_> {
-    /// Makes every run of `runs`, called `name`, of `scene`, on `threads` threads, or takes it from the journal;
-    /// results in the order of `runs`. A run that is interrupted returns `None`.
-    ///
-    /// # Errors
-    /// [`Error::Write`], [`Error::Journal`].
-    fn work<R: Debug + Sync, T: Serialize + DeserializeOwned + Send>(
-        &self,
-        name: &str,
-        scene: &Scene,
-        runs: &[R],
-        threads: usize,
-        run: impl Fn(&R) -> Option<T> + Sync,
-    ) -> Result<std::result::Result<Vec<T>, Studied>> {
-        let failed = |e: std::io::Error| Error::Write { path: self.folder.to_path_buf(), reason: e.to_string() };
-        let _made = Folder::open(self.folder)?;
-        let path = self.folder.join(format!("{name}{JOURNAL}"));
-        let job = Job::new(name, format!("{scene:?} {runs:?}").as_bytes(), runs.len());
-        if Journal::read(&path).is_ok_and(|journal| job.difference(journal.job()).is_some()) {
-            std::fs::remove_file(&path).map_err(failed)?; // of a study that asked for something else
-        }
-        let mut journal = Journal::open(&path, &job)?;
-        let todo: Vec<usize> = (0..runs.len()).filter(|index| !journal.has(*index)).collect();
-        let mut done = runs.len() - todo.len();
-        (self.progress)(done, runs.len());
-        jobs::run(
-            &todo,
-            threads,
-            |index| run(&runs[index]),
-            |index, result| {
-                if let Some(result) = result {
-                    journal.add(index, result)?;
-                    done += 1;
-                    (self.progress)(done, runs.len());
-                }
-                let stop = self.interrupted.load(Ordering::Relaxed);
-                Ok(if stop { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-            },
-        )?;
-        let results = (0..runs.len()).filter_map(|index| journal.get(index).transpose()).collect::<Result<Vec<T>>>()?;
-        if results.len() < runs.len() {
-            return Ok(Err(Studied::Interrupted(results.len(), runs.len())));
-        }
-        Ok(Ok(results))
-    }
-
-    fn interrupted(&self) -> bool {
-        self.interrupted.load(Ordering::Relaxed)
-    }
 }
 
 /// Writes what the study of scene `name` found to its `folder`, and forgets the runs that are kept there once all is written.

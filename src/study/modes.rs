@@ -2,7 +2,7 @@
 
 use std::f64::consts::TAU;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::json;
 
 use crate::error::Result;
@@ -30,7 +30,7 @@ const POINTS: usize = 2001;
 const RESOLVED: f64 = 0.2;
 
 /// What is asked for.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Spectrum {
     /// How many of the lowest modes.

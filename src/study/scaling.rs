@@ -26,7 +26,7 @@ const WEIGHED_FROM: u64 = 100_000;
 const PARTS: usize = 16;
 
 /// What is asked for.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Scaling {
     /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that every mesh has the nodes of those before.

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::trial::{Failure, Manner, Recipe, Trial};
@@ -29,7 +29,7 @@ const GROWN: f64 = 0.2;
 const GROWTH: f64 = 2.0;
 
 /// The parameter that varies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Vary {
     /// Young's modulus.
@@ -106,7 +106,7 @@ impl Vary {
 }
 
 /// What is asked for.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Stability {
     /// What varies.

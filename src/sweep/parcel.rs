@@ -26,7 +26,7 @@ impl Sweep {
             files.insert(path.clone(), self.files.read(path)?);
         }
         let [path, _] = &self.own;
-        Ok(Parcel::of(path.clone(), self.set.clone(), files))
+        Ok(Parcel::of(path.clone(), self.set.clone(), files, ()))
     }
 }
 
@@ -36,7 +36,7 @@ impl Unpacked {
     /// # Errors
     /// Those of [`Parcel::read`] and [`Sweep::read`].
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let Parcel { path, set, files, .. } = Parcel::read(bytes)?;
+        let Parcel { path, set, files, task: (), .. } = Parcel::read(bytes)?;
         let sweep = Sweep::read_from(&Files::of(files), &path, &set)?;
         Ok(Self { sweep })
     }

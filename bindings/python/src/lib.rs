@@ -6,6 +6,7 @@
 mod attention;
 mod design;
 mod error;
+mod parts;
 mod run;
 mod scene;
 mod simulation;
@@ -25,6 +26,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<stepper::Stepper>()?;
     module.add_function(wrap_pyfunction!(scene::rebuild, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::variable, module)?)?;
+    module.add_function(wrap_pyfunction!(stepper::snapshot, module)?)?;
     module.add_class::<simulation::Simulation>()?;
     module.add_function(wrap_pyfunction!(simulation::parameters, module)?)?;
     module.add_function(wrap_pyfunction!(run::run, module)?)?;
@@ -36,7 +38,10 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<sweep::SweepAtWork>()?;
     module.add_function(wrap_pyfunction!(sweep::cases, module)?)?;
     module.add_function(wrap_pyfunction!(study::study, module)?)?;
-    module.add_class::<design::StartsAtWork>()?;
+    module.add_class::<parts::PartsAtWork>()?;
+    module.add_function(wrap_pyfunction!(study::runs_of, module)?)?;
+    module.add_function(wrap_pyfunction!(study::runs, module)?)?;
+    module.add_function(wrap_pyfunction!(design::starts_of, module)?)?;
     module.add_function(wrap_pyfunction!(design::starts, module)?)?;
     module.add_function(wrap_pyfunction!(design::design, module)?)
 }

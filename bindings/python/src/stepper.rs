@@ -113,7 +113,7 @@ impl Variable {
 /// Everything of a :class:`Stepper` that changes, at the time of :meth:`Stepper.save`.
 ///
 /// ``bytes(snapshot)`` can be kept in a file and restored by a stepper of the same scene in another process of the same
-/// version of caudal.
+/// version of caudal; so can its pickle.
 #[pyclass(frozen, module = "caudal")]
 pub struct Snapshot {
     snapshot: caudal::stepper::Snapshot,
@@ -132,6 +132,12 @@ impl Snapshot {
         Ok(PyBytes::new(py, &self.snapshot.serialize().or_raise(py)?))
     }
 
+    /// For pickle, among programs of the same version.
+    fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let snapshot = py.import("caudal._caudal")?.getattr("_snapshot")?;
+        Ok((snapshot, (self.__bytes__(py)?, &self.scene).into_pyobject(py)?))
+    }
+
     fn __repr__(&self) -> String {
         format!("<caudal.Snapshot of {:?} at {} s>", self.scene, self.time_s())
     }
@@ -139,6 +145,13 @@ impl Snapshot {
     fn _repr_html_(slf: &Bound<'_, Self>) -> PyResult<String> {
         shown(slf.as_any())
     }
+}
+
+/// A snapshot from what pickle keeps of it.
+#[pyfunction]
+#[pyo3(name = "_snapshot")]
+pub fn snapshot(py: Python<'_>, bytes: &[u8], scene: String) -> PyResult<Snapshot> {
+    Ok(Snapshot { snapshot: caudal::stepper::Snapshot::deserialize(bytes).or_raise(py)?, scene })
 }
 
 /// A simulation that a host drives: set inputs, step, get outputs.

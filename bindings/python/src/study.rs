@@ -3,14 +3,47 @@
 use std::path::PathBuf;
 
 use caudal::report::Findings;
-use caudal::study::{Desk, Studied, Study, keep};
+use caudal::study::{Desk, Runs, Studied, Study, keep, make_runs};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyBytes, PyDict};
 
 use crate::attention::Progress;
 use crate::error::OrRaise;
+use crate::parts::{PartsAtWork, lines};
 use crate::scene::Scene;
+
+/// What is asked for as `{kind: options}`.
+fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
+    pythonize::depythonize(study).map_err(|error| PyTypeError::new_err(error.to_string()))
+}
+
+/// The runs that a study needs next, for workers elsewhere; none where all are there.
+#[pyfunction]
+#[pyo3(name = "_runs_of")]
+pub fn runs_of(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    study: &Bound<'_, PyDict>,
+    out: Option<PathBuf>,
+) -> PyResult<Option<PartsAtWork>> {
+    let Scene { scene, document, .. } = scene.get();
+    let study = asked(study)?;
+    let folder = out.unwrap_or_else(|| study.folder(scene));
+    let runs = py.detach(|| Runs::of(&study, document, &folder)).or_raise(py)?;
+    Ok(runs.map(|runs| PartsAtWork::new(runs, "run", folder)))
+}
+
+/// Makes runs of a study that came in a parcel, one after the other: their lines, and the time that each took (s).
+#[pyfunction]
+#[pyo3(name = "_runs")]
+pub fn runs<'py>(
+    py: Python<'py>,
+    parcel: &[u8],
+    indices: Vec<usize>,
+) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
+    Ok(lines(py, py.detach(|| make_runs(parcel, &indices)).or_raise(py)?))
+}
 
 /// Makes a study, `{kind: options}`, and writes its files: what `caudal.study` makes its findings from.
 #[pyfunction]
@@ -23,11 +56,11 @@ pub fn study<'py>(
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Scene { scene, document, .. } = scene.get();
-    let study: Study = pythonize::depythonize(study).map_err(|error| PyTypeError::new_err(error.to_string()))?;
+    let study = asked(study)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
     let told = Progress::default();
     let tell = |done: usize, of: usize| told.reach(done, of);
-    let desk = Desk { folder: &folder, interrupted: &told.interrupted, progress: &tell };
+    let desk = Desk::new(&folder, &told.interrupted, &tell);
     let findings = match told.watch(py, progress.as_ref(), || study.make(scene, desk))?.or_raise(py)? {
         Studied::Complete(findings) => findings,
         Studied::Interrupted(done, of) => {

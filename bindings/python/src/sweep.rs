@@ -12,6 +12,7 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::attention::Progress;
 use crate::error::OrRaise;
+use crate::parts::lines;
 use crate::values::to_toml;
 
 /// A sweep at work, with the journal in its folder.
@@ -72,6 +73,12 @@ impl SweepAtWork {
     #[getter]
     fn size(&self) -> usize {
         self.sweep.size()
+    }
+
+    /// What a part of it is called.
+    #[getter]
+    fn noun(&self) -> &'static str {
+        "case"
     }
 
     /// Where its results go.
@@ -176,7 +183,7 @@ pub fn cases<'py>(
     parcel: &[u8],
     indices: Vec<usize>,
 ) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
-    let lines: caudal::Result<Vec<_>> = py.detach(|| {
+    let made: caudal::Result<Vec<_>> = py.detach(|| {
         let known = UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let sweep = match known.filter(|(bytes, _)| bytes == parcel) {
             Some((_, sweep)) => sweep,
@@ -189,6 +196,5 @@ pub fn cases<'py>(
         };
         indices.into_iter().map(|index| sweep.line(index)).collect()
     });
-    let lines = lines.or_raise(py)?;
-    Ok(lines.into_iter().map(|(line, time)| (PyBytes::new(py, &line), time)).unzip())
+    Ok(lines(py, made.or_raise(py)?))
 }

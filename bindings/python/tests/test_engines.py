@@ -165,7 +165,7 @@ def test_a_worker_of_another_version_is_refused_by_name(sweep, tmp_path, monkeyp
     from multiprocessing import get_context
 
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as executor:
-        with pytest.raises(caudal.errors.EngineError, match=r"process \d+: it has caudal .*the sweep is one of caudal 9\.9\.9") as caught:
+        with pytest.raises(caudal.errors.EngineError, match=r"process \d+: it has caudal .*the work is that of caudal 9\.9\.9") as caught:
             caudal.sweep(sweep, out=tmp_path / "out", executor=executor)
     assert "process" in caught.value.worker
     assert not (tmp_path / "out/table.csv").exists()
@@ -370,7 +370,7 @@ def test_the_starts_of_a_design_are_searched_by_any_executor_to_the_same_bits(tm
     assert len(found.answer["starts"]) == 3 and len(found.cases) == 2
     assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
     # A start that is known is not searched again, and the rest goes on without an engine.
-    starts = caudal._caudal._Starts(scene, tmp_path / "on")
+    starts = caudal._caudal._starts_of(scene, tmp_path / "on")
     assert starts.todo() == [0, 1, 2]
     lines, _ = caudal._caudal._starts(starts.parcel(), [1])
     assert starts.keep(lines) == 1 and starts.keep(lines) == 0 and starts.todo() == [0, 2]

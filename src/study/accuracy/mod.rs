@@ -12,7 +12,7 @@ mod figures;
 mod reference;
 mod words;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use self::apart::{PUSH, WINDOWS, without_reference};
 use self::reference::Reference;
@@ -41,7 +41,7 @@ const BELOW_LIMIT: f64 = 0.95;
 const MODES_UP_TO: u64 = 401;
 
 /// What is asked for.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Accuracy {
     /// Meshes, their numbers of nodes; empty for the scene's own and two finer ones.

@@ -10,7 +10,7 @@ mod words;
 
 use std::fmt;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 
 use self::swim::Swim;
 use self::words::Report;
@@ -21,7 +21,7 @@ use crate::jobs;
 use crate::scene::{HeadKind, Scene};
 
 /// What is asked for.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Fluid {}
 

@@ -9,9 +9,8 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
-from ._caudal import Scene, _design, _Starts
-from .distributing import Distribution, Engine
-from .errors import LostCasesError
+from ._caudal import Scene, _design, _starts_of
+from .distributing import Engine
 from .optional import optional
 from .result import Source, load
 
@@ -139,20 +138,12 @@ def design(
         Where no design does what is asked, with the reason.
     caudal.errors.SceneError
         For a wrong ``[design]``.
+    caudal.errors.EngineError, caudal.errors.LostCasesError
+        Where the engine cannot go on, and for starts that end the worker that searches from them.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    if client is not None and executor is not None:
-        raise TypeError("give either client or executor")
-    if client is not None or executor is not None:
-        starts = _Starts(scene, out)
-        try:
-            lost = Distribution(starts, Engine(client, executor, workers), patience_s, None).run()
-        finally:
-            starts.close()
-        if lost:
-            error = LostCasesError(f"starts {lost} ended the worker that searched from them, even alone")
-            error.cases = lost
-            raise error
+    if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
+        engine.do(_starts_of(scene, out))
     content, failure = _design(scene, out, progress)
     found = Design(content)
     if failure is not None:

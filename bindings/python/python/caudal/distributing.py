@@ -1,8 +1,9 @@
-"""Cases on an engine that has the workers: any executor of ``concurrent.futures``, such as that of a Dask client.
+"""Work on an engine that has the workers: any executor of ``concurrent.futures``, such as that of a Dask client.
 
-The engine is handed batches of about a second: the sweep with its tables, and the numbers of some cases. What comes back are
-the lines of the sweep's journal, checksummed where they were made; only this program writes. Nothing is asked of the engine
-but ``submit`` and futures that are done, cancelled or failed.
+A job has parts, which do not depend on each other: a sweep cases, a design starts, a study runs. The engine is handed batches
+of about a second: the job with its tables, and the numbers of some parts. What comes back are lines of the job's journal,
+checksummed where they were made; only this program writes. Nothing is asked of the engine but ``submit`` and futures that are
+done, cancelled or failed.
 """
 
 from __future__ import annotations
@@ -15,11 +16,12 @@ import warnings
 from collections import deque
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
 from contextlib import suppress
-from typing import Any, Callable, Optional, Union
+from pathlib import Path
+from typing import Any, Callable, Optional, Protocol
 
 from . import _caudal
-from ._caudal import __version__, _Starts, _Sweep
-from .errors import EngineError, Error
+from ._caudal import __version__
+from .errors import EngineError, Error, LostCasesError
 
 #: Time that a batch should take, s: a hundred times what an engine needs to pass it on.
 BATCH_S = 1.0
@@ -27,25 +29,56 @@ BATCH_S = 1.0
 #: Batches that wait for each worker, so that none is idle.
 WAITING = 2
 
-#: A batch has at most this many times the cases of the largest before it.
+#: A batch has at most this many times the parts of the largest before it.
 GROWTH = 4
 
 #: Time between looks at how many workers there are, and at whether anything came back at all, s.
 LOOK_S = 2.0
 
-#: Ways to run a case, each tried where the one before ended its worker: with others, in a task of its own beside other
+#: Ways to do a part, each tried where the one before ended its worker: with others, in a task of its own beside other
 #: tasks, and alone on the whole engine, where no neighbour can be to blame.
 IN_BATCH, BY_ITSELF, ALONE = range(3)
 
 Progress = Callable[[int, int], Any]
 
 
-def work(version: str, kind: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
-    """Run cases of a sweep or starts of a design, on a worker; their lines and the time that each took, s."""
+class Job(Protocol):
+    """What an engine can do the parts of."""
+
+    @property
+    def noun(self) -> str:
+        """What a part is called."""
+
+    @property
+    def folder(self) -> Path:
+        """Where what comes back is kept."""
+
+    @property
+    def size(self) -> int:
+        """Number of parts."""
+
+    def todo(self) -> list[int]:
+        """The parts that are still to be done."""
+
+    def describe(self, index: int) -> str:
+        """A part in words."""
+
+    def parcel(self) -> bytes:
+        """All that a worker needs."""
+
+    def keep(self, lines: list[bytes]) -> int:
+        """Keep what came back; how many of these are new."""
+
+    def close(self) -> None:
+        """Let others go on with its journal."""
+
+
+def work(version: str, noun: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
+    """Do parts of a job, on a worker; their lines and the time that each took, s."""
     if version != __version__:
-        raise engine_error(whereabouts(), f"it has caudal {__version__}, and the sweep is one of caudal {version}")
+        raise engine_error(whereabouts(), f"it has caudal {__version__}, and the work is that of caudal {version}")
     try:
-        lines: tuple[list[bytes], list[float]] = getattr(_caudal, kind)(parcel, indices)
+        lines: tuple[list[bytes], list[float]] = getattr(_caudal, f"_{noun}s")(parcel, indices)
         return lines
     except Error as error:
         raise engine_error(whereabouts(), str(error)) from error
@@ -67,11 +100,39 @@ def engine_error(worker: str, reason: str) -> EngineError:
     return error
 
 
+def lost_error(job: Job, lost: list[int]) -> LostCasesError:
+    """That parts ended their workers."""
+    named = "; ".join(f"{job.noun} {index}: {job.describe(index)}" for index in lost[:5])
+    more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
+    number = f"{len(lost)} {job.noun}{'' if len(lost) == 1 else 's'}"
+    error = LostCasesError(
+        f"{number} ended the worker that did them, even alone ({named}{more}); "
+        f"the other {job.size - len(lost)} are kept in {job.folder}"
+    )
+    error.cases, error.rows = lost, []
+    return error
+
+
 class Engine:
     """An executor, and how many workers it has."""
 
-    def __init__(self, client: Any, executor: Optional[Executor], workers: Optional[int]) -> None:
+    @classmethod
+    def asked(cls, client: Any, executor: Optional[Executor], workers: Optional[int], patience_s: float) -> Optional[Engine]:
+        """The one of the arguments of a call; None where there is none."""
+        if client is not None and executor is not None:
+            raise TypeError("give either client or executor")
+        for name, value in (("client", client), ("executor", executor)):
+            if value is not None and not hasattr(value, "submit"):
+                raise TypeError(f"{name}: found {value!r}; allowed: what has a method submit")
+        if workers is not None and workers < 1:
+            raise ValueError(f"workers: found {workers}; allowed: 1 or more")
+        if not patience_s > 0:
+            raise ValueError(f"patience_s: found {patience_s}; allowed: a positive time")
+        return None if client is None and executor is None else cls(client, executor, workers, patience_s)
+
+    def __init__(self, client: Any, executor: Optional[Executor], workers: Optional[int], patience_s: float) -> None:
         self.client = client
+        self.patience_s = patience_s
         # Equal tasks are not the same task: one that is repeated shall run again.
         self.executor: Any = client.get_executor(pure=False) if client is not None else executor
         if self.client is None:
@@ -83,7 +144,7 @@ class Engine:
     def workers(self) -> int:
         """How many batches it runs at once; at least one."""
         if self.given is not None:
-            return max(1, self.given)
+            return self.given
         if time.monotonic() - self.looked >= LOOK_S:
             self.looked = time.monotonic()
             if hasattr(self.client, "scheduler_info"):
@@ -100,20 +161,33 @@ class Engine:
         return f"it is {self.executor!r}"
 
 
-class Distribution:
-    """The cases of a sweep, or the starts of a design, on their way."""
+    def do(self, job: Job, progress: Optional[Progress] = None) -> None:
+        """Do all parts of a job, and close it.
 
-    def __init__(
-        self, sweep: Union[_Sweep, _Starts], engine: Engine, patience_s: float, progress: Optional[Progress]
-    ) -> None:
-        self.kind = "_cases" if isinstance(sweep, _Sweep) else "_starts"
-        self.sweep, self.engine, self.patience_s, self.progress = sweep, engine, patience_s, progress
-        self.parcel = sweep.parcel()
-        self.todo = deque(sweep.todo())
-        self.done = sweep.size - len(self.todo)
-        #: Cases whose worker was lost, by what is to be tried next.
+        Raises
+        ------
+        LostCasesError
+            Where parts end their workers.
+        """
+        try:
+            lost = Distribution(job, self, progress).run()
+            if lost:
+                raise lost_error(job, lost)
+        finally:
+            job.close()
+
+
+class Distribution:
+    """The parts of a job on their way."""
+
+    def __init__(self, job: Job, engine: Engine, progress: Optional[Progress]) -> None:
+        self.job, self.engine, self.progress = job, engine, progress
+        self.parcel = job.parcel()
+        self.todo = deque(job.todo())
+        self.done = job.size - len(self.todo)
+        #: Parts whose worker was lost, by what is to be tried next.
         self.again: dict[int, deque[int]] = {BY_ITSELF: deque(), ALONE: deque()}
-        #: Cases that ended their worker even alone.
+        #: Those that ended their worker even alone.
         self.lost: list[int] = []
         self.flying: dict[Future[Any], tuple[list[int], int]] = {}
         self.landed: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
@@ -121,20 +195,20 @@ class Distribution:
         self.times = (0, 0.0)
 
     def run(self) -> list[int]:
-        """Run all cases; the numbers of those that cannot be, as they end their workers."""
-        last, patience = time.monotonic(), self.patience_s
+        """Do all parts; the numbers of those that cannot be done, as they end their workers."""
+        last, patience = time.monotonic(), self.engine.patience_s
         self.tell()
         try:
             while self.send():
                 try:
                     self.take(self.landed.get(timeout=LOOK_S))
-                    last, patience = time.monotonic(), max(self.patience_s, 10 * BATCH_S)
+                    last, patience = time.monotonic(), max(self.engine.patience_s, 10 * BATCH_S)
                 except queue.Empty:
                     waited = time.monotonic() - last
                     if waited > patience:
-                        cases = sum(len(indices) for indices, _ in self.flying.values())
+                        parts = sum(len(indices) for indices, _ in self.flying.values())
                         warnings.warn(
-                            f"nothing came back for {waited:.0f} s: {cases} cases are on their way; {self.engine.state()}",
+                            f"nothing came back for {waited:.0f} s: {parts} {self.job.noun}s are on their way; {self.engine.state()}",
                             RuntimeWarning,
                             stacklevel=4,
                         )
@@ -147,7 +221,7 @@ class Distribution:
     def tell(self) -> None:
         """Say how far it is."""
         if self.progress is not None:
-            self.progress(self.done, self.sweep.size)
+            self.progress(self.done, self.job.size)
 
     def send(self) -> bool:
         """Hand out as many batches as the engine has use for; false where none is on its way."""
@@ -155,7 +229,7 @@ class Distribution:
         while len(self.flying) < WAITING * workers and (batch := self.next_batch(workers)):
             indices, attempt = batch
             try:
-                future = self.engine.executor.submit(work, __version__, self.kind, self.parcel, indices, attempt)
+                future = self.engine.executor.submit(work, __version__, self.job.noun, self.parcel, indices, attempt)
             except (RuntimeError, OSError) as error:  # it was shut down, or is broken
                 raise self.stopped(f"the engine takes no more work: {error}") from error
             self.flying[future] = batch
@@ -163,10 +237,10 @@ class Distribution:
         return bool(self.flying)
 
     def next_batch(self, workers: int) -> Optional[tuple[list[int], int]]:
-        """The cases to hand out next, and how."""
+        """The parts to hand out next, and how."""
         if self.todo:
-            cases, seconds = self.times
-            size = int(BATCH_S * cases / seconds) if seconds > 0 else 1
+            parts, seconds = self.times
+            size = int(BATCH_S * parts / seconds) if seconds > 0 else 1
             # Towards the end smaller ones, so that all workers end together.
             size = max(1, min(size, GROWTH * self.largest, len(self.todo) // (WAITING * workers)))
             self.largest = max(self.largest, size)
@@ -186,29 +260,29 @@ class Distribution:
             raise self.stopped(f"the engine dropped its work; {self.engine.state()}") from error
         except BrokenExecutor as error:
             batches = [indices, *(other for other, _ in self.flying.values())]
-            cases = ", ".join(str(case) for batch in batches for case in batch[:20])
-            raise self.stopped(f"the engine is broken: {error} (cases on their way: {cases})") from error
+            parts = ", ".join(str(index) for batch in batches for index in batch[:20])
+            raise self.stopped(f"the engine is broken: {error} ({self.job.noun}s on their way: {parts})") from error
         except EngineError as error:
             raise self.stopped(error.reason, error.worker) from error
         except Exception as error:
             # Dask's word for a task whose workers died, each time that it was tried.
             if type(error).__name__ != "KilledWorker":
-                reason = f"the workers cannot run cases, {type(error).__name__}: {error}; install caudal {__version__} there"
+                reason = f"the workers cannot do the work, {type(error).__name__}: {error}; install caudal {__version__} there"
                 raise self.stopped(reason) from error
             if attempt == ALONE:
                 self.lost.extend(indices)
             else:
                 self.again[attempt + 1].extend(indices)
             return
-        self.done += self.sweep.keep(lines)
-        # The last ones count most: cases that are neighbours take like times.
+        self.done += self.job.keep(lines)
+        # The last ones count most: parts that are neighbours take like times.
         before, seconds = self.times
         self.times = (before // 2 + len(times), seconds * (before // 2) / max(before, 1) + sum(times))
         self.tell()
 
     def stopped(self, reason: str, worker: str = "") -> EngineError:
         """The error that ends it."""
-        kept = f"{self.done} of {self.sweep.size} cases are kept in {self.sweep.folder}; the same call goes on"
+        kept = f"{self.done} of {self.job.size} {self.job.noun}s are kept in {self.job.folder}; the same call goes on"
         error = engine_error(worker, f"{reason}; {kept}")
         error.reason = reason
         return error

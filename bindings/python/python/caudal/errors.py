@@ -153,7 +153,7 @@ class JournalError(Error):
 
 
 class ParcelError(Error):
-    """What was sent from elsewhere, a sweep or a design, cannot be run.
+    """Work that was sent from elsewhere cannot be done.
 
     Attributes
     ----------
@@ -165,8 +165,8 @@ class ParcelError(Error):
 
 
 class EngineError(Error, RuntimeError):
-    """The engine that runs cases elsewhere cannot go on; the cases that are done are kept, and the same call, with this
-    engine, another one or none, goes on.
+    """The engine that does parts of a job elsewhere cannot go on; what is done is kept, and the same call, with this engine,
+    another one or none, goes on.
 
     Attributes
     ----------
@@ -181,15 +181,15 @@ class EngineError(Error, RuntimeError):
 
 
 class LostCasesError(Error, RuntimeError):
-    """Cases of a sweep ended the program that ran them, each of them a second time, alone. All other cases are kept, and table
-    and report are made of these.
+    """Cases of a sweep, starts of a design or runs of a study ended the program that did them, each of them again, alone. All
+    others are kept; of a sweep table and report are made of these.
 
     Attributes
     ----------
     cases : list of int
         Their numbers.
     rows : list of dict
-        The rows of the others, as ``caudal.sweep`` returns them.
+        Of a sweep the rows of the others, as ``caudal.sweep`` returns them.
     """
 
     cases: list[int]

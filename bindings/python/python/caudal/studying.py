@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import html
 import os
+from concurrent.futures import Executor
 from typing import TYPE_CHECKING, Any, Callable, Literal, Optional, Union
 
-from ._caudal import Scene, _study
+from ._caudal import Scene, _runs_of, _study
+from .distributing import Engine
 from .optional import optional
 from .result import Source, load
 
@@ -20,6 +22,10 @@ def study(
     *,
     out: Optional[Union[str, os.PathLike[str]]] = None,
     progress: Optional[Callable[[int, int], Any]] = None,
+    client: Any = None,
+    executor: Optional[Executor] = None,
+    workers: Optional[int] = None,
+    patience_s: float = 60.0,
     **asked: Any,
 ) -> Findings:
     """Study a scene, and leave the files of ``caudal study``: tables, figures, report, summary.
@@ -29,14 +35,24 @@ def study(
     Parameters
     ----------
     kind : {"accuracy", "fluid", "modes", "scaling", "stability"}
-        Error against cost of every method, step and mesh; the same motion under every law of the fluid that can hold; natural frequencies and mode shapes; time, memory and error of
-        meshes from coarse to fine; what every method does at every step over a parameter.
+        Error against cost of every method, step and mesh; the same motion under every law of the fluid that can hold; natural
+        frequencies and mode shapes; time, memory and error of meshes from coarse to fine; what every method does at every step
+        over a parameter.
     scene : Scene, str, os.PathLike or dict
         The scene, or what `load` makes one from.
     out : str or os.PathLike, optional
         Folder for the results; by default ``out/<name of the scene>-study-<kind>``.
     progress : callable, optional
         Called with the numbers of runs that are done and of all, some twenty times a second and at the end.
+    client : distributed.Client, optional
+        Makes the runs of a study of accuracy, fluid or stability on the workers of a Dask cluster. The findings are the same to
+        the bit, but for the times that accuracy tells: these are the workers'.
+    executor : concurrent.futures.Executor, optional
+        The same on any other engine, such as a ``ProcessPoolExecutor``.
+    workers : int, optional
+        How many tasks the engine runs at once, where it does not say.
+    patience_s : float, optional
+        A warning says so where an engine returns nothing for longer.
     **asked
         The options of ``caudal study <kind>``, for example ``nodes=[17, 33]``, ``steps=[1e-3, 1e-4]``,
         ``vary="amplitude"``, ``range=[0.1, 1.0]``, ``points=12``, ``count=12``.
@@ -49,7 +65,9 @@ def study(
     Raises
     ------
     caudal.errors.StudyError
-        For options that are not allowed.
+        For options that are not allowed, and for an engine where the study is of this machine.
+    caudal.errors.EngineError, caudal.errors.LostCasesError
+        Where the engine cannot go on, and for runs that end the worker that makes them.
 
     Examples
     --------
@@ -60,6 +78,9 @@ def study(
     <caudal.Findings on natural modes: 3 tables, 3 figures>
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
+    if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
+        while (runs := _runs_of(scene, {kind: asked}, out)) is not None:
+            engine.do(runs, progress)
     return Findings(_study(scene, {kind: asked}, out, progress))
 
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 import numpy as np
 
 from ._caudal import Scene, _Sweep, _toml, _units
-from .distributing import Distribution, Engine
-from .errors import LostCasesError
+from .distributing import Distribution, Engine, lost_error
 from .optional import optional
 from .result import Source, load
 from .showing import table as html_table
@@ -226,9 +225,7 @@ def sweep(
         set = None
     elif samples is not None:
         raise TypeError("samples belong to axes that are given here; a file has its own")
-    if client is not None and executor is not None:
-        raise TypeError("give either client or executor")
-    engine = None if client is None and executor is None else Engine(client, executor, workers)
+    engine = Engine.asked(client, executor, workers, patience_s)
     at_work = _Sweep(path, None if set is None else dict(set), out, jobs, restart)
     lost: list[int] = []
     try:
@@ -236,18 +233,13 @@ def sweep(
             if engine is None:
                 at_work.run(told)
             else:
-                lost = Distribution(at_work, engine, patience_s, told).run()
+                lost = Distribution(at_work, engine, told).run()
         table = at_work.finish(rows)
     finally:
         at_work.close()
     if lost:
-        named = "; ".join(f"case {case}: {at_work.describe(case)}" for case in lost[:5])
-        more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
-        error = LostCasesError(
-            f"{len(lost)} cases ended the worker that ran them, even alone ({named}{more}); "
-            f"the results of the other {at_work.size - len(lost)} are in {at_work.folder}"
-        )
-        error.cases, error.rows = lost, table
+        error = lost_error(at_work, lost)
+        error.rows = table
         raise error
     return Sweep(table, at_work.folder, at_work.axes)
 

@@ -1,0 +1,75 @@
+//! Jobs whose parts are done elsewhere: the starts of designs, the runs of studies.
+
+use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
+
+use caudal::parcel::Parts;
+use pyo3::exceptions::PyRuntimeError;
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
+
+use crate::error::OrRaise;
+
+/// A job at work, with what is known of its parts in its folder.
+#[pyclass(module = "caudal._caudal", name = "_Parts", frozen)]
+pub struct PartsAtWork {
+    /// Where what comes back is kept.
+    #[pyo3(get)]
+    folder: PathBuf,
+    /// What a part is called.
+    #[pyo3(get)]
+    noun: &'static str,
+    /// Number of parts.
+    #[pyo3(get)]
+    size: usize,
+    /// None once it is closed.
+    parts: Mutex<Option<Box<dyn Parts>>>,
+}
+
+impl PartsAtWork {
+    /// `parts`, each called `noun`, that are kept in `folder`.
+    pub fn new(parts: impl Parts + 'static, noun: &'static str, folder: PathBuf) -> Self {
+        Self { folder, noun, size: parts.count(), parts: Mutex::new(Some(Box::new(parts))) }
+    }
+
+    fn with<T>(&self, act: impl FnOnce(&mut dyn Parts) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
+        let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        match parts.as_mut() {
+            Some(parts) => act(parts.as_mut()).or_raise(py),
+            None => Err(PyRuntimeError::new_err("it is closed")),
+        }
+    }
+}
+
+#[pymethods]
+impl PartsAtWork {
+    /// Parts that are worth handing out.
+    fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
+        self.with(|parts| Ok(parts.todo()), py)
+    }
+
+    /// A part in words.
+    fn describe(&self, py: Python<'_>, index: usize) -> PyResult<String> {
+        self.with(|parts| Ok(parts.describe(index)), py)
+    }
+
+    /// All that a worker elsewhere needs.
+    fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
+        self.with(|parts| parts.parcel(), py).map(|bytes| PyBytes::new(py, &bytes))
+    }
+
+    /// Keeps what parts elsewhere came to; how many of them are new.
+    fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
+        self.with(|parts| lines.iter().try_fold(0, |new, line| Ok(new + usize::from(parts.keep(line)?))), py)
+    }
+
+    /// Closes its journal, so that the job may go on with it.
+    fn close(&self) {
+        drop(self.parts.lock().unwrap_or_else(PoisonError::into_inner).take());
+    }
+}
+
+/// Lines of a journal and the time that each took (s), as Python has them.
+pub fn lines(py: Python<'_>, lines: Vec<(Vec<u8>, f64)>) -> (Vec<Bound<'_, PyBytes>>, Vec<f64>) {
+    lines.into_iter().map(|(line, time)| (PyBytes::new(py, &line), time)).unzip()
+}
