@@ -91,7 +91,7 @@ pub mod sensitivity;
 
 pub mod jobs;
 #[cfg(feature = "report")]
-pub mod parcel;
+pub mod parts;
 
 #[cfg(feature = "faer")]
 pub mod check;

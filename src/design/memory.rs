@@ -81,15 +81,20 @@ impl Memory {
         self.recorded.as_deref().unwrap_or_default()
     }
 
-    /// True where all that a start simulates is there.
-    pub fn has_start(&self, start: usize) -> bool {
-        self.lines.contains_key(&of_start(start))
+    /// Names all that the search from a start simulates.
+    pub fn start(start: usize) -> String {
+        format!("start {start}")
     }
 
-    /// Keeps all that a start simulated; false where it is there already.
-    pub fn keep_start(&mut self, start: usize, simulated: Vec<Simulated>) -> bool {
-        let new = !self.has_start(start);
-        let end = Known { of: of_start(start), value: Some(Value::Bool(true)) };
+    /// True where the result of what `asked` names is there.
+    pub fn has(&self, asked: &str) -> bool {
+        self.lines.contains_key(&jobs::hash(asked.as_bytes()))
+    }
+
+    /// Keeps all that a part which `asked` names simulated; false where it is there already.
+    pub fn keep_part(&mut self, asked: &str, simulated: Vec<Simulated>) -> bool {
+        let new = !self.has(asked);
+        let end = Known { of: jobs::hash(asked.as_bytes()), value: Some(Value::Bool(true)) };
         for known in simulated.into_iter().chain([end]) {
             if !self.lines.contains_key(&known.of) {
                 self.keep(known);
@@ -128,11 +133,6 @@ impl Memory {
         }
         self.keep(Known { of, value: make() })
     }
-}
-
-/// Names the end of a start.
-fn of_start(start: usize) -> String {
-    jobs::hash(format!("start {start}").as_bytes())
 }
 
 /// Forgets what is kept in `folder`, of a design that is complete.

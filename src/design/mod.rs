@@ -2,6 +2,8 @@
 //! solved by Clarabel; the rest is a sequence of them with exact [sensitivities](crate::sensitivity).
 
 mod cases;
+mod checks;
+pub mod elsewhere;
 mod figures;
 mod front;
 pub mod identify;
@@ -13,11 +15,11 @@ pub mod qp;
 mod report;
 pub mod search;
 pub mod shape;
-pub mod starts;
 pub mod table;
 pub mod trust;
 mod unknowns;
 
+pub use elsewhere::{Elsewhere, simulate};
 pub use front::Compromise;
 pub use identify::{Identified, Verdict, identify};
 pub use limits::Used;
@@ -25,7 +27,6 @@ pub use markers::Markers;
 pub use report::{Answer, Design};
 pub use search::{Found, Iteration, Objective, Search};
 pub use shape::{Resting, rest};
-pub use starts::{Starts, start};
 pub use table::{Goal, Robust, Table, Variable};
 pub use trust::{Tolerance, Trust};
 pub use unknowns::Profile;

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
 use super::cases::{Case, cases};
+use super::checks::Checks;
 use super::front::{Compromise, front};
 use super::identify::{Identified, Verdict, identify};
 use super::limits::Used;
@@ -18,7 +19,7 @@ use super::outline;
 use super::search::{CASE, Found, FoundNumber, Iteration, Objective, SAME, Search};
 use super::shape::{Resting, rest};
 use super::table::{Goal, Table, Variable};
-use super::trust::{LOOSE, Tolerance, Trust, higher_fluids};
+use super::trust::{LOOSE, Tolerance, Trust};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
@@ -245,7 +246,8 @@ impl Design {
                         "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
                     );
                 } else {
-                    evidence.checks = verify((document, &search.cases), &scene, &table, target.as_ref(), &profile);
+                    let checks = Checks::of((document, &search.cases), &scene, &table, target.as_ref(), &profile);
+                    evidence.checks = checks.make(&mut search.memory);
                     let again = || Problem::of(&scene);
                     (evidence.front, evidence.unfinished) =
                         front(&table, &objective, &found, (again, &mut search.memory), &mut tell)?;
@@ -675,7 +677,7 @@ fn simulated(scene: &Scene, profile: &Profile) -> Result<[Trajectory; 2]> {
 }
 
 /// The simulations that a design is looked at in: as it is, with half the step, by another method, on a finer mesh.
-fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
+pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let step = 0.5 * scene.typical_step();
     let other = if scene.integrator_name() == "generalized-alpha" { "newmark" } else { "generalized-alpha" };
     let finer = 2 * scene.rod.nodes.get() - 1;
@@ -688,7 +690,7 @@ fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
 }
 
 /// The scene of `document` with `changes` and a profile of its joints and `numbers`.
-fn changed(document: &Document, numbers: &[Number], changes: &[String], profile: &Profile) -> Result<Scene> {
+pub(super) fn changed(document: &Document, numbers: &[Number], changes: &[String], profile: &Profile) -> Result<Scene> {
     let keys = keys(document, numbers, profile)?;
     let mut document = document.clone();
     for change in changes {
@@ -698,48 +700,6 @@ fn changed(document: &Document, numbers: &[Number], changes: &[String], profile:
         document.put("the design", &key, &value);
     }
     document.scene()
-}
-
-/// Simulates the design and the even profile again, in every case that it is for.
-fn verify(
-    (document, cases): (&Document, &[Case]),
-    scene: &Scene,
-    table: &Table,
-    target: Option<&Markers>,
-    profile: &Profile,
-) -> Vec<Check> {
-    let alone = |document: &Document, changes: &[String], profile: &Profile| -> Option<f64> {
-        let scene = changed(document, &table.numbers, changes, profile).ok()?;
-        let mut problem = Problem::followed_only(&scene, scene.model().ok()?).ok()?;
-        let own = Profile::of(problem.stiffness());
-        let objective = Objective::new(table, &problem, target).ok()?;
-        objective.measure(&mut problem, &own)
-    };
-    let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
-        if cases.is_empty() {
-            return alone(document, changes, profile);
-        }
-        let of = |case: &Case| alone(&case.document, changes, &case.profile(profile));
-        let values = cases.iter().map(of).collect::<Option<Vec<f64>>>()?;
-        table.counted().of(&values, table.smaller_is_better())
-    };
-    let before = Problem::of(scene).map(|problem| {
-        let even = problem.model().rod.ei * table.mean.unwrap_or(1.0);
-        let own = problem.stiffness();
-        let has = table.variables.contains(&Variable::Stiffness);
-        Profile::of(if has { vec![even; own.len()] } else { own })
-    });
-    let allowed = |(_, changes): &(String, Vec<String>)| {
-        changed(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
-    };
-    let fluid = higher_fluids(scene).into_iter().filter(|_| before.is_ok()).find(allowed);
-    let check = |(simulation, changes): (String, Vec<String>)| {
-        let designed = measure(&changes, profile);
-        let before = before.as_ref().ok().and_then(|before| measure(&changes, before));
-        let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table, designed, before));
-        Check { simulation, designed, before, gain_percent }
-    };
-    simulations(scene).into_iter().chain(fluid).map(check).collect()
 }
 
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.

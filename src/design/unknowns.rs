@@ -4,7 +4,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::DMatrix;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::identify::second_differences;
 use super::qp::{Constraint, Quadratic};
@@ -16,7 +16,7 @@ use crate::sensitivity::Parameter;
 use crate::sensitivity::number::{Number, keys_with};
 
 /// What a search changes: joint by joint, and numbers of the scene.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Profile {
     /// EI, N m²; empty where it follows from the scene.
     pub stiffness_n_m2: Vec<f64>,

@@ -10,7 +10,7 @@ use std::sync::atomic::AtomicBool;
 use super::desk::{Errand, Known, Next, Plan, locked};
 use super::{Desk, Studied, Study};
 use crate::error::{Error, Result};
-use crate::parcel::Parts;
+use crate::parts::Parts;
 use crate::scene::{Document, Parcel};
 
 /// The runs that a study needs next, with those of them that its folder has.

@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use caudal::design::{Design, Starts, start};
+use caudal::design::{Design, Elsewhere, Iteration, simulate};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -23,21 +23,9 @@ pub fn design<'py>(
 ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
-    let mut failure = None;
-    let look = |py: Python<'_>, iteration: usize, objective: f64| {
-        py.check_signals()?;
-        progress.as_ref().map_or(Ok(()), |callback| callback.call1(py, (iteration, objective)).map(|_| ()))
-    };
+    let (mut failure, mut tell) = (None, telling(progress));
     let designed = py.detach(|| {
-        let design = Design::resumed(document, &folder, |iteration| {
-            match Python::attach(|py| look(py, iteration.iteration, iteration.objective)) {
-                Ok(()) => ControlFlow::Continue(()),
-                Err(error) => {
-                    failure = Some(error);
-                    ControlFlow::Break(())
-                }
-            }
-        })?;
+        let design = Design::resumed(document, &folder, |iteration| tell(iteration, &mut failure))?;
         design.write(&folder)?.complete()?;
         design.numbers()
     });
@@ -46,27 +34,57 @@ pub fn design<'py>(
     Ok((numbers, failure))
 }
 
-/// The starts of a design, for workers elsewhere.
-#[pyfunction]
-#[pyo3(name = "_starts_of")]
-pub fn starts_of(py: Python<'_>, scene: &Bound<'_, Scene>, out: Option<PathBuf>) -> PyResult<PartsAtWork> {
-    let Scene { scene, document, .. } = scene.get();
-    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
-    let starts = py.detach(|| Starts::of(document, &folder)).or_raise(py)?;
-    Ok(PartsAtWork::new(starts, "start", folder))
+/// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
+fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&Iteration, &mut Option<PyErr>) -> ControlFlow<()> {
+    move |iteration, failure| {
+        let told = Python::attach(|py| {
+            py.check_signals()?;
+            let told = (iteration.iteration, iteration.objective);
+            progress.as_ref().map_or(Ok(()), |callback| callback.call1(py, told).map(|_| ()))
+        });
+        match told {
+            Ok(()) => ControlFlow::Continue(()),
+            Err(error) => {
+                *failure = Some(error);
+                ControlFlow::Break(())
+            }
+        }
+    }
 }
 
-/// Searches from starts of a design that came in a parcel, one after the other: what they simulated, and the time that each took (s).
+/// What of a design workers elsewhere can do next; none where nothing is left.
 #[pyfunction]
-#[pyo3(name = "_starts")]
-pub fn starts<'py>(
+#[pyo3(name = "_design_parts")]
+pub fn parts(
+    py: Python<'_>,
+    scene: &Bound<'_, Scene>,
+    out: Option<PathBuf>,
+    progress: Option<Py<PyAny>>,
+) -> PyResult<Option<PartsAtWork>> {
+    let Scene { scene, document, .. } = scene.get();
+    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let (mut failure, mut tell) = (None, telling(progress));
+    let next = py.detach(|| Elsewhere::next(document, &folder, |iteration| tell(iteration, &mut failure)));
+    match (next.or_raise(py)?, failure) {
+        (_, Some(failure)) => Err(failure),
+        (next, None) => Ok(next.map(|next| {
+            let noun = next.noun();
+            PartsAtWork::new(next, noun, "_simulate", folder)
+        })),
+    }
+}
+
+/// Does parts of a design that came in a parcel, one after the other: what they simulated, and the time that each took (s).
+#[pyfunction]
+#[pyo3(name = "_simulate")]
+pub fn simulate_parts<'py>(
     py: Python<'py>,
     parcel: &[u8],
     indices: Vec<usize>,
 ) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
     let one = |index: usize| {
         let begun = Instant::now();
-        start(parcel, index).map(|line| (line, begun.elapsed().as_secs_f64()))
+        simulate(parcel, index).map(|line| (line, begun.elapsed().as_secs_f64()))
     };
     let made: caudal::Result<Vec<_>> = py.detach(|| indices.into_iter().map(one).collect());
     Ok(lines(py, made.or_raise(py)?))

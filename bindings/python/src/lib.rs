@@ -41,7 +41,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<parts::PartsAtWork>()?;
     module.add_function(wrap_pyfunction!(study::runs_of, module)?)?;
     module.add_function(wrap_pyfunction!(study::runs, module)?)?;
-    module.add_function(wrap_pyfunction!(design::starts_of, module)?)?;
-    module.add_function(wrap_pyfunction!(design::starts, module)?)?;
+    module.add_function(wrap_pyfunction!(design::parts, module)?)?;
+    module.add_function(wrap_pyfunction!(design::simulate_parts, module)?)?;
     module.add_function(wrap_pyfunction!(design::design, module)?)
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::{Mutex, PoisonError};
 
-use caudal::parcel::Parts;
+use caudal::parts::Parts;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -19,6 +19,9 @@ pub struct PartsAtWork {
     /// What a part is called.
     #[pyo3(get)]
     noun: &'static str,
+    /// What does them on a worker: a function of this module.
+    #[pyo3(get)]
+    worker: &'static str,
     /// Number of parts.
     #[pyo3(get)]
     size: usize,
@@ -27,9 +30,9 @@ pub struct PartsAtWork {
 }
 
 impl PartsAtWork {
-    /// `parts`, each called `noun`, that are kept in `folder`.
-    pub fn new(parts: impl Parts + 'static, noun: &'static str, folder: PathBuf) -> Self {
-        Self { folder, noun, size: parts.count(), parts: Mutex::new(Some(Box::new(parts))) }
+    /// `parts`, each called `noun`, that `worker` does and that are kept in `folder`.
+    pub fn new(parts: impl Parts + 'static, noun: &'static str, worker: &'static str, folder: PathBuf) -> Self {
+        Self { folder, noun, worker, size: parts.count(), parts: Mutex::new(Some(Box::new(parts))) }
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut dyn Parts) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {

@@ -31,7 +31,7 @@ pub fn runs_of(
     let study = asked(study)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
     let runs = py.detach(|| Runs::of(&study, document, &folder)).or_raise(py)?;
-    Ok(runs.map(|runs| PartsAtWork::new(runs, "run", folder)))
+    Ok(runs.map(|runs| PartsAtWork::new(runs, "run", "_runs", folder)))
 }
 
 /// Makes runs of a study that came in a parcel, one after the other: their lines, and the time that each took (s).

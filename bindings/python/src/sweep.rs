@@ -81,6 +81,12 @@ impl SweepAtWork {
         "case"
     }
 
+    /// What runs them on a worker: a function of this module.
+    #[getter]
+    fn worker(&self) -> &'static str {
+        "_cases"
+    }
+
     /// Where its results go.
     #[getter]
     fn folder(&self) -> &PathBuf {

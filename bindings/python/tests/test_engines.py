@@ -246,25 +246,35 @@ def test_workers_of_a_cluster_that_are_killed_at_any_time_cost_no_case(distribut
     assert results(tmp_path / "out") == results(tmp_path / "ours")
 
 
-#: What a worker of a cluster runs before its work: case 7 ends it, as one that needs too much memory would.
+#: What a worker of a cluster runs before its work: one part ends it, as one that needs too much memory would.
 POISON = """
+import json, os
 from caudal import _caudal
 
+def is_check(lines):  # which simulates once
+    return len(json.loads(lines[0][17:])["result"]) == 1
+
+def is_start(lines):
+    return not is_check(lines)
+
 def poisoned(parcel, indices):
-    if 7 in indices:
-        import os
+    done = whole(parcel, indices)
+    lines, _ = done
+    if {bad} in indices and {when}:
         os._exit(1)
-    return _caudal._whole(parcel, indices)
+    return done
 
 if not hasattr(_caudal, "_whole"):  # this is read more than once
-    _caudal._whole, _caudal._cases = _caudal._cases, poisoned
+    _caudal._whole = _caudal.{worker}
+    _caudal.{worker} = poisoned
+whole = _caudal._whole
 """
 
 
 def test_a_case_that_ends_its_worker_is_named_and_its_neighbours_are_kept(distributed, sweep, tmp_path):
     caudal.sweep(sweep, out=tmp_path / "ours")
     poison = tmp_path / "poison.py"
-    poison.write_text(POISON)
+    poison.write_text(POISON.format(worker="_cases", bad=7, when="True"))
     out = tmp_path / "out"
     (tmp_path / "cluster").mkdir()
     with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
@@ -362,17 +372,19 @@ def files_of(folder):
     return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
 
 
-def test_the_starts_of_a_design_are_searched_by_any_executor_to_the_same_bits(tmp_path):
+def test_starts_and_checks_of_a_design_are_simulated_by_any_executor_to_the_same_bits(tmp_path):
     scene = design_scene(tmp_path)
-    caudal.design(scene, out=tmp_path / "ours")
+    ours, theirs = [], []
+    caudal.design(scene, out=tmp_path / "ours", progress=lambda *told: ours.append(told))
     with ProcessPoolExecutor(2) as executor:
-        found = caudal.design(scene, out=tmp_path / "theirs", executor=executor)
+        found = caudal.design(scene, out=tmp_path / "theirs", executor=executor, progress=lambda *told: theirs.append(told))
     assert len(found.answer["starts"]) == 3 and len(found.cases) == 2
     assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+    assert theirs == ours, "each iteration is told once"
     # A start that is known is not searched again, and the rest goes on without an engine.
-    starts = caudal._caudal._starts_of(scene, tmp_path / "on")
-    assert starts.todo() == [0, 1, 2]
-    lines, _ = caudal._caudal._starts(starts.parcel(), [1])
+    starts = caudal._caudal._design_parts(scene, tmp_path / "on", None)
+    assert starts.noun == "start" and starts.todo() == [0, 1, 2]
+    lines, _ = caudal._caudal._simulate(starts.parcel(), [1])
     assert starts.keep(lines) == 1 and starts.keep(lines) == 0 and starts.todo() == [0, 2]
     with pytest.raises(caudal.errors.Error, match="damaged"):
         starts.keep([lines[0][:-9] + b"\n"])
@@ -381,10 +393,174 @@ def test_the_starts_of_a_design_are_searched_by_any_executor_to_the_same_bits(tm
     assert files_of(tmp_path / "on") == files_of(tmp_path / "ours")
 
 
-def test_the_starts_of_a_design_are_searched_by_a_cluster_to_the_same_bits(distributed, tmp_path):
+def test_the_checks_of_a_design_are_parts_of_their_own(tmp_path):
+    scene = caudal.load(design_scene(tmp_path), set={"design.starts": 1})
+    whole = caudal.design(scene, out=tmp_path / "ours")
+    checks = caudal._caudal._design_parts(scene, tmp_path / "theirs", None)
+    # As designed, half the step, another method, a finer mesh, and perhaps another law: of two profiles, in two media.
+    assert checks.noun == "check" and checks.size == 4 * len(whole.checks)
+    assert checks.describe(2) == f"what was before, {whole.checks[0]['simulation']}, case 0"
+    lines, times = caudal._caudal._simulate(checks.parcel(), [0, 1])
+    values = [json.loads(line[17:])["result"][0]["value"] for line in lines]
+    assert min(values) == whole.checks[0]["designed"] and len(times) == 2
+    assert checks.keep(lines) == 2 and checks.todo() == list(range(2, checks.size))
+    with pytest.raises(caudal.errors.ParcelError, match="no check 99"):
+        caudal._caudal._simulate(checks.parcel(), [99])
+    checks.close()
+    with ThreadPoolExecutor(2) as executor:
+        caudal.design(scene, out=tmp_path / "theirs", executor=executor)
+    assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+
+
+def test_a_design_that_is_ended_on_an_engine_has_the_best_until_then_and_goes_on(tmp_path):
+    scene = design_scene(tmp_path)
+    caudal.design(scene, out=tmp_path / "ours")
+
+    class Enough(Exception):
+        pass
+
+    def stop(iteration, objective):
+        told.append(iteration)
+        if len(told) == 2:
+            raise Enough
+
+    told = []
+    with ThreadPoolExecutor(2) as executor:
+        with pytest.raises(Enough) as caught:
+            caudal.design(scene, out=tmp_path / "theirs", executor=executor, progress=stop)
+        assert caught.value.result.status == "interrupted" and len(told) == 2
+        caudal.design(scene, out=tmp_path / "theirs", executor=executor)
+    assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+
+
+def test_a_design_is_simulated_by_a_cluster_to_the_same_bits(distributed, tmp_path):
     scene = design_scene(tmp_path)
     caudal.design(scene, out=tmp_path / "ours")
     options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
     with distributed.LocalCluster(**options) as here, distributed.Client(here) as client:
         caudal.design(scene, out=tmp_path / "theirs", client=client)
+    assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+
+
+@pytest.mark.parametrize("phase", ["start", "check"])
+def test_a_start_or_check_of_a_design_that_ends_its_worker_is_named_and_the_others_are_kept(distributed, phase, tmp_path):
+    scene = design_scene(tmp_path)
+    caudal.design(scene, out=tmp_path / "ours")
+    poison = tmp_path / "poison.py"
+    poison.write_text(POISON.format(worker="_simulate", bad=1, when=f"is_{phase}(lines)"))
+    out = tmp_path / "out"
+    (tmp_path / "cluster").mkdir()
+    with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
+        with client_of(distributed, file) as client:
+            with pytest.raises(caudal.errors.LostCasesError, match=f"1 {phase} ended the worker.*{phase} 1: ") as caught:
+                caudal.design(scene, out=out, client=client)
+    assert caught.value.cases == [1] and caught.value.rows == []
+    parts = caudal._caudal._design_parts(scene, out, None)
+    assert parts.noun == phase and parts.todo() == [1]
+    parts.close()
+    caudal.design(scene, out=out)  # here it does no harm
+    assert files_of(out) == files_of(tmp_path / "ours")
+
+
+def test_a_start_that_breaks_a_pool_of_processes_is_among_those_named(tmp_path, monkeypatch):
+    from multiprocessing import get_context
+
+    scene = design_scene(tmp_path)
+    caudal.design(scene, out=tmp_path / "ours")
+    fine = caudal._caudal._simulate
+
+    def poisoned(parcel, indices):
+        if 2 in indices:
+            os._exit(1)
+        return fine(parcel, indices)
+
+    monkeypatch.setattr(caudal._caudal, "_simulate", poisoned)
+    with ProcessPoolExecutor(1, mp_context=get_context("fork")) as executor:
+        with pytest.raises(caudal.errors.EngineError, match=r"starts on their way: 2\).*2 of 3 starts are kept"):
+            caudal.design(scene, out=tmp_path / "theirs", executor=executor)
+    monkeypatch.setattr(caudal._caudal, "_simulate", fine)
+    caudal.design(scene, out=tmp_path / "theirs")
+    assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+
+
+STUDIES = {
+    "stability": ("models/baseline-smooth.toml", {"points": 2, "range": [1e9, 1e10], "steps": [1e-3, 1e-2]}),
+    "flow": ("models/flag.toml", {"vary": "flow", "points": 2}),
+    "fluid": ("models/eel.toml", {}),
+    "accuracy": ("models/baseline-smooth.toml", {"nodes": [9], "steps": [1e-3, 5e-4], "tolerances": [1e-3]}),
+    "pairs": ("models/baseline.toml", {"nodes": [9], "steps": [1e-3, 5e-4], "tolerances": [1e-3]}),
+}
+#: What the findings of a study tell of times, which no two runs share.
+TIMES = ("wall_s", "processor_s")
+
+
+def without_times(findings):
+    """All that a study found but how long it took."""
+    tables = {
+        name: {column: values for column, values in table.items() if not column.endswith(TIMES)}
+        for name, table in findings.tables.items()
+    }
+    return tables, sorted(findings.figures)
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_the_runs_of_a_study_are_made_by_any_executor_to_the_same_numbers(name, tmp_path):
+    file, options = STUDIES[name]
+    kind = {"flow": "stability", "pairs": "accuracy"}.get(name, name)
+    scene = caudal.load(file, set={"solver.duration_s": 0.05} if "baseline" in file else {})
+    ours = caudal.study(kind, scene, out=tmp_path / "ours", **options)
+    told = []
+    with ThreadPoolExecutor(2) as executor:
+        theirs = caudal.study(
+            kind, scene, out=tmp_path / "theirs", executor=executor, progress=lambda *done: told.append(done), **options
+        )
+    assert without_times(theirs) == without_times(ours)
+    assert files_of(tmp_path / "theirs").keys() == files_of(tmp_path / "ours").keys(), "no journal is left"
+    if kind == "stability":
+        assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
+    assert told[0][0] == 0 and told[-1][0] == told[-1][1]
+
+
+def test_a_study_goes_on_with_the_runs_that_an_engine_made(tmp_path):
+    file, options = STUDIES["stability"]
+    scene = caudal.load(file, set={"solver.duration_s": 0.05})
+    caudal.study("stability", scene, out=tmp_path / "ours", **options)
+    out = tmp_path / "theirs"
+    runs = caudal._caudal._runs_of(scene, {"stability": options}, out)
+    lines, times = caudal._caudal._runs(runs.parcel(), [3, 5])
+    assert runs.keep(lines) == 2 and runs.keep(lines) == 0 and len(times) == 2
+    assert set(range(runs.size)) - set(runs.todo()) == {3, 5}
+    assert "step" in runs.describe(3)
+    with pytest.raises(caudal.errors.JournalError, match="damaged"):
+        runs.keep([lines[0][:-9] + b"\n"])
+    with pytest.raises(caudal.errors.ParcelError, match="no run 99"):
+        caudal._caudal._runs(runs.parcel(), [99])
+    runs.close()
+    told = []
+    caudal.study("stability", scene, out=out, progress=lambda *done: told.append(done), **options)
+    assert all(done >= 2 for done, of in told if of > 0)
+    assert files_of(out) == files_of(tmp_path / "ours")
+
+
+def test_a_study_of_this_machine_is_not_made_elsewhere(tmp_path):
+    with ThreadPoolExecutor(1) as executor:
+        for kind in ("modes", "scaling"):
+            with pytest.raises(caudal.errors.StudyError, match=f"{kind}: found with an engine; allowed with one: accuracy"):
+                caudal.study(kind, "models/baseline.toml", out=tmp_path / kind, executor=executor)
+
+
+def test_the_runs_of_a_study_are_made_by_a_cluster_and_one_that_ends_its_worker_is_named(distributed, tmp_path):
+    file, options = STUDIES["stability"]
+    scene = caudal.load(file, set={"solver.duration_s": 0.05})
+    caudal.study("stability", scene, out=tmp_path / "ours", **options)
+    poison = tmp_path / "poison.py"
+    poison.write_text(POISON.format(worker="_runs", bad=7, when="True"))
+    (tmp_path / "cluster").mkdir()
+    with cluster(tmp_path / "cluster", preload=poison, allowed_failures=0) as (file, _):
+        with client_of(distributed, file) as client:
+            with pytest.raises(caudal.errors.LostCasesError, match="1 run ended the worker.*run 7: ") as caught:
+                caudal.study("stability", scene, out=tmp_path / "theirs", client=client, **options)
+    assert caught.value.cases == [7]
+    with ThreadPoolExecutor(1) as executor:
+        caudal.study("stability", scene, out=tmp_path / "theirs", executor=executor, **options)
     assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")

@@ -1,6 +1,7 @@
 """The stepper: rollback to the bit, snapshots across processes, inputs and outputs, threads, and what a call costs."""
 
 import gc
+import copy
 import pickle
 import subprocess
 import sys
@@ -80,11 +81,35 @@ def test_snapshots_of_other_scenes_and_damaged_ones_are_refused():
     one.restore(saved)
 
 
+def test_a_snapshot_is_pickled_and_copied_and_one_of_another_version_is_refused():
+    tail = caudal.Stepper("models/driven-head.toml")
+    tail.set("head_angle_rad", 0.1)
+    tail.do_step(0.1)
+    saved = tail.save()
+    tail.do_step(0.05)
+    after = tail.get("tip_y_m")
+    for again in (pickle.loads(pickle.dumps(saved)), copy.copy(saved), copy.deepcopy(saved)):
+        assert repr(again) == repr(saved) and bytes(again) == bytes(saved)
+        tail.restore(again)
+        tail.do_step(0.05)
+        assert tail.get("tip_y_m") == after
+    with pytest.raises(caudal.errors.SnapshotError, match="another scene"):
+        caudal.Stepper("models/glycerol.toml").restore(again)
+    version = caudal.__version__.encode()
+    other = pickle.dumps(saved).replace(version, b"9" * len(version))
+    with pytest.raises(caudal.errors.SnapshotError, match="it was saved by caudal 9"):
+        pickle.loads(other)
+    damaged = bytearray(pickle.dumps(saved))
+    damaged[len(damaged) // 2] ^= 1
+    with pytest.raises(caudal.errors.SnapshotError, match="damaged"):
+        pickle.loads(bytes(damaged))
+
+
 def test_a_scene_is_pickled_with_its_overrides():
     scene = caudal.load("models/driven-head.toml", set={"rod.nodes": 12, "solver.integrator": "esdirk3"})
-    copy = pickle.loads(pickle.dumps(scene))
-    assert (copy.name, copy.nodes, copy.parameters) == (scene.name, 12, scene.parameters)
-    one, two = caudal.Stepper(scene), caudal.Stepper(copy)
+    again = pickle.loads(pickle.dumps(scene))
+    assert (again.name, again.nodes, again.parameters) == (scene.name, 12, scene.parameters)
+    one, two = caudal.Stepper(scene), caudal.Stepper(again)
     two.restore(bytes(one.save()))  # the same scene, to its fingerprint
     with pytest.raises(TypeError):
         pickle.dumps(one)

@@ -9,13 +9,16 @@ from concurrent.futures import Executor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
-from ._caudal import Scene, _design, _starts_of
+from ._caudal import Scene, _design, _design_parts
 from .distributing import Engine
+from .errors import Error
 from .optional import optional
 from .result import Source, load
 
 if TYPE_CHECKING:
     import matplotlib.figure
+
+    from ._caudal import _Parts
 
 
 class Design(Mapping[str, Any]):
@@ -116,8 +119,8 @@ def design(
         distance in m or the efficiency in m²/J). What it raises, and Ctrl-C, end the search; the best design so far is
         then the exception's ``result``.
     client : distributed.Client, optional
-        Searches from the several starts on the workers of a Dask cluster. What they simulated is kept in the folder, and the
-        design is the same to the bit.
+        Searches from several starts, and then simulates the design again in other ways, on the workers of a Dask cluster. What
+        they simulated is kept in the folder, and the design is the same to the bit.
     executor : concurrent.futures.Executor, optional
         The same on any other engine, such as a ``ProcessPoolExecutor``.
     workers : int, optional
@@ -139,14 +142,49 @@ def design(
     caudal.errors.SceneError
         For a wrong ``[design]``.
     caudal.errors.EngineError, caudal.errors.LostCasesError
-        Where the engine cannot go on, and for starts that end the worker that searches from them.
+        Where the engine cannot go on, and for starts and checks that end their worker.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
+    told = _Told(progress)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
-        engine.do(_starts_of(scene, out))
-    content, failure = _design(scene, out, progress)
+        while (parts := told.next(scene, out)) is not None:
+            engine.do(parts)
+    content, failure = _design(scene, out, told.again())
     found = Design(content)
     if failure is not None:
         failure.result = found  # type: ignore[attr-defined]
         raise failure
     return found
+
+
+class _Told:
+    """The iterations of a search that is gone through again after each kind of parts, told once; where it was ended, it ends again."""
+
+    def __init__(self, progress: Optional[Callable[[int, float], Any]]) -> None:
+        self.progress = progress
+        self.told = self.at = 0
+        self.ended: Optional[BaseException] = None
+
+    def again(self) -> _Told:
+        """From the first iteration on."""
+        self.at = 0
+        return self
+
+    def __call__(self, iteration: int, objective: float) -> None:
+        self.at += 1
+        if self.ended is not None and self.at >= self.told:
+            raise self.ended
+        if self.at > self.told:
+            self.told = self.at
+            if self.progress is not None:
+                self.progress(iteration, objective)
+
+    def next(self, scene: Scene, out: Optional[Union[str, os.PathLike[str]]]) -> Optional[_Parts]:
+        """The parts that come next; none where the search was ended."""
+        try:
+            return _design_parts(scene, out, self.again())
+        except Error:
+            raise
+        except BaseException as ended:  # the design up to there is made as without an engine
+            self.ended = ended
+            return None

@@ -50,6 +50,10 @@ class Job(Protocol):
         """What a part is called."""
 
     @property
+    def worker(self) -> str:
+        """What does parts on a worker: a function of the core."""
+
+    @property
     def folder(self) -> Path:
         """Where what comes back is kept."""
 
@@ -73,12 +77,12 @@ class Job(Protocol):
         """Let others go on with its journal."""
 
 
-def work(version: str, noun: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
+def work(version: str, worker: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
     """Do parts of a job, on a worker; their lines and the time that each took, s."""
     if version != __version__:
         raise engine_error(whereabouts(), f"it has caudal {__version__}, and the work is that of caudal {version}")
     try:
-        lines: tuple[list[bytes], list[float]] = getattr(_caudal, f"_{noun}s")(parcel, indices)
+        lines: tuple[list[bytes], list[float]] = getattr(_caudal, worker)(parcel, indices)
         return lines
     except Error as error:
         raise engine_error(whereabouts(), str(error)) from error
@@ -229,7 +233,7 @@ class Distribution:
         while len(self.flying) < WAITING * workers and (batch := self.next_batch(workers)):
             indices, attempt = batch
             try:
-                future = self.engine.executor.submit(work, __version__, self.job.noun, self.parcel, indices, attempt)
+                future = self.engine.executor.submit(work, __version__, self.job.worker, self.parcel, indices, attempt)
             except (RuntimeError, OSError) as error:  # it was shut down, or is broken
                 raise self.stopped(f"the engine takes no more work: {error}") from error
             self.flying[future] = batch

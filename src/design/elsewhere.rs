@@ -1,0 +1,169 @@
+//! What of a design is simulated elsewhere, each part by itself: first the searches from its starts, then its checks. What comes back is
+//! what they simulated, and the design goes the same way again without simulating.
+
+use std::ops::ControlFlow;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::cases::cases;
+use super::checks::Checks;
+use super::memory::{JOURNAL, Memory, Simulated};
+use super::report::{aim, pinned};
+use super::search::{Iteration, Search};
+use super::table::Table;
+use super::unknowns::Profile;
+use crate::error::{Error, Result};
+use crate::jobs;
+use crate::parts::Parts;
+use crate::scene::{Document, Parcel};
+use crate::sweep::Sweep;
+
+/// The parts of a design that come next, and what is known of them in its folder.
+#[derive(Debug)]
+pub struct Elsewhere {
+    document: Document,
+    table: Table,
+    memory: Memory,
+    /// Its file.
+    journal: PathBuf,
+    task: Task,
+    /// Each part in words, and what names its result.
+    parts: Vec<(String, String)>,
+}
+
+/// What comes next.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+enum Task {
+    /// Searches from the starts.
+    Starts,
+    /// Checks of this profile.
+    Checks(Profile),
+}
+
+impl Elsewhere {
+    /// What comes next of the design that `document` asks for, whose files go to `folder`: the searches from several starts; then the
+    /// checks of the profile that the search, of which `tell` sees every iteration, comes to. `None` where nothing is left that parts
+    /// elsewhere could do, or the search is stopped.
+    ///
+    /// # Errors
+    /// Those of [`Design::resumed`](super::Design::resumed).
+    pub fn next(
+        document: &Document,
+        folder: &Path,
+        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+    ) -> Result<Option<Self>> {
+        let scene = document.scene()?;
+        let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        if !table.is_searched() || table.fits_positions() {
+            return Ok(None);
+        }
+        let (memory, journal) = (Memory::open(folder, &scene, &table)?, folder.join(JOURNAL));
+        let count = table.all_starts();
+        if count > 1 && !(0..count).all(|start| memory.has(&Memory::start(start))) {
+            let parts = (0..count).map(|start| (format!("of {count}"), Memory::start(start))).collect();
+            return Ok(Some(Self { document: document.clone(), table, memory, journal, task: Task::Starts, parts }));
+        }
+        let pinned = pinned(document, &scene, &table)?;
+        let (objective, problem) = aim(&pinned, &scene, &table, None)?;
+        let mut search = Search::new(&table, &objective, problem);
+        search.cases = cases(document, &scene, &table)?;
+        search.memory = memory;
+        let found = search.run(tell)?;
+        if found.interrupted {
+            return Ok(None);
+        }
+        let checks = Checks::of((&pinned, &search.cases), &scene, &table, None, &found.profile);
+        let parts: Vec<_> = (0..checks.count()).map(|check| (checks.describe(check), checks.asked(check))).collect();
+        let memory = std::mem::take(&mut search.memory);
+        if parts.iter().all(|(_, asked)| memory.has(asked)) {
+            return Ok(None);
+        }
+        let task = Task::Checks(found.profile);
+        Ok(Some(Self { document: document.clone(), table: table.clone(), memory, journal, task, parts }))
+    }
+
+    /// What a part is called.
+    pub fn noun(&self) -> &'static str {
+        match self.task {
+            Task::Starts => "start",
+            Task::Checks(_) => "check",
+        }
+    }
+}
+
+impl Parts for Elsewhere {
+    fn count(&self) -> usize {
+        self.parts.len()
+    }
+
+    fn todo(&self) -> Vec<usize> {
+        (0..self.count()).filter(|index| !self.memory.has(&self.parts[*index].1)).collect()
+    }
+
+    fn describe(&self, index: usize) -> String {
+        self.parts.get(index).map(|(words, _)| words.clone()).unwrap_or_default()
+    }
+
+    fn parcel(&self) -> Result<Vec<u8>> {
+        let scene = self.document.scene()?;
+        let mut files = Vec::new();
+        if let Some(file) = &self.table.over {
+            let file = scene.folder.join(file);
+            let sweep = Sweep::over(&scene.read_from, &file, &[], Some(self.document.clone()))?;
+            for index in 0..sweep.size() {
+                files.extend(sweep.scene(&sweep.case(index)?)?.0.files());
+            }
+            files.push(file);
+        }
+        Parcel::of_scene(&self.document, files, &self.task)?.bytes()
+    }
+
+    fn keep(&mut self, line: &[u8]) -> Result<bool> {
+        let damaged = || Error::Parcel { problem: format!("a {} that came back is damaged", self.noun()) };
+        let (index, simulated) = jobs::read_line::<Vec<Simulated>>(line).ok_or_else(damaged)?;
+        let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
+        let new = self.memory.keep_part(asked, simulated);
+        if !self.memory.has(asked) {
+            let reason = "what came back cannot be kept; make room on the disk".to_string();
+            return Err(Error::Write { path: self.journal.clone(), reason });
+        }
+        Ok(new)
+    }
+}
+
+/// Does part `index` of a design that came as bytes; what it simulated, as a line for [`Elsewhere`].
+///
+/// # Errors
+/// Those of [`Parcel::read`] and of [`Design::of`](super::Design::of).
+pub fn simulate(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
+    let (asked, task) = Parcel::read(parcel)?.scene()?;
+    let scene = asked.scene()?;
+    let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
+    let document = pinned(&asked, &scene, &table)?;
+    let refused = |what: &str| Error::Parcel { problem: format!("{what} {index}") };
+    let mut memory = Memory::recorded();
+    match task {
+        Task::Starts => {
+            let (objective, problem) = aim(&document, &scene, &table, None)?;
+            let mut search = Search::new(&table, &objective, problem);
+            search.cases = cases(&asked, &scene, &table)?;
+            search.memory = memory;
+            match search.run_one(index, |_| ControlFlow::Continue(())) {
+                // No start of this design can be simulated: that is known now.
+                Ok(_) | Err(Error::Design { .. }) => {}
+                Err(error) => return Err(error),
+            }
+            memory = search.memory;
+        }
+        Task::Checks(profile) => {
+            let cases = cases(&asked, &scene, &table)?;
+            let checks = Checks::of((&document, &cases), &scene, &table, None, &profile);
+            if index >= checks.count() {
+                return Err(refused("it has no check"));
+            }
+            memory.recall(|| checks.asked(index), || checks.measure(index));
+        }
+    }
+    jobs::line(index, memory.record()).ok_or_else(|| refused("it cannot tell the result of part"))
+}
