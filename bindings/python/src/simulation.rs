@@ -200,13 +200,18 @@ struct Inner {
     given: bool,
 }
 
+/// The numbers of an array, one after the other.
+fn finite(name: &str, values: &PyReadonlyArrayDyn<'_, f64>) -> PyResult<Vec<f64>> {
+    let flat: Vec<f64> = values.as_array().iter().copied().collect();
+    match flat.iter().find(|x| !x.is_finite()) {
+        Some(bad) => Err(PyValueError::new_err(format!("{name}: found {bad}; allowed: finite numbers"))),
+        None => Ok(flat),
+    }
+}
+
 /// An array over times and `width` entries, of one row for all times or a row each.
 fn rows(name: &str, values: &PyReadonlyArrayDyn<'_, f64>, times: usize, width: usize) -> PyResult<(Vec<f64>, bool)> {
-    let array = values.as_array();
-    let flat: Vec<f64> = array.iter().copied().collect();
-    if let Some(bad) = flat.iter().find(|x| !x.is_finite()) {
-        return Err(PyValueError::new_err(format!("{name}: found {bad}; allowed: finite numbers")));
-    }
+    let flat = finite(name, values)?;
     match values.shape() {
         [n] if *n == width => Ok((flat, false)),
         [t, n] if *t == times && *n == width => Ok((flat, true)),
@@ -238,10 +243,7 @@ impl Inner {
         };
         let as_is = Known::of(&scene.scene).or_raise(py)?;
         for (name, value) in numbers {
-            let given: Vec<f64> = value.as_array().iter().copied().collect();
-            if let Some(bad) = given.iter().find(|x| !x.is_finite()) {
-                return Err(PyValueError::new_err(format!("{name}: found {bad}; allowed: finite numbers")));
-            }
+            let given = finite(name, value)?;
             let Some((By::Scene(i), ..)) = as_is.named(name) else {
                 // The scene says what is near to it, where it knows no such key.
                 document.set(&format!("{name}={:e}", given.first().unwrap_or(&0.0))).or_raise(py)?;
@@ -271,13 +273,13 @@ impl Inner {
         for (name, value) in &values {
             let Some((by, ..)) = known.named(name) else { return Err(refuse(name, &known)) };
             let width = match by {
-                By::Scene(_) | By::Phase => 1,
+                By::Scene(_) => continue, // the scene has it
+                By::Phase => 1,
                 By::Stiffness | By::Amplitude | By::PhaseProfile | By::Natural => joints,
                 By::Force(_) | By::Position(_) | By::Velocity(_) => nodes,
             };
-            let single = value.as_array();
             let (row, timed) = match (by, value.shape()) {
-                (By::Scene(_) | By::Phase, _) => (single.iter().copied().collect(), false),
+                (By::Phase, []) => (finite(name, value)?, false),
                 _ => rows(name, value, times, width)?,
             };
             let may_be_timed = matches!(by, By::Natural | By::Force(_));
@@ -289,7 +291,7 @@ impl Inner {
             }
             match by {
                 By::Scene(_) => {}
-                By::Phase => phase = row[0],
+                By::Phase => phase = row.first().copied().unwrap_or_default(),
                 By::Stiffness => {
                     if let Some(bad) = row.iter().find(|ei| **ei <= 0.0) {
                         return Err(PyValueError::new_err(format!("{name}: found {bad}; allowed: positive numbers")));

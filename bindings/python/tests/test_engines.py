@@ -321,7 +321,7 @@ with Client(scheduler_file=sys.argv[1], timeout=60) as client:
 
 @pytest.mark.parametrize("sign", [signal.SIGKILL, signal.SIGINT])
 def test_a_client_that_is_killed_or_interrupted_keeps_what_is_done_and_another_one_goes_on(distributed, sign, tmp_path):
-    sweep = make_sweep(tmp_path, count=60, duration=8.0)
+    sweep = make_sweep(tmp_path, count=200, duration=8.0)
     caudal.sweep(sweep, out=tmp_path / "ours")
     out = tmp_path / "out"
     (tmp_path / "cluster").mkdir()
@@ -337,7 +337,7 @@ def test_a_client_that_is_killed_or_interrupted_keeps_what_is_done_and_another_o
         assert client.returncode != 0
         assert sign == signal.SIGKILL or "KeyboardInterrupt" in complaint
         kept = rows_of_journal(out)
-        assert 5 <= len(kept) < 120
+        assert 5 <= len(kept) < 400
         with client_of(distributed, file) as client:
             told = []
             caudal.sweep(sweep, out=out, client=client, progress=lambda done, of: told.append(done))

@@ -307,6 +307,30 @@ def test_torch_differentiates_and_trains():
     assert losses[-1] < 0.02 * losses[0], losses
 
 
+def test_torch_takes_the_type_of_the_first_tensor_of_floats_and_texts_as_names():
+    torch = pytest.importorskip("torch", reason="torch is not installed: its wheels bring CUDA, 3 GB")
+    import caudal.torch
+
+    simulated = caudal.torch.function(scene(), "tip_y_m")
+    exact = simulated({"medium.viscosity_pa_s": torch.tensor(2.0, dtype=torch.float64)})["tip_y_m"]
+    assert exact.dtype == torch.float64 and exact.abs().max() > 0
+    for two in (torch.tensor(2), torch.tensor(2.0), 2.0):
+        path = simulated({"medium.viscosity_pa_s": two})["tip_y_m"]
+        assert path.is_floating_point() and torch.allclose(path.double(), exact, rtol=1e-6)
+
+
+def test_wrong_values_of_parameters_are_named():
+    for name, value, problem in [
+        ("actuation_phase_rad", [], r"found the shape \[0\]; allowed: \(1,\)"),
+        ("actuation_phase_rad", [0.0, 1.0], r"found the shape \[2\]; allowed: \(1,\)"),
+        ("actuation_phase_rad", np.nan, "found NaN; allowed: finite numbers"),
+        ("joint_stiffness_n_m2", np.nan, "found NaN; allowed: finite numbers"),
+        ("medium.viscosity_pa_s", [1.0, 2.0], "found 2 values; allowed: 1"),
+    ]:
+        with pytest.raises(ValueError, match=f"{name}: {problem}"):
+            caudal.simulate(scene(), "tip_y_m", {name: value})
+
+
 def test_a_missing_package_says_what_to_install(monkeypatch):
     for name in ("jax", "torch"):
         monkeypatch.setitem(sys.modules, name, None)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._caudal import Scene, _parameters, _Simulation
-from .result import Array, Source, load
+from .result import Array, Source, load, names_of
 from .showing import table
 
 #: A number, or an array.
@@ -90,14 +90,16 @@ class Simulation:
         self.outputs: dict[str, Array] = content.values()
         self._content = content
 
-    def pull_back(self, weights: Mapping[str, npt.ArrayLike], with_respect_to: Iterable[str]) -> dict[str, Value]:
+    def pull_back(
+        self, weights: Mapping[str, npt.ArrayLike], with_respect_to: Union[str, Iterable[str]]
+    ) -> dict[str, Value]:
         """Derivatives of a weighted sum of all outputs over all times.
 
         Parameters
         ----------
         weights : dict of str to array_like
             Weights by output, each of its shape; outputs that are not named have none.
-        with_respect_to : iterable of str
+        with_respect_to : str or iterable of str
             Names of `parameters`. First positions and velocities must have been given.
 
         Returns
@@ -114,7 +116,7 @@ class Simulation:
             if array.shape != shape:
                 raise ValueError(f"weights of {name}: found the shape {array.shape}; allowed: {shape}")
             rows.append((name, array))
-        return self._content.pull_back(rows, list(with_respect_to))
+        return self._content.pull_back(rows, names_of(with_respect_to))
 
     def __repr__(self) -> str:
         return f"<caudal.Simulation of {self.scene.name!r}: {', '.join(self.outputs)} at {len(self.times_s)} times>"
@@ -157,7 +159,7 @@ def simulate(
     ['medium.viscosity_pa_s']
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    names = [outputs] if isinstance(outputs, str) else list(outputs)
+    names = names_of(outputs)
     given = [(name, np.ascontiguousarray(value, dtype=np.float64)) for name, value in (values or {}).items()]
     return Simulation(scene, _Simulation(scene, given, names), dict(given))
 
@@ -198,7 +200,7 @@ def value_and_grad(
     (7,)
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    names = [with_respect_to] if isinstance(with_respect_to, str) else list(with_respect_to)
+    names = names_of(with_respect_to)
     given = dict(values or {})
     first = ("x_m", "y_m", "vx_m_s", "vy_m_s")
     if any(name in first for name in names) and not any(name in first for name in given):
@@ -218,9 +220,9 @@ def value_and_grad(
 class Recent:
     """The last simulations of a function of arrays, so that its derivative need not simulate again."""
 
-    def __init__(self, scene: Source, outputs: Iterable[str], size: int = 4) -> None:
+    def __init__(self, scene: Source, outputs: Union[str, Iterable[str]], size: int = 4) -> None:
         self.scene = scene if isinstance(scene, Scene) else load(scene)
-        self.outputs = list(outputs)
+        self.outputs = names_of(outputs)
         self._size = size
         self._kept: dict[tuple[Any, ...], Simulation] = {}
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, Callable
+from typing import Any, Callable, Union
 
 import numpy as np
 
@@ -15,7 +15,7 @@ jax: Any = optional("jax", "caudal.jax")
 jnp: Any = optional("jax.numpy", "caudal.jax")
 
 
-def function(scene: Source, outputs: Iterable[str]) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """A simulation as a differentiable function.
 
     It goes through ``jit``, ``grad``, ``vmap`` (one simulation after the other) and ``value_and_grad``; derivatives are
@@ -25,7 +25,7 @@ def function(scene: Source, outputs: Iterable[str]) -> Callable[[dict[str, Any]]
     ----------
     scene : Scene, str, os.PathLike or dict
         The scene, or what `caudal.load` makes one from.
-    outputs : iterable of str
+    outputs : str or iterable of str
         What it returns, see `caudal.simulate`.
 
     Returns
@@ -33,8 +33,8 @@ def function(scene: Source, outputs: Iterable[str]) -> Callable[[dict[str, Any]]
     callable
         From a dictionary of values of `caudal.parameters` to a dictionary of the outputs over time.
     """
-    outputs = list(outputs)
     recent = Recent(scene, outputs)
+    outputs = recent.outputs
     known = parameters(recent.scene)
     first = recent({})
     shapes = {name: values.shape for name, values in first.outputs.items()}

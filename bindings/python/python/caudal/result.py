@@ -28,6 +28,11 @@ Source = Union[Scene, str, "os.PathLike[str]", Mapping[str, Any]]
 Array = npt.NDArray[np.float64]
 
 
+def names_of(names: Union[str, Iterable[str]]) -> list[str]:
+    """Names as a list; a text is one of them."""
+    return [names] if isinstance(names, str) else list(names)
+
+
 def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
     """Read and check a scene.
 
@@ -66,7 +71,7 @@ def load(source: Source, set: Optional[Mapping[str, Any]] = None) -> Scene:
 def run(
     scene: Source,
     *,
-    record: Optional[Iterable[str]] = None,
+    record: Optional[Union[str, Iterable[str]]] = None,
     out: Optional[Union[str, "os.PathLike[str]"]] = None,
     progress: Optional[Callable[[float, float], Optional[bool]]] = None,
 ) -> Result:
@@ -79,7 +84,7 @@ def run(
     ----------
     scene : Scene, str, os.PathLike or dict
         The scene, or what `load` makes one from.
-    record : iterable of str, optional
+    record : str or iterable of str, optional
         Names of the variables to record, beside the time; by default those of trajectory.csv and, as the scene's
         ``[record]`` says, the positions of the nodes. When they are recorded is the scene's ``record.every`` or
         ``record.interval_s``.
@@ -110,7 +115,7 @@ def run(
     (101, 7)
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    names = None if record is None else [record] if isinstance(record, str) else list(record)
+    names = None if record is None else names_of(record)
     content, failure = _run(scene, names, out, progress)
     result = Result(scene, content)
     if failure is not None:
@@ -159,9 +164,8 @@ def export(
     ...     [os.path.basename(file) for file in caudal.export(folder, ["png", "pdf"], figures="shape")]
     ['shape.png', 'shape.pdf']
     """
-    names = None if figures is None else [figures] if isinstance(figures, str) else list(figures)
-    kinds = [formats] if isinstance(formats, str) else list(formats)
-    return [os.fspath(file) for file in _pictures(folder, names, kinds, folder if out is None else out)]
+    names = None if figures is None else names_of(figures)
+    return [os.fspath(file) for file in _pictures(folder, names, names_of(formats), folder if out is None else out)]
 
 
 def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
