@@ -127,6 +127,7 @@ const MISTAKES: &[Mistake] = &[
     ("youngs_modulus_pa = 70e9", "youngs_modulus_pa = 0.0", 0, "rod.youngs_modulus_pa", "found 0; allowed: a positive number"),
     ("stiffness_gradient = 1.0", "stiffness_gradient = -1.0", 0, "rod.stiffness_gradient", "found -1; allowed: a number above -1"),
     ("kappa_amp = 0.6", "kappa_amp = inf", 0, "actuation.kappa_amp", "found inf; allowed: a finite number"),
+    ("kappa_amp = 0.6\n", "", -2, "actuation.kappa_amp", "missing; kind = \"travelling-wave\" has no default for it"),
     ("frequency_hz = 2.0", "frequency_hz = -2.0", 0, "actuation.frequency_hz", "found -2; allowed: a number that is not negative"),
     ("envelope = [0.2, 0.8]", "envelope = [0.2, nan]", 0, "actuation.envelope", "found NaN; allowed: a finite number"),
     ("ramp_s = 0.5", "ramp_s = 0", 0, "start.ramp_s", "found 0; allowed: a positive number"),
@@ -175,7 +176,7 @@ const MISTAKES: &[Mistake] = &[
     ("beta = 0.25", "beta = 1979-05-27", 0, "solver.beta", "found 1979-05-27; allowed: a number from 1e-6 to 1"),
     // unknown kinds
     ("\"uniform\"", "\"unifrm\"", 0, "rod.mass_lumping", "found \"unifrm\"; allowed: `uniform` or `tributary`; did you mean `uniform`?"),
-    ("\"travelling-wave\"", "\"standing\"", 0, "actuation.kind", "found \"standing\"; allowed: `travelling-wave`, `standing-wave`; did you mean `standing-wave`?"),
+    ("\"travelling-wave\"", "\"standing\"", 0, "actuation.kind", "found \"standing\"; allowed: `travelling-wave`, `standing-wave`, `sine-wave`; did you mean `standing-wave`?"),
     ("\"ramp\"", "\"rampe\"", 0, "start.kind", "found \"rampe\"; allowed: `jump`, `ramp`, `shaped`; did you mean `ramp`?"),
     ("\"stokes-like\"", "\"stokes\"", 0, "drag.law", "found \"stokes\"; allowed: `cox`, `lighthill`, `gray-hancock`, `spheroid`, `coefficients`, `wall`, `weak-inertia`, `cross-flow`, `nonlocal`, `stokes-like`, `auto`; did you mean `stokes-like`?"),
     ("\"driven\"", "\"held\"", 0, "head.kind", "found \"held\"; allowed: `free`, `clamped`, `driven`"),

@@ -1,12 +1,13 @@
 //! Actuation: natural curvature prescribed along the rod, one kind per file.
 
+pub mod sine_wave;
 pub mod standing_wave;
 pub mod travelling_wave;
 
 pub use travelling_wave::TravellingWave;
 
 /// All kinds; adding one is its file and its line here.
-pub static KINDS: &[&Kind] = &[&travelling_wave::KIND, &standing_wave::KIND];
+pub static KINDS: &[&Kind] = &[&travelling_wave::KIND, &standing_wave::KIND, &sine_wave::KIND];
 
 /// What is known of a kind, and how to make it.
 pub struct Kind {
@@ -17,7 +18,7 @@ pub struct Kind {
     /// Those of them that it cannot do without.
     pub needs: &'static [&'static str],
     /// The actuation.
-    pub build: fn(&Recipe) -> Box<dyn Actuation>,
+    pub build: fn(&Recipe<'_>) -> Box<dyn Actuation>,
 }
 
 impl std::fmt::Debug for Kind {
@@ -42,7 +43,7 @@ impl Kind {
 
 /// What kinds are made from. What a kind needs is there, by its [`Kind::needs`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Recipe {
+pub struct Recipe<'a> {
     /// Number of nodes.
     pub nodes: usize,
     /// Node at which the rod begins: 1 behind a body, see [`Rod::front`](crate::rod::Rod::front).
@@ -55,9 +56,13 @@ pub struct Recipe {
     pub reference_length: f64,
     /// `wavelength_m`.
     pub wavelength: f64,
+    /// `harmonics`: the sizes of the second, third, … over the first.
+    pub harmonics: &'a [f64],
+    /// `slope`.
+    pub slope: f64,
 }
 
-impl Recipe {
+impl Recipe<'_> {
     /// Arc length of node `k` in spacings.
     pub fn place(&self, k: usize) -> f64 {
         k.saturating_sub(self.front) as f64

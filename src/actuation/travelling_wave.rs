@@ -1,4 +1,5 @@
-//! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) sin(2πft − φ₀ − 2πs_k/λ).
+//! Travelling wave: κ̄_k(t) = r κ_amp (ΔL/ℓ_ref)(e₀ + e₁ ξ_k) Σ_n h_n sin nψ_k, ψ_k = 2πft − φ₀ − 2πs_k/λ, with h₁ = 1 and the further
+//! harmonics h₂, h₃, … of `harmonics`.
 
 use std::f64::consts::TAU;
 
@@ -7,53 +8,75 @@ use super::{Actuation, Kind, Recipe, Wave};
 /// This kind.
 pub static KIND: Kind = Kind {
     name: "travelling-wave",
-    keys: &["wavelength_m"],
-    needs: &["wavelength_m"],
+    keys: &["kappa_amp", "kappa_reference_length_m", "wavelength_m", "harmonics"],
+    needs: &["kappa_amp", "wavelength_m"],
     build: |recipe| Box::new(TravellingWave::new(recipe)),
 };
 
-/// A travelling wave with a linear envelope.
+/// A travelling wave of any shape, as a sum of sines, with a linear envelope.
 ///
-/// sin(ψ − b_k) is expanded so that a time costs one sine and one cosine, whatever the number of nodes.
+/// sin n(ψ − b_k) is expanded so that a time costs one sine and one cosine a harmonic, whatever the number of nodes.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TravellingWave {
-    /// (ΔL/ℓ_ref)(e₀ + e₁ξ_k) times (cos b_k, sin b_k), b_k = 2πs_k/λ.
-    table: Vec<[f64; 2]>,
+    harmonics: Vec<Harmonic>,
     /// λ, m; infinite where all of the rod bends at once.
     wavelength: f64,
 }
 
+/// Its part of order n.
+#[derive(Debug, Clone, PartialEq)]
+struct Harmonic {
+    /// n.
+    order: f64,
+    /// Its size times ΔL(e₀ + e₁ξ_k) times (cos n b_k, sin n b_k), b_k = 2πs_k/λ.
+    table: Vec<[f64; 2]>,
+}
+
 impl TravellingWave {
     /// The wave that `recipe` describes.
-    pub fn new(recipe: &Recipe) -> Self {
-        let Recipe { nodes, spacing, envelope, reference_length, wavelength, .. } = *recipe;
-        let table = (0..nodes)
-            .map(|k| {
-                let size = spacing / reference_length * (envelope[0] + envelope[1] * recipe.xi(k));
-                let (sin, cos) = (TAU * recipe.place(k) * spacing / wavelength).sin_cos();
+    pub fn new(recipe: &Recipe<'_>) -> Self {
+        let orders = std::iter::once(&1.0).chain(recipe.harmonics).zip(1..);
+        let orders = orders.filter(|(size, _)| **size != 0.0).map(|(size, order)| (f64::from(order), *size));
+        Self::of(recipe, recipe.reference_length, orders)
+    }
+
+    /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n) with envelope and wavelength of `recipe`.
+    pub fn of(recipe: &Recipe<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)>) -> Self {
+        let Recipe { nodes, spacing, envelope, wavelength, .. } = *recipe;
+        let harmonic = |(order, part): (f64, f64)| {
+            let at = |k: usize| {
+                let size = spacing / length * (envelope[0] + envelope[1] * recipe.xi(k)) * part;
+                let (sin, cos) = (order * (TAU * recipe.place(k) * spacing / wavelength)).sin_cos();
                 [size * cos, size * sin]
-            })
-            .collect();
-        Self { table, wavelength }
+            };
+            Harmonic { order, table: (0..nodes).map(at).collect() }
+        };
+        Self { harmonics: harmonics.map(harmonic).collect(), wavelength }
     }
 }
 
 impl Actuation for TravellingWave {
     fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]) {
-        let (sin, cos) = wave.phase.sin_cos();
         let size = wave.amplitude * wave.gain;
-        let (turning, growing) = (size * wave.phase_rate, wave.amplitude * wave.gain_rate);
-        for ((natural, rate), [c, s]) in natural.iter_mut().zip(rate).zip(&self.table) {
-            let value = c * sin - s * cos;
-            *natural += size * value;
-            *rate += turning * (c * cos + s * sin) + growing * value;
+        let growing = wave.amplitude * wave.gain_rate;
+        for Harmonic { order, table } in &self.harmonics {
+            let (sin, cos) = (order * wave.phase).sin_cos();
+            let turning = order * size * wave.phase_rate;
+            for ((natural, rate), [c, s]) in natural.iter_mut().zip(&mut *rate).zip(table) {
+                let value = c * sin - s * cos;
+                *natural += size * value;
+                *rate += turning * (c * cos + s * sin) + growing * value;
+            }
         }
     }
 
     fn add_derivatives(&self, [value, first, second]: [f64; 3], phase: f64, out: &mut [f64]) {
-        let (sin, cos) = phase.sin_cos();
-        for (out, [c, s]) in out.iter_mut().zip(&self.table) {
-            *out += (value - second) * (c * sin - s * cos) + first * (c * cos + s * sin);
+        for Harmonic { order, table } in &self.harmonics {
+            let (sin, cos) = (order * phase).sin_cos();
+            let (even, odd) = (value - order * order * second, order * first);
+            for (out, [c, s]) in out.iter_mut().zip(table) {
+                *out += even * (c * sin - s * cos) + odd * (c * cos + s * sin);
+            }
         }
     }
 
@@ -62,10 +85,13 @@ impl Actuation for TravellingWave {
     }
 
     fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation> {
-        let turned = |(([c, s], factor), phase): ((&[f64; 2], &f64), &f64)| {
-            let (sin, cos) = phase.sin_cos();
-            [factor * (c * cos - s * sin), factor * (s * cos + c * sin)]
+        let turned = |Harmonic { order, table }: &Harmonic| {
+            let turn = |(([c, s], factor), phase): ((&[f64; 2], &f64), &f64)| {
+                let (sin, cos) = (order * phase).sin_cos();
+                [factor * (c * cos - s * sin), factor * (s * cos + c * sin)]
+            };
+            Harmonic { order: *order, table: table.iter().zip(factors).zip(phases).map(turn).collect() }
         };
-        Box::new(Self { table: self.table.iter().zip(factors).zip(phases).map(turned).collect(), ..*self })
+        Box::new(Self { harmonics: self.harmonics.iter().map(turned).collect(), ..*self })
     }
 }

@@ -77,9 +77,9 @@ impl Case {
                 "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
             return Err(document.refuse(&Fault { key: "design.over".into(), problem: problem.into() }));
         }
-        let (objective, problem) = aim(&document, &scene, table, None)?;
-        let of_load = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
-        let limits = Limits::of(&of_load, &problem, &objective)?;
+        let (objective, mut problem) = aim(&document, &scene, table, None)?;
+        let of_motion = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
+        let limits = Limits::of(&of_motion, &mut problem, &objective)?;
         let stiffer = if table.variables.contains(&Variable::Stiffness) {
             let stiffness = |of: &Rod| of.joints().map(|k| of.section_stiffness(k)).collect::<Vec<_>>();
             stiffness(&problem.model().rod).iter().zip(stiffness(rod)).map(|(case, own)| case / own).collect()
@@ -102,7 +102,7 @@ impl Case {
         Profile { stiffness_n_m2, ..profile.clone() }
     }
 
-    /// The objective and the limits of the load with their derivatives by `parameters` of the scene itself; none where a
+    /// The objective and the limits of the motion with their derivatives by `parameters` of the scene itself; none where a
     /// simulation fails.
     fn at(&mut self, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
         let profile = self.profile(profile);

@@ -3,8 +3,9 @@
 use serde::{Deserialize, Serialize};
 
 use super::search::Objective;
-use super::table::Table;
+use super::table::{Goal, Table};
 use super::unknowns::Profile;
+use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
 use crate::error::Result;
 use crate::model::Model;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
@@ -41,16 +42,22 @@ type OfBody = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 /// A limit of the load: in words, what is limited, and to what.
 type OfLoad = (String, Vec<Output>, f64);
 
+/// A mean over the cycles, or a second goal: in words, what it has to reach, and the size of that.
+type OfMean = (String, Objective, [f64; 2]);
+
 /// The limits of a search.
 pub(super) struct Limits {
     body: Vec<OfBody>,
     load: Vec<OfLoad>,
-    second: Option<(Objective, [f64; 2])>,
+    means: Vec<OfMean>,
 }
 
 impl Limits {
     /// Those of `table`.
-    pub fn of(table: &Table, problem: &Problem, objective: &Objective) -> Result<Self> {
+    ///
+    /// # Errors
+    /// [`Error::Design`](crate::error::Error::Design) where a mean over the cycles is limited that the scene has not.
+    pub fn of(table: &Table, problem: &mut Problem, objective: &Objective) -> Result<Self> {
         let mut body: Vec<OfBody> = Vec::new();
         if let Some(most) = table.largest_mass_kg {
             body.push((format!("total mass at most {most} kg"), Box::new(move |model| model.rod.total_mass() / most)));
@@ -95,11 +102,25 @@ impl Limits {
                 most,
             ));
         }
-        let second = match (table.second(), table.floor) {
-            (Some(other), Some(floor)) => Some((Objective::new(&other, problem, None)?.like(objective), floor)),
-            _ => None,
-        };
-        Ok(Self { body, load, second })
+        let mut means: Vec<OfMean> = Vec::new();
+        let leasts: [(Option<f64>, &Measure, &str); 2] = [
+            (table.least_speed_m_s, &FORWARD_SPEED, "mean forward speed"),
+            (table.least_thrust_n, &THRUST, "mean thrust"),
+        ];
+        for (least, measure, words) in leasts {
+            let Some(least) = least else { continue };
+            let other = Table { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
+            let mean = Objective::new(&other, problem, None)?;
+            mean.check(problem)?;
+            let words = format!("{words} at least {least} {}", measure.unit);
+            means.push((words, mean.like(objective), [least; 2]));
+        }
+        if let (Some(other), Some(floor)) = (table.second(), table.floor) {
+            let second = Objective::new(&other, problem, None)?.like(objective);
+            let side = if second.smaller_is_better() { "at most" } else { "at least" };
+            means.push((format!("{} {side} {:.6e}", second.name(), floor[0]), second, floor));
+        }
+        Ok(Self { body, load, means })
     }
 
     /// All of them at the point that `problem` was set to; none where a simulation fails.
@@ -141,12 +162,11 @@ impl Limits {
                 all.push(Limited { name: name.clone(), excess: largest * norm / most - 1.0, by });
             }
         }
-        if let Some((objective, [floor, size])) = &self.second {
+        for (name, objective, [floor, size]) in &self.means {
             let (value, by) = objective.derivatives(problem, profile, parameters)?;
             let side = if objective.smaller_is_better() { 1.0 } else { -1.0 };
-            let words = if side > 0.0 { "at most" } else { "at least" };
             all.push(Limited {
-                name: format!("{} {words} {floor:.6e}", objective.name()),
+                name: name.clone(),
                 excess: side * (value - floor) / size,
                 by: by.into_iter().map(|by| side * by / size).collect(),
             });
@@ -154,9 +174,10 @@ impl Limits {
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
 
-    /// Leaves out what the load is limited by.
-    pub fn leave_load(&mut self) {
+    /// Leaves out what the motion is limited by, and keeps what the body is.
+    pub fn leave_motion(&mut self) {
         self.load.clear();
+        self.means.clear();
     }
 
     fn width(&self) -> usize {

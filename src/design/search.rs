@@ -583,9 +583,9 @@ impl<'a> Search<'a> {
     ) -> Result<Found> {
         let own_stiffness_n_m2 = self.problem.stiffness();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
-        let mut limits = Limits::of(self.table, &self.problem, self.objective)?;
+        let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
         if !self.cases.is_empty() {
-            limits.leave_load(); // to the cases
+            limits.leave_motion(); // to the cases
         }
         let n = unknowns.count();
         let starts = if from.is_some() { 1 } else { self.table.all_starts() };

@@ -240,6 +240,10 @@ pub struct Table {
     pub largest_strain: Option<f64>,
     /// Largest power of the actuation at any time, W.
     pub largest_power_w: Option<f64>,
+    /// Least mean forward speed over the last whole cycles, m/s.
+    pub least_speed_m_s: Option<f64>,
+    /// Least mean thrust on a held head over the last whole cycles, N.
+    pub least_thrust_n: Option<f64>,
     /// A sweep's file: the design is for its cases, all of them, made of this scene.
     pub over: Option<String>,
     /// What counts of these: the "worst" case, where it is absent, or the "mean" of all.
@@ -353,11 +357,16 @@ impl Table {
         self.numbers.iter().map(|number| (number.words(), number.own)).collect()
     }
 
+    /// The same with `goal` for the first, and no second.
+    pub(super) fn with_goal(&self, goal: Goal) -> Self {
+        Self { goal, front: None, floor: None, ..self.clone() }
+    }
+
     /// The same with the second goal for the first.
     pub fn second(&self) -> Option<Self> {
         let Front { goal, better, .. } = self.front.clone()?;
         let direction = self.direction.clone().filter(|_| matches!(goal, Goal::Distance | Goal::Efficiency));
-        Some(Self { goal, better, direction, front: None, floor: None, ..self.clone() })
+        Some(Self { better, direction, ..self.with_goal(goal) })
     }
 
     /// Checks limits and the second goal.
@@ -368,6 +377,8 @@ impl Table {
             ("design.largest_moment_n_m", self.largest_moment_n_m),
             ("design.largest_strain", self.largest_strain),
             ("design.largest_power_w", self.largest_power_w),
+            ("design.least_speed_m_s", self.least_speed_m_s),
+            ("design.least_thrust_n", self.least_thrust_n),
         ];
         if let Some((key, value)) =
             limits.iter().find_map(|(key, value)| Some((key, value.filter(|x| !(*x > 0.0 && x.is_finite()))?)))

@@ -7,6 +7,7 @@ use super::Scene;
 use super::document::Fault;
 use super::rod::check_points;
 use super::value::{self, Finite, NotNegative, Positive};
+use crate::actuation::sine_wave::STEEPEST;
 use crate::actuation::{Actuation, KINDS, Kind, Recipe};
 use crate::error::nearest;
 use crate::model::Drive;
@@ -21,15 +22,18 @@ pub struct ActuationTable {
     #[serde(deserialize_with = "kind")]
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub kind: &'static Kind,
-    /// Amplitude, a turning per reference length.
-    pub kappa_amp: Finite,
-    /// Reference length, m; 1 m makes the amplitude a curvature in 1/m.
-    #[serde(default = "one_metre")]
-    pub kappa_reference_length_m: Positive,
+    /// Amplitude, a turning per reference length, of `travelling-wave` and `standing-wave`.
+    pub kappa_amp: Option<Finite>,
+    /// Reference length, m; 1 m, where it is not given, makes the amplitude a curvature in 1/m.
+    pub kappa_reference_length_m: Option<Positive>,
     /// Frequency, Hz.
     pub frequency_hz: NotNegative,
-    /// Wavelength, m, of `travelling-wave`.
+    /// Wavelength along the rod, m, of `travelling-wave` and `sine-wave`.
     pub wavelength_m: Option<Positive>,
+    /// Sizes of the second, third, … harmonic over the first, of `travelling-wave` and `standing-wave`.
+    pub harmonics: Option<Vec<Finite>>,
+    /// Largest slope bk of the curve y = b sin(kx − ωt) of `sine-wave`.
+    pub slope: Option<Positive>,
     /// [e₀, e₁]: amplitude e₀ + e₁ξ along the rod; [1, 0] where it is not given.
     #[serde(default = "even_envelope", deserialize_with = "value::pair")]
     pub envelope: [Finite; 2],
@@ -52,10 +56,6 @@ fn kind<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Kind, D::Error> {
 /// An actuation with what drives it.
 type Driven = (Box<dyn Actuation>, Drive);
 
-fn one_metre() -> Positive {
-    Positive::constant(1.0)
-}
-
 fn even_envelope() -> [Finite; 2] {
     [Finite::constant(1.0), Finite::constant(0.0)]
 }
@@ -63,7 +63,13 @@ fn even_envelope() -> [Finite; 2] {
 impl ActuationTable {
     /// Its keys that belong to some kinds only, where they are given.
     fn given(&self) -> impl Iterator<Item = &'static str> {
-        let keys = [("wavelength_m", self.wavelength_m.is_some())];
+        let keys = [
+            ("kappa_amp", self.kappa_amp.is_some()),
+            ("kappa_reference_length_m", self.kappa_reference_length_m.is_some()),
+            ("wavelength_m", self.wavelength_m.is_some()),
+            ("harmonics", self.harmonics.is_some()),
+            ("slope", self.slope.is_some()),
+        ];
         keys.into_iter().filter_map(|(key, given)| given.then_some(key))
     }
 
@@ -78,6 +84,9 @@ impl ActuationTable {
         if let Some(key) = kind.needs.iter().find(|key| !self.given().any(|given| given == **key)) {
             return fault(key, format!("missing; kind = \"{}\" has no default for it", kind.name));
         }
+        if let Some(slope) = self.slope.map(Positive::get).filter(|slope| *slope > STEEPEST) {
+            return fault("slope", format!("found {slope}; allowed: above 0, at most {STEEPEST}"));
+        }
         if let Some(profile) = &self.amplitude_profile {
             let allowed = "points [xi, factor] with rising xi from 0 to 1";
             let points = profile.iter().map(|point| point.map(NotNegative::get));
@@ -91,6 +100,11 @@ impl ActuationTable {
         Ok(())
     }
 
+    /// κ_amp, or the factor of a curvature that is given otherwise.
+    pub(crate) fn amplitude(&self) -> f64 {
+        self.kappa_amp.map_or(1.0, Finite::get)
+    }
+
     /// The points of the profiles of amplitude and phase; none where they are not given.
     pub(crate) fn profiles(&self) -> [Vec<[f64; 2]>; 2] {
         let amplitude = self.amplitude_profile.iter().flatten().map(|point| point.map(NotNegative::get));
@@ -99,14 +113,17 @@ impl ActuationTable {
     }
 
     fn build(&self, rod: &Rod) -> Driven {
-        let drive = Drive { amplitude: self.kappa_amp.get(), frequency: self.frequency_hz.get() };
+        let drive = Drive { amplitude: self.amplitude(), frequency: self.frequency_hz.get() };
+        let harmonics: Vec<f64> = self.harmonics.iter().flatten().copied().map(Finite::get).collect();
         let actuation = (self.kind.build)(&Recipe {
             nodes: rod.nodes,
             front: rod.front,
             spacing: rod.spacing,
             envelope: self.envelope.map(Finite::get),
-            reference_length: self.kappa_reference_length_m.get(),
+            reference_length: self.kappa_reference_length_m.map_or(1.0, Positive::get),
             wavelength: self.wavelength_m.map_or(f64::INFINITY, Positive::get),
+            harmonics: &harmonics,
+            slope: self.slope.map_or(0.0, Positive::get),
         });
         if self.amplitude_profile.is_none() && self.phase_profile_rad.is_none() {
             return (actuation, drive);

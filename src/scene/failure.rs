@@ -1,6 +1,7 @@
 //! Runs that cannot begin: which key is to blame.
 
 use super::Scene;
+use super::value::Positive;
 use crate::error::Error;
 
 impl Scene {
@@ -10,12 +11,10 @@ impl Scene {
         let (key, problem) = match error {
             Error::FoldOver { node, .. } => {
                 let turned = *node == 0 && self.head.angle_rad.is_some() || self.actuation.is_none();
-                let key = if turned { "head.angle_rad" } else { "actuation.kappa_amp" };
+                let key = if turned { "head.angle_rad" } else { self.bends() };
                 (key, bent(format!("the rod folds over at node {node}")))
             }
-            Error::EdgeCollapse { node, .. } => {
-                ("actuation.kappa_amp", bent(format!("the edge after node {node} collapses")))
-            }
+            Error::EdgeCollapse { node, .. } => (self.bends(), bent(format!("the edge after node {node} collapses"))),
             Error::NotFinite { node, what, .. } => {
                 let problem = format!("{what} is not finite at node {node} at the start; try a less extreme number");
                 (self.extreme(), problem)
@@ -31,6 +30,12 @@ impl Scene {
         self.error(key, problem)
     }
 
+    /// The key that says how much the rod bends.
+    fn bends(&self) -> &'static str {
+        let slope = self.actuation.as_ref().is_some_and(|table| table.slope.is_some());
+        if slope { "actuation.slope" } else { "actuation.kappa_amp" }
+    }
+
     /// The key of the number that is the furthest from 1 of those that make forces.
     fn extreme(&self) -> &'static str {
         let rod = &self.rod;
@@ -40,7 +45,7 @@ impl Scene {
             ("rod.density_kg_m3", Some(rod.density_kg_m3.profile().largest())),
             ("rod.length_m", Some(rod.length_m.get())),
             ("rod.outer_radius_m", Some(rod.outer_radius_m.profile().largest())),
-            ("actuation.kappa_amp", actuation.map(|table| table.kappa_amp.get().abs())),
+            (self.bends(), actuation.map(|table| table.slope.map_or(table.amplitude().abs(), Positive::get))),
             ("actuation.frequency_hz", actuation.map(|table| table.frequency_hz.get())),
             ("medium.viscosity_pa_s", medium.map(|table| table.viscosity_pa_s.get())),
         ];

@@ -10,7 +10,7 @@ use super::value::{Along, Finite, Gradient, NotNegative, Positive, Share, Tolera
 pub struct Parameter {
     /// Dotted key, for example `rod.length_m`.
     pub key: String,
-    /// Which of the key's two values it is, where it has two.
+    /// Which of the key's values it is, where it has several.
     pub component: Option<usize>,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
@@ -23,7 +23,7 @@ pub struct Parameter {
 }
 
 impl Parameter {
-    /// The key, and `[0]` or `[1]` where the key has two values.
+    /// The key, and `[0]`, `[1]`, … where the key has several values.
     pub fn name(&self) -> String {
         self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
     }
@@ -123,15 +123,24 @@ impl Scene {
             list.add("rod.stiffness_gradient", "1", "a in the bending stiffness EI(1 + a(1 - xi))", gradient);
         }
         if let Some(actuation) = &self.actuation {
-            list.add("actuation.kappa_amp", "1", "amplitude, a turning per reference length", actuation.kappa_amp);
-            let reference = actuation.kappa_reference_length_m;
-            list.add("actuation.kappa_reference_length_m", "m", "reference length of the amplitude", reference);
+            if let Some(amplitude) = actuation.kappa_amp {
+                list.add("actuation.kappa_amp", "1", "amplitude, a turning per reference length", amplitude);
+                let reference = actuation.kappa_reference_length_m.unwrap_or(Positive::constant(1.0));
+                list.add("actuation.kappa_reference_length_m", "m", "reference length of the amplitude", reference);
+            }
+            if let Some(slope) = actuation.slope {
+                list.add("actuation.slope", "1", "largest slope of the sine", slope);
+            }
             list.add("actuation.frequency_hz", "Hz", "frequency of the actuation", actuation.frequency_hz);
             if let Some(wavelength) = actuation.wavelength_m {
                 list.add("actuation.wavelength_m", "m", "wavelength of the actuation", wavelength);
             }
             let descriptions = ["e0 of the amplitude e0 + e1 xi along the rod", "e1 of it"];
             list.pair("actuation.envelope", "1", descriptions, actuation.envelope);
+            for (i, size) in actuation.harmonics.iter().flatten().enumerate() {
+                let description = format!("harmonic {} over the first", i + 2);
+                list.push("actuation.harmonics", Some(i), "1", &description, size);
+            }
         }
         if let Some(ramp) = self.start.ramp_s {
             list.add("start.ramp_s", "s", "duration of the ramp", ramp);
@@ -255,9 +264,11 @@ pub fn overrides(parameters: &[Parameter], values: &[f64]) -> Vec<String> {
         match parameter.component {
             None if *value != parameter.value => overrides.push(format!("{}={value:e}", parameter.key)),
             Some(0) => {
-                let pair = &all[i..(i + 2).min(all.len())];
-                if pair.iter().any(|(parameter, value)| *value != parameter.value) {
-                    let texts: Vec<String> = pair.iter().map(|(_, value)| format!("{value:e}")).collect();
+                let further =
+                    all[i + 1..].iter().take_while(|(parameter, _)| parameter.component.is_some_and(|i| i > 0));
+                let together = &all[i..=i + further.count()];
+                if together.iter().any(|(parameter, value)| *value != parameter.value) {
+                    let texts: Vec<String> = together.iter().map(|(_, value)| format!("{value:e}")).collect();
                     overrides.push(format!("{}=[{}]", parameter.key, texts.join(",")));
                 }
             }

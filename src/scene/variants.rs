@@ -112,7 +112,7 @@ impl Scene {
     pub fn with_amplitude(&self, factor: f64) -> Self {
         let mut scene = self.clone();
         if let Some(actuation) = &mut scene.actuation {
-            actuation.kappa_amp = Finite::constant(actuation.kappa_amp.get() * factor);
+            actuation.kappa_amp = Some(Finite::constant(actuation.amplitude() * factor));
         }
         scene
     }

@@ -71,7 +71,7 @@ impl Vary {
         match self {
             Self::Modulus => [1e-4 * modulus, modulus],
             Self::Amplitude => {
-                let amplitude = scene.actuation.as_ref().map_or(1.0, |actuation| actuation.kappa_amp.get().abs());
+                let amplitude = scene.actuation.as_ref().map_or(1.0, |actuation| actuation.amplitude().abs());
                 [0.25 * amplitude, 4.0 * amplitude]
             }
             Self::Nodes => [nodes, 8.0 * (nodes - 1.0) + 1.0],
@@ -95,9 +95,7 @@ impl Vary {
     fn set(self, scene: &Scene, value: f64) -> Scene {
         match self {
             Self::Modulus => scene.with_modulus(value / scene.rod.youngs_modulus_pa.get()),
-            Self::Amplitude => {
-                scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.kappa_amp.get()))
-            }
+            Self::Amplitude => scene.with_amplitude(value / scene.actuation.as_ref().map_or(1.0, |a| a.amplitude())),
             Self::Nodes => scene.with_nodes(value as u64),
             Self::Spin => scene.with_spin(value),
             Self::Flow => scene.with_flow([value, 0.0]),
