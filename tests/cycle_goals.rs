@@ -84,12 +84,13 @@ fn a_goal_is_what_the_summary_reports() {
     println!("{count} means, worst {worst:.1e}");
 }
 
-const PARAMETERS: [(Parameter, f64); 7] = [
+const PARAMETERS: [(Parameter, f64); 8] = [
     (Parameter::Stiffness(3), 2e-3),
     (Parameter::Stiffness(6), 2e-3),
     (Parameter::WaveAmplitude(4), 1.0),
     (Parameter::WavePhase(5), 1.0),
     (Parameter::Amplitude, 9.0),
+    (Parameter::Frequency, 0.1), // so little that no end of a cycle passes a step, where there is no third derivative
     (Parameter::OfForces(VISCOSITY), 0.3),
     (Parameter::OfForces(DENSITY), 1200.0),
 ];
@@ -105,6 +106,7 @@ fn moved(document: &Document, parameter: Parameter, by: f64) -> Problem {
         Parameter::WaveAmplitude(k) => factors[k - first] += by,
         Parameter::WavePhase(k) => phases[k - first] += by,
         Parameter::Amplitude => problem.inputs().drive.amplitude += by,
+        Parameter::Frequency => problem.inputs().drive.frequency += by,
         Parameter::OfForces(VISCOSITY) => problem.inputs().fluid.viscosity += by,
         Parameter::OfForces(DENSITY) => problem.inputs().fluid.density += by,
         other => panic!("{other:?}"),
@@ -124,7 +126,7 @@ fn derivatives_of_means_over_cycles_are_those_of_differences() {
             };
             let kinds = PARAMETERS.map(|(parameter, _)| parameter);
             let mut problem = Problem::of(&document.scene().unwrap()).unwrap();
-            let Some((_, exact)) = problem.cycle_mean(&measure, &kinds).unwrap() else { continue };
+            let Some((own, exact)) = problem.cycle_mean(&measure, &kinds).unwrap() else { continue };
             let pairs: Vec<(f64, f64)> = PARAMETERS
                 .iter()
                 .zip(&exact)
@@ -136,7 +138,8 @@ fn derivatives_of_means_over_cycles_are_those_of_differences() {
                     (exact * size, fine + (fine - coarse) / 3.0)
                 })
                 .collect();
-            let scale = largest(pairs.iter().map(|(exact, _)| *exact));
+            // A held head's speed depends on nothing but by rounding.
+            let scale = largest(pairs.iter().map(|(exact, _)| *exact)).max(1e-4 * own.abs());
             for (i, (exact, expected)) in pairs.iter().enumerate() {
                 let error = (exact - expected).abs() / scale.max(f64::MIN_POSITIVE);
                 worst = worst.max(error);
@@ -147,7 +150,7 @@ fn derivatives_of_means_over_cycles_are_those_of_differences() {
         }
     }
     println!("{count} derivatives, worst {worst:.1e}");
-    assert!(count > 7 * 6 * 8);
+    assert!(count > 8 * 6 * 8);
 }
 
 #[cfg(feature = "design")]
@@ -229,10 +232,6 @@ mod designs {
             (["design={ goal = \"cycle_speed_m_s\", better = \"more\" }", "name=free"], "design.better"),
             (["design={ goal = \"cycle_speed_m_s\", direction = \"+x\" }", "name=free"], "design.direction"),
             (["design.goal=distance", "design.better=larger"], "design.better"),
-            (
-                ["design={ goal = \"cycle_speed_m_s\", variables = [\"actuation.frequency_hz\"] }", "name=free"],
-                "moves the cycles",
-            ),
         ] {
             let error = Design::of(&document(&changes), |_| ControlFlow::Continue(())).unwrap_err();
             assert!(error.is_bad_input() || words.starts_with("no ") || words.starts_with("shorter"), "{error:?}");

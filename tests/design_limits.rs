@@ -57,6 +57,23 @@ fn limits_are_kept_and_their_duals_are_what_more_room_is_worth() {
 }
 
 #[test]
+fn the_cheapest_that_is_fast_enough_is_as_fast_as_asked_and_its_dual_is_what_speed_costs() {
+    let cheapest = r#"goal = "cycle_actuation_power_w", better = "smaller", variables = ["actuation.kappa_amp", "actuation.wavelength_m"], number_bounds = [0.5, 2.0]"#;
+    let speed = found(&FASTEST.replace("[0.8, 1.3]", "[1.0, 1.0000001]")).objective;
+    let limited = |factor: f64| found(&format!("{cheapest}, least_speed_m_s = {:e}", factor * speed));
+    let [least, more] = [1.1, 1.1 * 1.002].map(limited);
+    let (name, dual) = least.active.iter().find(|(name, _)| name.contains("speed")).unwrap();
+    let worth = (more.objective / least.objective - 1.0) / 0.002;
+    println!("{name}: {:.9} used, dual {dual:.4}, cost {worth:.4}, {:?}", least.limits[0].used, least.numbers);
+    for h in &least.history {}
+    assert!(least.converged && more.converged && (least.limits[0].used - 1.0).abs() <= 1e-6, "{:?}", least.limits);
+    assert!((worth / dual - 1.0).abs() <= 0.02, "{worth} {dual}");
+    // Without it, the cheapest is what is moved the least.
+    let free = found(cheapest);
+    assert!(free.objective < 0.5 * least.objective && free.limits.is_empty());
+}
+
+#[test]
 fn a_neutral_body_weighs_what_it_displaces_and_a_wall_stays_as_thick_as_asked() {
     let wanted = r#"goal = "cycle_forward_speed_m_s", variables = ["rod.density_kg_m3", "rod.outer_radius_m", "rod.inner_radius_m"], number_bounds = [0.5, 1.6], neutral_buoyancy = true, least_wall_m = 1.2e-3"#;
     let mut document = document(wanted);
@@ -112,6 +129,8 @@ fn limits_that_mean_nothing_are_refused() {
     for (wanted, words) in [
         (r#"goal = "distance", direction = "-x", largest_mass_kg = 1.0"#, "design.largest_mass_kg"),
         (r#"goal = "distance", direction = "-x", largest_strain = -1.0"#, "design.largest_strain"),
+        (r#"goal = "distance", direction = "-x", least_speed_m_s = 0.0"#, "design.least_speed_m_s"),
+        (r#"goal = "track-tip", data = "tip.csv", least_thrust_n = 1.0"#, "design.least_thrust_n"),
         (r#"goal = "distance", direction = "-x", front = { goal = "distance" }"#, "design.front"),
         (r#"goal = "cycle_speed_m_s", front = { goal = "distance" }"#, "design.front"),
         (r#"goal = "cycle_speed_m_s", front = { goal = "cycle_slip", points = 2 }"#, "3 to 100"),
@@ -119,4 +138,21 @@ fn limits_that_mean_nothing_are_refused() {
         let error = Design::of(&document(wanted), |_| ControlFlow::Continue(())).unwrap_err();
         assert!(error.is_bad_input() && error.to_string().contains(words), "{wanted}: {error}");
     }
+}
+
+#[test]
+fn a_mean_that_the_scene_has_not_is_no_limit() {
+    let error = |changes: &[&str], wanted: &str| {
+        let mut document = document(wanted);
+        changes.iter().for_each(|change| document.set(change).unwrap());
+        Design::of(&document, |_| ControlFlow::Continue(())).map(|_| ()).unwrap_err().to_string()
+    };
+    let thrust = error(&[], r#"goal = "distance", direction = "-x", least_thrust_n = 1e-3"#);
+    assert!(thrust.contains("design.least_thrust_n: found with a free head"), "{thrust}");
+    let held = "head.kind=clamped";
+    let speed = error(&[held], r#"goal = "cycle_thrust_n", least_speed_m_s = 1e-3"#);
+    assert!(speed.contains("design.least_speed_m_s: found with a held head"), "{speed}");
+    let short = ["solver.duration_s=0.3"];
+    let cycle = error(&short, r#"goal = "distance", direction = "-x", least_speed_m_s = 1e-3"#);
+    assert!(cycle.contains("least_speed_m_s") && cycle.contains("shorter than one cycle"), "{cycle}");
 }

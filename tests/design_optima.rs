@@ -162,3 +162,82 @@ fn the_best_wave_at_low_reynolds_number_is_that_of_resistive_force_theory() {
     // Measured: −0.0033 and −0.033, which the ends take.
     assert!((own / angle - 1.0).abs() <= 0.005 && (efficiency / most - 1.0).abs() <= 0.04, "{own} {efficiency}");
 }
+
+/// A stiff tail that is held in a stream of 1.2 m/s, which it pushes by a wave of curvature.
+const HELD: &str = r#"
+name = "held"
+[rod]
+nodes = 33
+length_m = 1.0
+outer_radius_m = 0.02
+depth_m = 0.1
+youngs_modulus_pa = 5e10
+density_kg_m3 = 1.0
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 0.2
+frequency_hz = 1.0
+wavelength_m = 2.0
+[medium]
+viscosity_pa_s = 1e-3
+density_kg_m3 = 1000.0
+flow_m_s = [1.2, 0.0]
+[reactive]
+[head]
+kind = "clamped"
+[solver]
+integrator = "generalized-alpha"
+time_step_s = 0.02
+duration_s = 3.0
+newton_tolerance = 1e-12
+[design]
+goal = "cycle_actuation_power_w"
+better = "smaller"
+variables = ["actuation.kappa_amp", "actuation.wavelength_m"]
+number_bounds = [0.3, 3.0]
+least_thrust_n = 0.05
+starts = 1
+"#;
+
+/// Mean thrust and power over ρπD²/4 by elongated-body theory (Lighthill, J. Fluid Mech. 9, 1960) of a rod of 1 m that is clamped at its head and
+/// bent by a wave of curvature of 1 1/m, ω = 2π/s, of this length: ½⟨ḣ² − U²h'²⟩ and U⟨ḣ(ḣ + Uh')⟩ at its end.
+fn elongated(wavelength: f64, speed: f64) -> [f64; 2] {
+    let q = TAU / wavelength;
+    // h'' = sin(ωt − qs), h = h' = 0 at s = 0, as parts by sin ωt and cos ωt at s = 1.
+    let slope = [q.sin() / q, (q.cos() - 1.0) / q];
+    let height = [(1.0 - q.cos()) / (q * q), (q.sin() - q) / (q * q)];
+    let rate = [-TAU * height[1], TAU * height[0]];
+    let mean = |a: [f64; 2], b: [f64; 2]| 0.5 * (a[0] * b[0] + a[1] * b[1]);
+    [
+        0.5 * (mean(rate, rate) - speed * speed * mean(slope, slope)),
+        speed * (mean(rate, rate) + speed * mean(rate, slope)),
+    ]
+}
+
+#[test]
+fn the_cheapest_wave_for_a_thrust_is_that_of_elongated_body_theory() {
+    let (speed, thrust, mass) = (1.2, 0.05, 1000.0 * 0.25 * std::f64::consts::PI * 0.01);
+    let [wavelength, froude] = greatest(1.0, 2.5, |wavelength| {
+        let [thrust, power] = elongated(wavelength, speed);
+        speed * thrust / power
+    });
+    let amplitude = (thrust / mass / elongated(wavelength, speed)[0]).sqrt();
+    let design = Design::of(&Document::new("held.toml", HELD), |_| ControlFlow::Continue(())).unwrap();
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let [own_amplitude, own_wavelength] = [0, 1].map(|i| found.numbers[i].value);
+    let own_froude = speed * thrust / found.objective;
+    let dual = found.active.iter().find(|(name, _)| name.contains("thrust")).unwrap().1;
+    println!(
+        "wavelength {own_wavelength:.4}, theory {wavelength:.4}; amplitude {own_amplitude:.5}, theory {amplitude:.5}; \
+         efficiency {own_froude:.4}, theory {froude:.4}; dual {dual:.5}; {:?}, {} iterations",
+        found.limits,
+        found.history.len()
+    );
+    for h in &found.history {}
+    for h in &found.history {}
+    assert!(found.converged && (found.limits[0].used - 1.0).abs() <= 1e-6, "{:?}", found.limits);
+    assert!((own_wavelength / wavelength - 1.0).abs() <= 0.02 && (own_amplitude / amplitude - 1.0).abs() <= 0.02);
+    assert!((own_froude / froude - 1.0).abs() <= 0.01);
+    // Both are quadratic in the amplitude, so power goes as thrust.
+    assert!((dual - 1.0).abs() <= 0.01, "{dual}");
+}

@@ -78,7 +78,7 @@ fn every_variable(scene: &Scene) -> Vec<String> {
 /// of all; and how many numbers.
 fn worst(changes: &[&str]) -> (f64, usize, String) {
     // Where a velocity passes zero some laws have no second derivative, and differences no order: they must not reach there.
-    let step = if changes.iter().any(|change| change.contains("cross-flow")) { 1e-4 } else { 1e-3 };
+    let step = if changes.iter().any(|change| change.contains("cross-flow")) { 3e-5 } else { 3e-4 };
     worst_of(document(changes), step)
 }
 
@@ -148,13 +148,16 @@ fn derivatives_by_all_numbers_of_a_scene_are_those_of_differences_in_every_law()
         "reactive={ shedding = 0.8 }",
         "design={ goal = \"cycle_head_power_w\" }",
         "solver.duration_s=1.1",
+        // Cycles end within steps: between them integrals have no second derivative by the frequency.
+        "solver.time_step_s=0.0105",
     ];
     let (error, numbers, which) = worst(&held);
     println!("held {error:.1e} over {numbers}, worst {which}");
     assert!(error <= 1e-8, "{error:e}");
     for goal in ["cycle_efficiency", "cycle_cost_of_transport", "cycle_slip", "cycle_body_lengths"] {
         let goal = format!("design={{ goal = \"{goal}\" }}");
-        let (error, numbers, which) = worst(&[&goal, "reactive={ shedding = 0.8 }", "solver.duration_s=1.1"]);
+        let (error, numbers, which) =
+            worst(&[&goal, "reactive={ shedding = 0.8 }", "solver.duration_s=1.1", "solver.time_step_s=0.0105"]);
         println!("{goal} {error:.1e} over {numbers}, worst {which}");
         assert!(error <= 1e-8, "{error:e}");
     }
@@ -172,8 +175,8 @@ fn derivatives_by_the_shape_of_a_wave_are_those_of_differences() {
         document.set("design={ goal = \"efficiency\", direction = \"-x\" }").unwrap();
         let variables = every_variable(&document.scene().unwrap());
         assert!(keys.iter().all(|key| variables.iter().any(|own| own == key)), "{variables:?}");
-        let (error, numbers, which) = worst_of(document, 1e-3);
+        let (error, numbers, which) = worst_of(document, 2e-4); // crests are sharp: 1e-5 at 1e-3, which is the differences' own
         println!("{wave} {error:.1e} over {numbers}, worst {which}");
-        assert!(error <= 1e-8, "{wave}: {error:e} {which}");
+        assert!(error <= 1e-8, "{wave}: {error:e} {which}"); // measured: 5.3e-10
     }
 }

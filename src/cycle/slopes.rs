@@ -5,11 +5,14 @@ use nalgebra::Vector2;
 
 use super::{
     Cycle, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, KEPT, LONGER, MEASURES, Measure, PERIOD,
-    REACTIVE_THRUST, STROUHAL, WHOLE, place, put, vector,
+    REACTIVE_THRUST, STROUHAL, Sample, Source, WHOLE, place, put, vector,
 };
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{Key, Sink};
 use crate::model::Dynamics;
+
+/// The ends of cycles are moved by this part of their time.
+const MOVED: f64 = 1e-3;
 
 /// How much the values and rates at each time count in the change of an integral over a cycle.
 #[derive(Debug, Clone)]
@@ -45,7 +48,62 @@ fn cubic(z: f64, h: f64) -> [f64; 4] {
     [1.0 - 3.0 * square + 2.0 * cube, 3.0 * square - 2.0 * cube, h * (z - 2.0 * square + cube), h * (cube - square)]
 }
 
+/// Where a cycle ends: its time (s), and the rates of all integrals there.
+#[derive(Debug, Clone, Copy)]
+pub struct End {
+    time: f64,
+    rates: Integrals,
+}
+
+/// The rates of the integrals at the part `z` of the step between two samples.
+fn rates_between(from: &Sample, to: &Sample, z: f64) -> Integrals {
+    let h = to.time - from.time;
+    let change = (to.integrals - from.integrals) / h;
+    let curve = change * 3.0 - (from.rates * 2.0 + to.rates);
+    let twist = from.rates + to.rates - change * 2.0;
+    (twist * (3.0 * z) + curve * 2.0) * z + from.rates
+}
+
 impl Cycles {
+    /// The first end, where a run starts.
+    pub(crate) fn first_end(&self) -> End {
+        End { time: self.last.time, rates: self.last.rates }
+    }
+
+    /// The ends in the step that came after `before`.
+    pub(crate) fn ends_since(&self, before: &Self) -> impl Iterator<Item = End> {
+        let (from, to) = (before.last, self.last);
+        let span = from.phase.zip(to.phase).filter(|_| to.time > from.time);
+        span.into_iter().flat_map(move |(before, after)| {
+            let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
+            (first..=last).map(move |phase| {
+                let z = ((phase as f64 - before) / (after - before)).min(1.0);
+                End { time: from.time + z * (to.time - from.time), rates: rates_between(&from, &to, z) }
+            })
+        })
+    }
+
+    /// The derivative of the mean of `measure` over the last whole cycles by the actuation's frequency (Hz) as far as it moves
+    /// the ends t = n/f of these cycles, which are the last of `ends`; zero where others drive the cycles.
+    pub(crate) fn by_frequency(&self, measure: &Measure, dynamics: &Dynamics, ends: &[End]) -> f64 {
+        let (cycles, frequency) = (self.whole(f64::INFINITY), dynamics.inputs.drive.frequency);
+        if self.source != Source::Actuation || ends.len() <= cycles.len() {
+            return 0.0;
+        }
+        let ends = &ends[ends.len() - 1 - cycles.len()..];
+        let mean = |change: f64| {
+            let moved = |(cycle, ends): (&Cycle, &[End])| {
+                let [from, until] = [ends[0], ends[1]].map(|end| -end.time * change);
+                let change = cycle.change + ends[1].rates * until - ends[0].rates * from;
+                (measure.of)(&Cycle { from: cycle.from + from, until: cycle.until + until, change, ..*cycle }, dynamics)
+            };
+            cycles.iter().zip(ends.windows(2)).filter_map(moved).sum::<f64>() / cycles.len() as f64
+        };
+        // A smooth function of the change of the frequency over itself, by differences of fourth order.
+        let central = |change: f64| (mean(change) - mean(-change)) / (2.0 * change);
+        (4.0 * central(MOVED) - central(2.0 * MOVED)) / (3.0 * frequency)
+    }
+
     /// The last whole cycles of a run of single steps between `times` from the start: the ends of each, as number of the
     /// step's end and part of the step.
     fn ends(&self, dynamics: &Dynamics, times: &[f64]) -> Vec<[(usize, f64); 2]> {

@@ -6,7 +6,7 @@ use super::search::Objective;
 use super::table::{Goal, Table};
 use super::unknowns::Profile;
 use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 
@@ -21,7 +21,8 @@ const LEAST: f64 = 1e-14;
 pub(super) struct Limited {
     /// In words.
     pub name: String,
-    /// Value over the limit, less 1; the other way round where the value is to be large. It is to be 0 at most.
+    /// The logarithm of the value over the limit; the other way round where the value is to be large. It is to be 0 at most. In
+    /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
     /// Its derivatives, by the parameters, later by the unknowns.
     pub by: Vec<f64>,
@@ -32,7 +33,7 @@ pub(super) struct Limited {
 pub struct Used {
     /// In words.
     pub limit: String,
-    /// Value over the limit; of a value that is to be large the limit over the value, in first order.
+    /// Value over the limit; of a value that is to be large the limit over the value.
     pub used: f64,
 }
 
@@ -42,8 +43,8 @@ type OfBody = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 /// A limit of the load: in words, what is limited, and to what.
 type OfLoad = (String, Vec<Output>, f64);
 
-/// A mean over the cycles, or a second goal: in words, what it has to reach, and the size of that.
-type OfMean = (String, Objective, [f64; 2]);
+/// A mean over the cycles, or a second goal: in words, what it has to reach, and its size where it may have any sign.
+type OfMean = (String, Objective, f64, Option<f64>);
 
 /// The limits of a search.
 pub(super) struct Limits {
@@ -56,7 +57,7 @@ impl Limits {
     /// Those of `table`.
     ///
     /// # Errors
-    /// [`Error::Design`](crate::error::Error::Design) where a mean over the cycles is limited that the scene has not.
+    /// [`Error::Design`] where a mean over the cycles is limited that the scene has not.
     pub fn of(table: &Table, problem: &mut Problem, objective: &Objective) -> Result<Self> {
         let mut body: Vec<OfBody> = Vec::new();
         if let Some(most) = table.largest_mass_kg {
@@ -70,7 +71,7 @@ impl Limits {
                 model.rod.total_mass() / (model.fluid.density * (volume + body))
             };
             body.push(("no heavier than the fluid".into(), Box::new(weight)));
-            body.push(("no lighter than the fluid".into(), Box::new(move |model| 2.0 - weight(model))));
+            body.push(("no lighter than the fluid".into(), Box::new(move |model| weight(model).recip())));
         }
         if let Some(least) = table.least_wall_m {
             let sections = &problem.model().rod.sections;
@@ -80,7 +81,7 @@ impl Limits {
             for xi in places {
                 let wall = move |model: &Model| {
                     let section = model.rod.sections.at(xi);
-                    2.0 - (section.outer - section.inner) / least
+                    least / (section.outer - section.inner)
                 };
                 body.push((format!("wall at least {least} m at xi = {xi}"), Box::new(wall)));
             }
@@ -103,22 +104,27 @@ impl Limits {
             ));
         }
         let mut means: Vec<OfMean> = Vec::new();
-        let leasts: [(Option<f64>, &Measure, &str); 2] = [
-            (table.least_speed_m_s, &FORWARD_SPEED, "mean forward speed"),
-            (table.least_thrust_n, &THRUST, "mean thrust"),
+        let leasts: [(&str, Option<f64>, &Measure, &str); 2] = [
+            ("least_speed_m_s", table.least_speed_m_s, &FORWARD_SPEED, "mean forward speed"),
+            ("least_thrust_n", table.least_thrust_n, &THRUST, "mean thrust"),
         ];
-        for (least, measure, words) in leasts {
+        for (key, least, measure, words) in leasts {
             let Some(least) = least else { continue };
             let other = Table { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
             let mean = Objective::new(&other, problem, None)?;
-            mean.check(problem)?;
+            mean.check(problem).map_err(|error| match error {
+                Error::Design { reason } => {
+                    Error::Design { reason: format!("design.{key} limits what is not: {reason}") }
+                }
+                other => other,
+            })?;
             let words = format!("{words} at least {least} {}", measure.unit);
-            means.push((words, mean.like(objective), [least; 2]));
+            means.push((words, mean.like(objective), least, None));
         }
-        if let (Some(other), Some(floor)) = (table.second(), table.floor) {
+        if let (Some(other), Some([floor, size])) = (table.second(), table.floor) {
             let second = Objective::new(&other, problem, None)?.like(objective);
             let side = if second.smaller_is_better() { "at most" } else { "at least" };
-            means.push((format!("{} {side} {:.6e}", second.name(), floor[0]), second, floor));
+            means.push((format!("{} {side} {floor:.6e}", second.name()), second, floor, Some(size)));
         }
         Ok(Self { body, load, means })
     }
@@ -127,13 +133,13 @@ impl Limits {
     pub fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Vec<Limited>> {
         let mut all = Vec::new();
         for (name, used) in &self.body {
-            let excess = used(problem.model()) - 1.0;
+            let own = used(problem.model());
             let by = parameters.iter().map(|parameter| match parameter {
-                Parameter::OfScene(i) => problem.moved[*i].by_model(used),
+                Parameter::OfScene(i) => problem.moved[*i].by_model(used) / own,
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(Limited { name: name.clone(), excess, by });
+            all.push(Limited { name: name.clone(), excess: own.ln(), by });
         }
         if !self.load.is_empty() {
             let mut trajectory = Trajectory::default();
@@ -151,7 +157,7 @@ impl Limits {
                 // What is far from the largest does not count, and costs nothing.
                 let weight = |x: &f64| {
                     let part = (x.abs() / largest / norm).powi(ORDER - 1);
-                    if part < LEAST { 0.0 } else { x.signum() * part / most }
+                    if part < LEAST { 0.0 } else { x.signum() * part / (largest * norm) }
                 };
                 let weights: Vec<f64> = values.iter().map(weight).collect();
                 let by = if parameters.is_empty() {
@@ -159,17 +165,17 @@ impl Limits {
                 } else {
                     problem.adjoint(parameters, outputs, &weights, &trajectory).ok()?
                 };
-                all.push(Limited { name: name.clone(), excess: largest * norm / most - 1.0, by });
+                all.push(Limited { name: name.clone(), excess: (largest * norm / most).ln(), by });
             }
         }
-        for (name, objective, [floor, size]) in &self.means {
+        for (name, objective, floor, size) in &self.means {
             let (value, by) = objective.derivatives(problem, profile, parameters)?;
-            let side = if objective.smaller_is_better() { 1.0 } else { -1.0 };
-            all.push(Limited {
-                name: name.clone(),
-                excess: side * (value - floor) / size,
-                by: by.into_iter().map(|by| side * by / size).collect(),
-            });
+            let (excess, slope) = match size {
+                Some(size) if objective.smaller_is_better() => ((value - floor) / size, 1.0 / size),
+                Some(size) => ((floor - value) / size, -1.0 / size),
+                None => below(value / floor, 1.0 / floor),
+            };
+            all.push(Limited { name: name.clone(), excess, by: by.into_iter().map(|by| slope * by).collect() });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
@@ -183,4 +189,10 @@ impl Limits {
     fn width(&self) -> usize {
         self.load.iter().map(|(_, outputs, _)| outputs.len()).sum()
     }
+}
+
+/// −ln of the `part` of a limit that is reached, and its derivative where that of the part is `by`; linear from the tangent at a half on, as
+/// thrust and speed may be backwards.
+fn below(part: f64, by: f64) -> (f64, f64) {
+    if part > 0.5 { (-part.ln(), -by / part) } else { (2f64.ln() + 1.0 - 2.0 * part, -2.0 * by) }
 }

@@ -36,7 +36,7 @@ use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Tr
 
 /// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
 /// residuals and of their derivatives (the cosine between them, as in MINPACK). A search goes on to the first and has converged
-/// with the second.
+/// with the second, which it stops at where the next step promises less than [`LITTLE`].
 const STATIONARY: [f64; 2] = [1e-7, 1e-6];
 
 /// A tip that is met to this part of the length is met.
@@ -76,6 +76,17 @@ const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
 
 /// A step that promises less than this part of the objective cannot be told from rounding.
 const ROUNDING: f64 = 1e-13;
+
+/// One that wins less than this part is tried once more with the limits as they are at its end, and the trust radius shrinks: along limits that
+/// bend away from their tangents an exact penalty would refuse all but the shortest steps (Maratos; Nocedal & Wright, section 18.3).
+const POOR: f64 = 0.25;
+
+/// A step that promises less than this part is judged by the gradients at both of its ends: what values would tell is rounding,
+/// and near an optimum gradients are exact to twice as many digits of it (Hager & Zhang, SIAM J. Optim. 16, 2005).
+const JUDGED_BY_GRADIENTS: f64 = 1e-9;
+
+/// A step that promises less than this part is not worth its simulation.
+const LITTLE: f64 = 1e-11;
 
 /// A step must win this part of what its model promises.
 const WON: f64 = 1e-4;
@@ -632,7 +643,7 @@ impl<'a> Search<'a> {
         };
         let converged = self.has_converged(&best);
         let limits = best.point.limits.iter();
-        let limits = limits.map(|limit| Used { limit: limit.name.clone(), used: 1.0 + limit.excess }).collect();
+        let limits = limits.map(|limit| Used { limit: limit.name.clone(), used: limit.excess.exp() }).collect();
         let value = best.point.value;
         let objective = self.objective.shown(value.f);
         let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
@@ -835,17 +846,43 @@ impl<'a> Search<'a> {
             let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
             if promised < ROUNDING
-                || (stationarity <= STATIONARY[0] && here.violation() <= 0.1 * VIOLATED)
+                || (stationarity <= STATIONARY[usize::from(promised < LITTLE)] && here.violation() <= 0.1 * VIOLATED)
                 || self.objective.is_met(here.value.f)
                 || longest.min(radius) < RADIUS[2]
             {
                 end.2 = tell(report).is_break();
                 break;
             }
-            let next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
-            let won =
-                |next: &Point| (merit(&here) - merit(next)) / unit + price * (here.violation() - next.violation());
-            let ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
+            let mut next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
+            let won = |next: &Point| {
+                if promised >= JUDGED_BY_GRADIENTS || squares || cases > 0 {
+                    return (merit(&here) - merit(next)) / unit + price * (here.violation() - next.violation());
+                }
+                let moved = &next.x - &here.x;
+                let passed = |(from, to): (&Limited, &Limited)| {
+                    let by = from.by.iter().zip(&to.by).zip(&moved).map(|((from, to), d)| 0.5 * (from + to) * d);
+                    from.excess.max(0.0) - (from.excess + by.sum::<f64>()).max(0.0)
+                };
+                let kept: f64 = here.limits.iter().zip(&next.limits).map(passed).sum();
+                price * kept - 0.5 * (slope(&here) + slope(next)).dot(&moved) / unit
+            };
+            let mut ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
+            if let Some(tried) = next.as_ref().filter(|_| beyond > 0 && ratio < POOR) {
+                // A limit that bends away from its tangent: the same step, with the limits as they are at its end.
+                let moved = &tried.x - &here.x;
+                for (i, (limit, tried)) in here.limits.iter().zip(&tried.limits).enumerate() {
+                    let linear: f64 = limit.by.iter().zip(&moved).map(|(by, d)| by * d).sum();
+                    programme.constraints[2 * i + 1].bound = linear - tried.excess;
+                }
+                let corrected = programme.solve().ok().and_then(|solution| {
+                    let step = DVector::from_column_slice(&solution.x[..n]);
+                    self.point(unknowns, limits, unknowns.kept((&here.x + step).as_slice().to_vec()))
+                });
+                if let Some(better) = corrected.filter(|corrected| won(corrected) / promised > ratio) {
+                    ratio = won(&better) / promised;
+                    next = Some(better);
+                }
+            }
             report.accepted = ratio > WON;
             here_again = !report.accepted;
             if squares {
@@ -858,7 +895,7 @@ impl<'a> Search<'a> {
                 }
             } else if ratio > 0.75 && longest > 0.9 * radius {
                 radius = (2.0 * radius).min(RADIUS[1]);
-            } else if ratio < 0.25 {
+            } else if ratio < POOR {
                 radius = if report.accepted { 0.5 } else { 0.25 } * longest.min(radius);
             }
             if let Some(next) = next.filter(|_| report.accepted) {

@@ -10,7 +10,7 @@ use crate::cycle::slopes;
 use crate::error::nearest;
 use crate::fluid::DENSITY;
 use crate::rod::Rod;
-use crate::scene::{Fault, Scene};
+use crate::scene::{Fault, HeadKind, Scene};
 use crate::sensitivity::Parameter;
 use crate::sensitivity::number::{self, Number, Numbers};
 
@@ -321,7 +321,7 @@ impl Table {
         table.numbers = table.numbers_of(scene).map_err(|problem| fault("design.variables", problem))?;
         table.check_numbers(scene).map_err(|(key, problem)| fault(key, problem))?;
         table.check_variables(scene).map_err(|(key, problem)| fault(key, problem))?;
-        table.check_limits().map_err(|(key, problem)| fault(key, problem))?;
+        table.check_limits(scene).map_err(|(key, problem)| fault(key, problem))?;
         let needs_data = matches!(table.goal, Goal::Identify | Goal::StaticShape | Goal::TrackTip);
         if needs_data && table.data.is_none() {
             return Err(fault("design.data", "missing; this goal needs a CSV file with node positions".to_string()));
@@ -370,7 +370,7 @@ impl Table {
     }
 
     /// Checks limits and the second goal.
-    fn check_limits(&self) -> std::result::Result<(), (&'static str, String)> {
+    fn check_limits(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
         let limits = [
             ("design.largest_mass_kg", self.largest_mass_kg),
             ("design.least_wall_m", self.least_wall_m),
@@ -390,6 +390,26 @@ impl Table {
         let searched = matches!(self.goal, Goal::Distance | Goal::Efficiency | Goal::Cycle(_));
         if let Some(key) = given.or(self.front.as_ref().map(|_| "design.front")).filter(|_| !searched) {
             return Err((key, "found with a goal that has no such limit; allowed: with \"distance\", \"efficiency\" and means over cycles".into()));
+        }
+        let held = scene.head.kind != HeadKind::Free;
+        for (key, given, fits, instead) in [
+            (
+                "design.least_speed_m_s",
+                self.least_speed_m_s,
+                !held,
+                "a free head; design.least_thrust_n is for held ones",
+            ),
+            (
+                "design.least_thrust_n",
+                self.least_thrust_n,
+                held,
+                "a held head; design.least_speed_m_s is for free ones",
+            ),
+        ] {
+            if given.is_some() && !fits {
+                let head = if held { "a held head" } else { "a free head" };
+                return Err((key, format!("found with {head}; allowed: with {instead}")));
+            }
         }
         if self.over.is_some() && !searched {
             return Err((
@@ -547,11 +567,6 @@ impl Table {
             }
         }
         let has = |key: &str| self.numbers.iter().any(|number| number.key == key);
-        if has("actuation.frequency_hz") && matches!(self.goal, Goal::Cycle(_)) {
-            let problem =
-                "actuation.frequency_hz moves the cycles themselves; allowed: with \"distance\" and \"efficiency\"";
-            return Err(("design.variables", problem.to_string()));
-        }
         let law = scene.drag.as_ref().map(|drag| drag.law_name());
         if has("actuation.frequency_hz") && law == Some("weak-inertia") {
             let problem = "the law \"weak-inertia\" depends on actuation.frequency_hz in a way that has no derivative; allowed: others";

@@ -5,7 +5,7 @@ use super::output::{Output, Quantity, Work};
 use super::parameter::Parameter;
 use super::problem::Problem;
 use super::trajectory::Trajectory;
-use crate::cycle::slopes::{Dependence, Weights};
+use crate::cycle::slopes::{Dependence, End, Weights};
 use crate::cycle::{Cycles, Measure};
 use crate::error::Result;
 use crate::metrics::{Meter, Reading};
@@ -54,18 +54,20 @@ fn parts(held: bool) -> Vec<Part> {
 }
 
 impl Problem {
-    /// Simulates, and follows the cycles as a run does.
+    /// Simulates, and follows the cycles as a run does, with all their ends.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate) and of [`Reading::take`].
-    pub fn followed(&mut self) -> Result<(Trajectory, Cycles)> {
+    pub fn followed(&mut self) -> Result<(Trajectory, Cycles, Vec<End>)> {
         let mut trajectory = Trajectory::default();
+        let mut ends = Vec::new();
         let mut run: Option<(Meter, Cycles, Reading)> = None;
         self.advance(|dynamics, n, state, _| {
             match &mut run {
                 None => {
                     let meter = Meter::start(dynamics, state)?;
                     let cycles = Cycles::start(dynamics, state, &meter);
+                    ends.push(cycles.first_end());
                     run = Some((meter, cycles, Reading::new(dynamics.nodes())));
                 }
                 Some((meter, cycles, reading)) => {
@@ -73,7 +75,9 @@ impl Problem {
                     let times = [trajectory.times[n - 1], state.t];
                     let load = dynamics.load_work(times, trajectory.positions(n - 1), &state.q);
                     meter.count(reading, None, load, dynamics.head_mass())?;
+                    let before = *cycles;
                     cycles.follow(dynamics, state, meter, None);
+                    ends.extend(cycles.ends_since(&before));
                 }
             }
             trajectory.push(state);
@@ -88,7 +92,7 @@ impl Problem {
                 Cycles::start(&self.dynamics, &state, &meter)
             }
         };
-        Ok((trajectory, cycles))
+        Ok((trajectory, cycles, ends))
     }
 
     /// Why its simulation has no whole cycle, where it has none.
@@ -96,18 +100,18 @@ impl Problem {
     /// # Errors
     /// Those of [`followed`](Self::followed).
     pub fn no_cycle(&mut self) -> Result<Option<String>> {
-        let (_, cycles) = self.followed()?;
+        let (_, cycles, _) = self.followed()?;
         Ok(cycles.reason(&self.dynamics))
     }
 
     /// The mean of `measure` over the last whole cycles, as a run's summary has it, with its derivatives by `parameters`;
     /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::slopes::is_smooth). The
-    /// frequency of the actuation, which moves the cycles themselves, counts as if it left them where they are.
+    /// frequency of the actuation moves the ends of the cycles too.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
     pub fn cycle_mean(&mut self, measure: &Measure, parameters: &[Parameter]) -> Result<Option<(f64, Vec<f64>)>> {
-        let (trajectory, cycles) = self.followed()?;
+        let (trajectory, cycles, ends) = self.followed()?;
         let Some(mean) = cycles.averages(&self.dynamics).mean(measure) else { return Ok(None) };
         if parameters.is_empty() {
             return Ok(Some((mean, Vec::new())));
@@ -137,6 +141,7 @@ impl Problem {
                     let value = |dynamics: &_| cycles.averages(dynamics).mean(measure).unwrap_or(f64::NAN);
                     *by += self.moved[*i].by(|place| Ok(value(&place.dynamics)))?;
                 }
+                Parameter::Frequency => *by += cycles.by_frequency(measure, &self.dynamics, &ends),
                 _ => {}
             }
         }
