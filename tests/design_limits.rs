@@ -65,7 +65,6 @@ fn the_cheapest_that_is_fast_enough_is_as_fast_as_asked_and_its_dual_is_what_spe
     let (name, dual) = least.active.iter().find(|(name, _)| name.contains("speed")).unwrap();
     let worth = (more.objective / least.objective - 1.0) / 0.002;
     println!("{name}: {:.9} used, dual {dual:.4}, cost {worth:.4}, {:?}", least.limits[0].used, least.numbers);
-    for h in &least.history {}
     assert!(least.converged && more.converged && (least.limits[0].used - 1.0).abs() <= 1e-6, "{:?}", least.limits);
     assert!((worth / dual - 1.0).abs() <= 0.02, "{worth} {dual}");
     // Without it, the cheapest is what is moved the least.

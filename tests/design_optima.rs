@@ -233,8 +233,6 @@ fn the_cheapest_wave_for_a_thrust_is_that_of_elongated_body_theory() {
         found.limits,
         found.history.len()
     );
-    for h in &found.history {}
-    for h in &found.history {}
     assert!(found.converged && (found.limits[0].used - 1.0).abs() <= 1e-6, "{:?}", found.limits);
     assert!((own_wavelength / wavelength - 1.0).abs() <= 0.02 && (own_amplitude / amplitude - 1.0).abs() <= 0.02);
     assert!((own_froude / froude - 1.0).abs() <= 0.01);

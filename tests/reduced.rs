@@ -355,6 +355,8 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                     envelope: [1.0, 0.0],
                     reference_length: 1.0,
                     wavelength: 1.0,
+                    harmonics: &[],
+                    slope: 0.0,
                 });
                 let edges = rod.nodes as u64 - 1;
                 let counted = |force| Box::new(Counted(force, Arc::clone(&law))) as Box<dyn Force>;

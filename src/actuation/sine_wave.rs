@@ -4,7 +4,7 @@
 //!
 //! With X = ωt − kx, κ = bk² sin X/(1 + b²k² cos² X)^{3/2} and dψ/dX = (2π/S)(1 + b²k² cos² X)^½, S = kλ being the integral of that
 //! root over a period. κ is odd in ψ and even about its crest, so it is a sum of the odd sines of ψ, and their sizes fall
-//! geometrically; what is below [`LEAST`] of the first is left out. A small slope makes it the travelling wave of amplitude bk².
+//! geometrically; what is below rounding is left out. A small slope makes it the travelling wave of amplitude bk².
 
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
