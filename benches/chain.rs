@@ -5,11 +5,11 @@
 use std::hint::black_box;
 use std::sync::Arc;
 
-use caudal::linear::Choice;
+use caudal::linear::{ChainMatrix, Choice, Riccati};
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::scene::Document;
-use caudal::system::{ChainMatrix, Direction, Form, System, chain_unknowns};
+use caudal::system::{Direction, Form, System};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 
 /// The direction of implicit Euler.
@@ -29,25 +29,14 @@ fn chain(criterion: &mut Criterion) {
         let mut newton = Newton::with(Form::Chain, Choice::default(), nodes, 1e-12).unwrap();
         newton.solve(&mut dynamics, &mut state, DIRECTION).unwrap();
 
-        let mut matrix = ChainMatrix::new(chain_unknowns(nodes));
+        let mut matrix = ChainMatrix::new(nodes);
         let mut residual = vec![0.0; matrix.unknowns()];
         group.bench_function(id("assemble"), |b| {
             b.iter(|| dynamics.assemble_chain(black_box(&state), DIRECTION, &mut residual, &mut matrix).unwrap());
         });
-        let assembled = matrix.clone();
-        group.bench_function(id("copy"), |b| b.iter(|| matrix.clone_from(black_box(&assembled))));
-        group.bench_function(id("copy and factor"), |b| {
-            b.iter(|| {
-                matrix.clone_from(black_box(&assembled));
-                matrix.factor();
-            });
-        });
-        let mut solution = residual.clone();
+        let (mut riccati, mut solution) = (Riccati::new(nodes), residual.clone());
         group.bench_function(id("solve"), |b| {
-            b.iter(|| {
-                solution.copy_from_slice(black_box(&residual));
-                matrix.solve(&mut solution);
-            });
+            b.iter(|| assert!(!riccati.solve(&matrix, black_box(&residual), &mut solution)));
         });
         group.bench_function(id("iteration"), |b| {
             b.iter(|| newton.iterate(&mut dynamics, black_box(&mut state), DIRECTION).unwrap());

@@ -21,13 +21,13 @@ use crate::fluid::force::visit_alone;
 use crate::fluid::medium::Here;
 use crate::fluid::{Fluid, Force, Forces, Kinematics, Layers, Sink};
 use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
-use crate::linear::Coupling;
+use crate::linear::{ChainMatrix, Coupling};
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
 use crate::start::{Start, add_spin};
-use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System};
+use crate::system::{Direction, Form, Linearisation, State, System};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;

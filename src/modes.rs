@@ -20,11 +20,11 @@ use nalgebra::Vector2;
 use crate::error::{Error, Result};
 use crate::fluid::{Fluid, Forces, Layers};
 use crate::head::Signal;
-use crate::linear::BandMatrix;
+use crate::linear::{BandMatrix, ChainMatrix, Riccati};
 use crate::model::{Dynamics, Model};
 use crate::rod::Rod;
 use crate::start::Start;
-use crate::system::{ChainMatrix, Direction, Form, Linearisation, System, chain_unknowns};
+use crate::system::{Direction, Form, Linearisation, System};
 
 /// Up to this many nodes shapes are computed from dense matrices: beyond, vectors lose digits (2e-8 of the first frequency
 /// at 129 nodes), and the iteration needs that many.
@@ -298,8 +298,12 @@ struct Inverse {
     root_mass: Vec<f64>,
     /// The rigid modes, orthonormal in the unknowns M^½ x.
     rigid: Vec<Vec<f64>>,
-    work: Mutex<(ChainMatrix, Vec<f64>)>,
+    matrix: ChainMatrix,
+    work: Mutex<Work>,
 }
+
+/// The solver, a right-hand side and its solution.
+type Work = (Riccati, Vec<f64>, Vec<f64>);
 
 impl std::fmt::Debug for Inverse {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
@@ -318,14 +322,14 @@ impl Inverse {
     fn apply_to(&self, x: &mut [f64]) {
         self.without_rigid(x);
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner); // each use fills it anew
-        let (matrix, rhs) = &mut *work;
+        let (solver, rhs, solution) = &mut *work;
         rhs.fill(0.0);
         for (i, (x, root)) in x.iter().zip(&self.root_mass).enumerate() {
             rhs[6 * (i / 2) + i % 2] = x * root;
         }
-        matrix.solve(rhs);
+        solver.solve(&self.matrix, rhs, solution);
         for (i, (x, root)) in x.iter_mut().zip(&self.root_mass).enumerate() {
-            *x = rhs[6 * (i / 2) + i % 2] * root;
+            *x = solution[6 * (i / 2) + i % 2] * root;
         }
         self.without_rigid(x);
     }
@@ -364,16 +368,20 @@ fn iterated(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
     let straight = dynamics.first_state_in(Form::Chain);
     // σ is of the size of the first ω², so that K + σM is regular for a free rod too and nearly as good as K.
     let sigma = rod.ei / (rod.total_mass() * rod.length.powi(3)) * 500.0;
-    let mut matrix = ChainMatrix::new(chain_unknowns(rod.nodes));
-    let mut residual = vec![0.0; chain_unknowns(rod.nodes)];
+    let mut matrix = ChainMatrix::new(rod.nodes);
+    let mut residual = vec![0.0; matrix.unknowns()];
     dynamics.assemble_chain(&straight, Direction { q: 1.0, v: 0.0, a: sigma }, &mut residual, &mut matrix)?;
-    matrix.factor();
     let held = is_held(rod);
     let mut root_mass: Vec<f64> = rod.mass.iter().flat_map(|m| [m.sqrt(); 2]).collect();
     if held {
         root_mass[..2].fill(0.0);
     }
-    let mut operator = Inverse { rigid: Vec::new(), work: Mutex::new((matrix, residual)), root_mass };
+    let mut operator = Inverse {
+        rigid: Vec::new(),
+        work: Mutex::new((Riccati::new(rod.nodes), residual.clone(), residual)),
+        matrix,
+        root_mass,
+    };
     if !held {
         let centre = 0.5 * rod.length;
         let motions: [fn(f64) -> [f64; 2]; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |s| [0.0, s]];

@@ -3,8 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, Choice, Chosen, Solution};
-use crate::system::{ChainMatrix, Direction, Form, Linearisation, State, System, chain_unknowns};
+use crate::linear::{BandMatrix, ChainMatrix, Choice, Chosen, Riccati, Solution};
+use crate::system::{Direction, Form, Linearisation, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
 /// `models/` is 9.
@@ -54,9 +54,11 @@ enum Equations {
         jacobian: BandMatrix,
         solver: Box<Chosen>,
     },
-    /// With the node of the largest residual.
+    /// With the residual and the node where it is largest.
     Chain {
         matrix: ChainMatrix,
+        solver: Riccati,
+        residual: Vec<f64>,
         worst: usize,
     },
 }
@@ -85,8 +87,10 @@ impl Newton {
                 (Equations::Positions { jacobian, solver }, 2 * nodes)
             }
             Form::Chain => {
-                let unknowns = chain_unknowns(nodes);
-                (Equations::Chain { matrix: ChainMatrix::new(unknowns), worst: 0 }, unknowns)
+                let matrix = ChainMatrix::new(nodes);
+                let unknowns = matrix.unknowns();
+                let (solver, residual) = (Riccati::new(nodes), vec![0.0; unknowns]);
+                (Equations::Chain { matrix, solver, residual, worst: 0 }, unknowns)
             }
         };
         Ok(Self { tolerance, equations, increment: vec![0.0; unknowns], work: Work::default() })
@@ -194,12 +198,13 @@ impl Newton {
                 state.move_all_back(direction, increment);
                 Ok(Iteration { increment: direction.q * size, residual })
             }
-            Equations::Chain { matrix, worst: unsettled } => {
-                system.assemble_chain(state, direction, increment, matrix)?;
-                let (worst, residual) = largest(increment, 6, t, "force")?; // here its node is still known
-                *unsettled = worst;
-                self.work.factorisations += 1;
-                matrix.factor_and_solve(increment);
+            Equations::Chain { matrix, solver, residual, worst } => {
+                system.assemble_chain(state, direction, residual, matrix)?;
+                let force;
+                (*worst, force) = largest(residual, 6, t, "force")?;
+                let fallback = solver.solve(matrix, residual, increment);
+                self.work.factorisations += 1 + u64::from(fallback);
+                self.work.linear_fallbacks += u64::from(fallback);
                 largest(increment, 6, t, "Newton's increment")?;
                 let mut size: f64 = 0.0;
                 for (k, of_node) in increment.chunks(6).enumerate() {
@@ -210,7 +215,7 @@ impl Newton {
                     size = of_node.get(5).map_or(size, |turn| size.max((length * turn).abs()));
                 }
                 system.move_links(increment, state);
-                Ok(Iteration { increment: size, residual })
+                Ok(Iteration { increment: size, residual: force })
             }
         }
     }

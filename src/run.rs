@@ -353,7 +353,7 @@ impl Summary {
             factorisations: work.factorisations,
             linear_solver: match (stepper.form(), scene.solver.linear) {
                 _ if stepper.view().dynamics.mechanics == Mechanics::Shape => "none",
-                (Form::Chain, _) => "pivoted-band",
+                (Form::Chain, _) => "riccati",
                 #[cfg(feature = "faer")]
                 (Form::Positions, Choice::FaerLu) => "faer-lu",
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, Coupling, PivotedBand};
+use crate::linear::{BandMatrix, ChainMatrix, Coupling};
 
 /// What Newton's method takes as unknowns. Both forms are the same discrete rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -27,15 +27,6 @@ pub struct Link {
     pub moment: f64,
     /// Curvature κ_k of the joint, read from its moment; dimensionless.
     pub curvature: f64,
-}
-
-/// The matrix of the chain form: six unknowns per node, x, y, M, F_x, F_y, θ; three for the last, where no edge starts.
-/// Three diagonals below the main one; three above it, or five with drag.
-pub type ChainMatrix = PivotedBand<3, 9>;
-
-/// Unknowns of the chain form for `nodes` nodes.
-pub fn chain_unknowns(nodes: usize) -> usize {
-    6 * nodes - 3
 }
 
 /// Time, positions (m), velocities (m/s) and accelerations (m/s²); two entries per node: x₀, y₀, x₁, y₁, …

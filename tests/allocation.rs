@@ -153,12 +153,12 @@ fn an_allocation_would_be_noticed() {
 }
 
 #[test]
-fn a_run_takes_at_most_1500_bytes_a_node_in_positions_and_2000_in_the_chain_form() {
-    // Measured, at most: 570 and 1071 on 1000 nodes. On 3000 faer's LU is made as well, for systems that are too far from a
+fn a_run_takes_at_most_1500_bytes_a_node_in_either_form() {
+    // Measured, at most: 570 and 807 on 1000 nodes. On 3000 faer's LU is made as well, for systems that are too far from a
     // solution: 1402 in positions.
-    let forms = [(Form::Positions, "positions", 1500.0), (Form::Chain, "chain", 2000.0)];
+    let forms = [(Form::Positions, "positions"), (Form::Chain, "chain")];
     for method in METHODS {
-        for ((form, name, limit), nodes) in forms.into_iter().flat_map(|form| [1000, 3000].map(|nodes| (form, nodes))) {
+        for ((form, name), nodes) in forms.into_iter().flat_map(|form| [1000, 3000].map(|nodes| (form, nodes))) {
             if form == Form::Chain && !method.implicit {
                 continue;
             }
@@ -174,7 +174,7 @@ fn a_run_takes_at_most_1500_bytes_a_node_in_positions_and_2000_in_the_chain_form
             assert_eq!(stepper.form(), form);
             let bytes = (PEAK.get() - start) as f64 / f64::from(nodes);
             println!("{}, {name}, {nodes} nodes: {bytes:.0} bytes per node", method.name);
-            assert!(bytes <= limit, "{}, {name}: {bytes} bytes per node", method.name);
+            assert!(bytes <= 1500.0, "{}, {name}: {bytes} bytes per node", method.name);
         }
     }
 }

@@ -2,6 +2,7 @@
 
 mod block;
 mod block_band;
+mod chain;
 mod choice;
 #[cfg(feature = "faer")]
 mod dense_lu;
@@ -16,6 +17,7 @@ use crate::error::Result;
 use crate::system::Direction;
 pub use block::{Block, lanes};
 pub use block_band::BlockBand;
+pub use chain::{ChainMatrix, ChainRow, ChainTerms, Riccati};
 pub use choice::{Choice, Chosen, Solution};
 #[cfg(feature = "faer")]
 pub use dense_lu::DenseLu;

@@ -14,19 +14,20 @@
 //! x and θ is absorbed within one unit in the last place of them, while M and F stay smooth: curvature is read from M,
 //! stretching from F·t, directions from θ, nothing from differences of positions.
 //!
-//! The rows are scaled to forces by EI and L, so that the choice of pivots is the same in any units. Along a direction that
+//! The rows are scaled to forces by EI and L, so that sizes can be compared and pivots are the same in any units. Along a direction that
 //! moves no position (c_q = 0: the accelerations at the start) the edges keep direction and stretch, the joints curvature.
 
 use nalgebra::{Matrix2, Vector2};
 
 use super::{COLLAPSED, Dynamics};
 use crate::error::{Error, Result};
+use crate::linear::{ChainMatrix, ChainRow, ChainTerms};
 use crate::rod::{Edge, Rod, bend, node};
-use crate::system::{ChainMatrix, Direction, Form, Link, State};
+use crate::system::{Direction, Form, Link, State};
 
 /// Largest bound [`rounding`] of one solve up to which positions are taken. Newton's method refines: at this value positions
 /// and steps agree with the chain form to about 1e-15, moments to 1e-5, and no iteration is lost; from ten times it on
-/// iterations are. A position iteration costs a quarter of the chain's (measured at 129 … 8193 nodes).
+/// iterations are.
 pub const ACCURACY: f64 = 1e-3;
 
 /// Below this half-turning its tangent is summed from its series, the next term of which is below ε/8.
@@ -72,8 +73,14 @@ fn from_moment(moment: f64, stiffness: f64, natural: f64, kappa: f64) -> f64 {
     kappa - (deviation * s - moment / stiffness) / (s + 0.5 * deviation * kappa)
 }
 
-/// Nodes whose rows are written before forces join them: 64 · 432 bytes of matrix.
+/// Nodes whose rows are written before forces join them: 64 · 128 bytes of matrix.
 const BLOCK: usize = 64;
+
+/// Adds `values` to `sums`.
+#[inline(always)]
+fn add<const N: usize>(sums: &mut [f64; N], values: [f64; N]) {
+    sums.iter_mut().zip(values).for_each(|(sum, value)| *sum += value);
+}
 
 impl Dynamics {
     /// The first state of a run in `form`; its links are exact where positions are rounded.
@@ -127,71 +134,57 @@ impl Dynamics {
         let links = &state.links;
         self.shape_edges_of(links, state.t)?;
         self.look_around(&state.q);
-        let rows = matrix.rows_mut();
         let rod = &self.model.rod;
         let (nodes, joints) = (rod.nodes, rod.joints());
         let (per_radian, per_metre) = (rod.ei / rod.length.powi(2), rod.ei / rod.length.powi(3));
+        let around = 1.0 / rod.length;
         let Direction { q: c_q, a: c_a, .. } = direction;
         let (moves, loaded) = (c_q != 0.0, self.is_loaded());
+        matrix.terms = ChainTerms { moves: c_q, scale: [per_radian, per_metre, around], held: self.held.is_some() };
+        let rows = matrix.rows_mut();
         let mut pull_before = Vector2::zeros(); // of the edge before
         for first in (0..nodes).step_by(BLOCK) {
             let last = (first + BLOCK).min(nodes);
             for (k, link) in links.iter().enumerate().take(last).skip(first) {
-                let row = 6 * k;
-                let (before, after) = (f64::from(k > 0), f64::from(k + 1 < nodes));
-                // Node: columns F_{k−1}, θ_{k−1}, x_k, M_k, F_k, θ_k.
+                let at = 6 * k;
                 let pull = Vector2::from(link.force);
                 let inertia = rod.mass[k];
                 let load = if loaded { self.load(k) } else { Vector2::zeros() };
                 let force = node(&state.a, k) * inertia - load - pull + pull_before;
-                residual[row] = force.x;
-                residual[row + 1] = force.y;
-                rows[row] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
-                rows[row + 1] = [before, 0.0, 0.0, inertia * c_a, 0.0, 0.0, -after, 0.0, 0.0];
+                residual[at] = force.x;
+                residual[at + 1] = force.y;
                 pull_before = pull;
-                // Joint: columns θ_{k−1}, x_k, M_k, F_k, θ_k.
+                let mut row = ChainRow { own: [inertia * c_a, 0.0, 0.0, inertia * c_a], ..ChainRow::default() };
                 if joints.contains(&k) {
                     let kappa = if moves { curvature(self.turning(links, k)) } else { link.curvature };
                     let s = bend::curvature_per_turning(kappa);
                     if s * bend::FOLD >= 2.0 {
                         return Err(Error::FoldOver { time_s: state.t, node: k }); // s = 2/(1 + cos φ)
                     }
-                    let flexibility = 1.0 / rod.joint[k];
                     let deviation = kappa - self.natural[k];
-                    let slope = per_radian * s * (s + 0.5 * deviation * kappa);
-                    residual[row + 2] = per_radian * (deviation * s - flexibility * link.moment);
-                    rows[row + 2] = [-slope * before, 0.0, 0.0, -per_radian * flexibility, 0.0, 0.0, slope, 0.0, 0.0];
+                    row.flexibility = 1.0 / rod.joint[k];
+                    row.slope = s * (s + 0.5 * deviation * kappa);
+                    residual[at + 2] = per_radian * (deviation * s - row.flexibility * link.moment);
                 } else {
-                    residual[row + 2] = link.moment / rod.length;
-                    rows[row + 2] = [0.0, 0.0, 0.0, 1.0 / rod.length, 0.0, 0.0, 0.0, 0.0, 0.0];
+                    row.flexibility = -around / per_radian;
+                    residual[at + 2] = link.moment * around;
                 }
-                let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) else { continue };
-                let compliance = 1.0 / rod.cells[k].axial;
-                let (t, n) = (edge.t, edge.n());
-                let (along, across) = (pull.dot(&t), pull.dot(&n));
-                // Along the edge: columns x_k, M_k, F_k, θ_k, x_{k+1}.
-                let turn = (n * edge.length + t * (compliance * across)) * per_metre;
-                if moves {
-                    let gap = (t * edge.length - (node(&state.q, k + 1) - node(&state.q, k))) * per_metre;
-                    residual[row + 3] = gap.x;
-                    residual[row + 4] = gap.y;
-                    let c = c_q * per_metre;
-                    let stretch = t * t.transpose() * (compliance * per_metre);
-                    let [xx, xy, yy] = [stretch[(0, 0)], stretch[(0, 1)], stretch[(1, 1)]];
-                    rows[row + 3] = [c, 0.0, 0.0, xx, xy, turn.x, -c, 0.0, 0.0];
-                    rows[row + 4] = [c, 0.0, xy, yy, turn.y, 0.0, -c, 0.0, 0.0];
-                } else {
-                    residual[row + 3] = 0.0;
-                    residual[row + 4] = 0.0;
-                    rows[row + 3] = [0.0, 0.0, 0.0, t.x, t.y, 0.0, 0.0, 0.0, 0.0];
-                    rows[row + 4] = [0.0, 0.0, 0.0, 0.0, per_radian, 0.0, 0.0, 0.0, 0.0];
+                if let (Some(edge), Some(next)) = (self.edges.get(k), links.get(k + 1)) {
+                    let t = edge.t;
+                    row.compliance = 1.0 / rod.cells[k].axial;
+                    let (along, across) = (pull.dot(&t), pull.dot(&edge.n()));
+                    (row.t, row.lever) = (t.into(), [row.compliance * across, edge.length]);
+                    row.by_angle = row.compliance * across * across - edge.length * along;
+                    let gap = if moves {
+                        (t * edge.length - (node(&state.q, k + 1) - node(&state.q, k))) * per_metre
+                    } else {
+                        Vector2::zeros()
+                    };
+                    residual[at + 3] = gap.x;
+                    residual[at + 4] = gap.y;
+                    residual[at + 5] = (next.moment - link.moment + edge.length * across) * around;
                 }
-                // Around it: columns M_k, F_k, θ_k, x_{k+1}, M_{k+1}.
-                let scale = 1.0 / rod.length;
-                let by_pull = (n * edge.length + t * (compliance * across)) * scale;
-                let by_angle = (compliance * across * across - edge.length * along) * scale;
-                residual[row + 5] = (next.moment - link.moment + edge.length * across) * scale;
-                rows[row + 5] = [-scale, by_pull.x, by_pull.y, by_angle, 0.0, 0.0, scale, 0.0, 0.0];
+                rows[k] = row;
             }
             // Forces join the rows while they are in the cache: those of an edge, once the rows of both its nodes are there.
             // What a force changes with the stretch of an edge is left out of the matrix: it is as small as the stretch.
@@ -199,50 +192,39 @@ impl Dynamics {
             let moving = self.moving(state);
             self.model.forces.on_edges(&moving, Some(direction), edges, |e, on| {
                 let edge = &moving.edges[e];
+                // The edge vector moves by ℓ n δθ, which is c_q times what its ends differ by.
+                let turned = if moves { edge.n() * (edge.length / c_q) } else { Vector2::zeros() };
                 for (i, k) in [e, e + 1].into_iter().enumerate() {
-                    let row = 6 * k;
                     let force = on.force(i);
-                    residual[row] += force.x;
-                    residual[row + 1] += force.y;
-                    let [xx, xy, yx, yy] = on.own(i).into();
-                    rows[row][3] += xx;
-                    rows[row][4] += xy;
-                    rows[row + 1][2] += yx;
-                    rows[row + 1][3] += yy;
-                    if moves {
-                        // The edge vector moves by ℓ n δθ, which is c_q times what its ends differ by.
-                        let by_angle = Matrix2::from(on.edge(i)) * (edge.n() * (edge.length / c_q));
-                        let column = if i == 0 { 8 } else { 2 }; // θ_k or θ_{k−1}
-                        rows[row][column] += by_angle.x;
-                        rows[row + 1][column - 1] += by_angle.y;
-                    }
+                    residual[6 * k] += force.x;
+                    residual[6 * k + 1] += force.y;
+                    let row = &mut rows[k];
+                    add(&mut row.own, on.own(i).into());
+                    add(
+                        if i == 0 { &mut row.after } else { &mut row.before },
+                        (Matrix2::from(on.edge(i)) * turned).into(),
+                    );
                 }
             });
         }
         let moving = self.moving(state);
         for tip in self.model.forces.on_tip(&moving, Some(direction)) {
-            let row = 6 * (nodes - 1);
-            residual[row] += tip.force.x;
-            residual[row + 1] += tip.force.y;
-            rows[row][3] += tip.own.m11;
-            rows[row][4] += tip.own.m12;
-            rows[row + 1][2] += tip.own.m21;
-            rows[row + 1][3] += tip.own.m22;
+            let k = nodes - 1;
+            residual[6 * k] += tip.force.x;
+            residual[6 * k + 1] += tip.force.y;
+            let own = tip.own;
+            add(&mut rows[k].own, [own.m11, own.m12, own.m21, own.m22]);
             if moves {
-                // The last edge but one is out of reach of the band: it turns as the last does, but for the joint between.
+                // The last edge but one is out of reach of the rows: it turns as the last does, but for the joint between.
                 let [before, last] = tip.edges;
                 let edge = &moving.edges[nodes - 2];
-                let by_angle = (before + last) * (edge.n() * (edge.length / c_q));
-                rows[row][2] += by_angle.x;
-                rows[row + 1][1] += by_angle.y;
+                add(&mut rows[k].before, ((before + last) * (edge.n() * (edge.length / c_q))).into());
             }
         }
         if self.held.is_some() {
-            for i in 0..2 {
-                residual[i] = 0.0;
-                rows[i] = [0.0; 9];
-                rows[i][3] = per_metre;
-            }
+            residual[..2].fill(0.0);
+            rows[0].own = [per_metre, 0.0, 0.0, per_metre];
+            (rows[0].before, rows[0].after) = ([0.0; 2], [0.0; 2]);
         }
         Ok(())
     }
