@@ -239,6 +239,13 @@ fn a_sweep_ends_the_same_to_the_bit_on_any_number_of_threads_in_shards_and_after
         let merged = sweep(&file, &out("shards"), &["merge"]);
         assert_eq!(merged.status.code(), Some(if i < 3 { 2 } else { 1 }), "{}", text(&merged.stderr));
         assert_eq!(out("shards").join("table.csv").exists(), i == 3);
+        if i == 2 {
+            // What is there by then, which the next merge replaces.
+            let partial = sweep(&file, &out("shards"), &["merge", "--partial"]);
+            assert!(text(&partial.stdout).contains("of 400 cases are in none of the 2 journals"), "{partial:?}");
+            assert!((200..300).contains(&table(&out("shards")).len()));
+            std::fs::remove_file(out("shards").join("table.csv")).unwrap();
+        }
     }
     // Killed three times at moments of its own choosing, each time after some more cases.
     let journal = out("killed").join("cases.journal");

@@ -47,6 +47,9 @@ enum Part {
         sweep: Common,
         /// Journals, or folders with journals [default: the folder of the results]
         journals: Vec<PathBuf>,
+        /// Make them of the cases that are there by now, also while the sweep runs
+        #[arg(long)]
+        partial: bool,
     },
 }
 
@@ -72,7 +75,7 @@ impl Common {
 
 pub fn sweep(arguments: &Arguments) -> Result<ExitCode> {
     match (&arguments.merge, &arguments.sweep) {
-        (Some(Part::Merge { sweep, journals }), _) => merge(sweep, journals),
+        (Some(Part::Merge { sweep, journals, partial }), _) => merge(sweep, journals, *partial),
         (None, Some(common)) if arguments.dry_run => list(common, arguments),
         (None, Some(common)) => run(common, arguments),
         (None, None) => Ok(ExitCode::from(exit::WRONG_INPUT)), // clap asks for the sweep
@@ -173,7 +176,7 @@ fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
 }
 
-fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
+fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(cores())?;
     let from = if from.is_empty() { std::slice::from_ref(&folder) } else { from };
@@ -196,12 +199,17 @@ fn merge(common: &Common, from: &[PathBuf]) -> Result<ExitCode> {
     let results = Results::new(&sweep, &job, journals)?;
     let missing: Vec<usize> = results.missing().collect();
     if let Some(first) = missing.first() {
-        complain(&format!(
-            "{} of {} cases are in none of the {} journals, case {first} the first of them; let their shards finish",
+        let lacking = format!(
+            "{} of {} cases are in none of the {} journals, case {first} the first of them",
             missing.len(),
             sweep.size(),
             paths.len()
-        ));
+        );
+        if partial {
+            say(&lacking);
+            return finish(&results, &folder);
+        }
+        complain(&format!("{lacking}; let their shards finish, or take what is there with --partial"));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
     finish(&results, &folder)

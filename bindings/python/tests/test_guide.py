@@ -53,6 +53,53 @@ def test_commands_of_the_guide_exist(command):
         assert re.search(rf"^  {name} ", listed, re.MULTILINE), name
 
 
+#: What the gallery says of a run: in which words, and from which number of its summary, in which unit.
+GALLERY = {
+    "baseline-smooth": [("{:.1f} cm in 20 s", "net_displacement_m", -1e2)],
+    "eel": [
+        ("{:.3f} m/s", "cycle_forward_speed_m_s", 1),
+        ("{:.2f} body lengths per beat", "cycle_body_lengths", 1),
+        ("transport {:.3f}", "cycle_cost_of_transport", 1),
+    ],
+    "fish": [("{:.2f} body lengths per beat", "cycle_body_lengths", 1), ("slip of {:.2f}", "cycle_slip", 1)],
+    "snake": [("{:.2f} m/s", "cycle_forward_speed_m_s", 1)],
+    "worm-over-a-wall": [
+        ("{:.3f} mm/s", "cycle_forward_speed_m_s", 1e3),
+        ("{:.2f} body lengths per beat", "cycle_body_lengths", 1),
+    ],
+    "sperm": [("{:.0f} µm/s", "cycle_forward_speed_m_s", 1e6), ("{:.3f} lengths per beat", "cycle_body_lengths", 1)],
+    "elastic-tail-in-oil": [("{:.2f} mN", "cycle_thrust_n", 1e3)],
+    "heaving-foil": [("{:.0f} mN", "cycle_thrust_n", 1e3)],
+    "driven-head": [("{:.2f} mN", "cycle_thrust_n", 1e3), ("{:.1f} mW", "cycle_head_power_w", 1e3)],
+    "dipping-tail": [("{:.3f} N of thrust", "cycle_thrust_n", 1)],
+}
+
+
+def gallery():
+    """The answer of each command of the gallery, by its scene."""
+    row = r"caudal run models/([\w-]+)\.toml` \| (.*) \|$"
+    return dict(re.findall(row, (DOCS / "gallery.md").read_text(), re.MULTILINE))
+
+
+@pytest.mark.parametrize("name", GALLERY)
+def test_an_answer_of_the_gallery_is_that_of_its_run(name):
+    summary = caudal.run(ROOT / f"models/{name}.toml", record=[]).summary
+    for words, key, unit in GALLERY[name]:
+        assert words.format(unit * summary[key]) in gallery()[name], (words, summary[key])
+
+
+def test_the_other_answers_of_the_gallery():
+    assert gallery().keys() - GALLERY.keys() == {"flag", "spinning-bar"}
+    flag = caudal.load(ROOT / "models/flag.toml")
+    for flow, moves in [(flag.parameters["medium.flow_m_s[0]"], 0.033), (flag.parameters["medium.flow_m_s[0]"] / 2, 0.0)]:
+        run = caudal.run(caudal.load(flag, set={"medium.flow_m_s": [flow, 0.0]}))
+        tip = run["tip_dy_m"][run["time_s"] > 16]
+        assert tip.max() - tip.min() == pytest.approx(moves, abs=5e-4), flow
+    assert "at 1.8 m/s it does, its tip 33 mm up and down; at half of that" in gallery()["flag"]
+    bar = caudal.run(ROOT / "models/spinning-bar.toml", record=[]).summary
+    assert abs(bar["net_displacement_m"]) < 1e-13 and "nothing moves its centre" in gallery()["spinning-bar"]
+
+
 @pytest.mark.parametrize("notebook", sorted((DOCS / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)
 def test_a_notebook_runs(notebook, tmp_path):
     nbformat = pytest.importorskip("nbformat")

@@ -79,8 +79,9 @@ class Design(Mapping[str, Any]):
             # What the data do not tell is no result.
             known = [joint for joint in joints if joint["verdict"] == "identified"]
             rest = [joint for joint in joints if joint["verdict"] != "identified"]
-            xi, stiffness, deviation = ([joint[key] for joint in known] for key in ("xi", "stiffness_n_m2", "deviation_n_m2"))
-            axes.errorbar(xi, stiffness, deviation, fmt="o-", capsize=3, label="identified, with standard deviation")
+            if known:
+                xi, stiffness, deviation = ([joint[key] for joint in known] for key in ("xi", "stiffness_n_m2", "deviation_n_m2"))
+                axes.errorbar(xi, stiffness, deviation, fmt="o-", capsize=3, label="identified, with standard deviation")
             if rest:
                 xi, stiffness = ([joint[key] for joint in rest] for key in ("xi", "stiffness_n_m2"))
                 axes.plot(xi, stiffness, "o", color="0.6", fillstyle="none", label="not identified")

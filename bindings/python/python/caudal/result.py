@@ -6,6 +6,7 @@ import difflib
 import html
 import os
 from collections.abc import Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, Callable, Iterable, Iterator, Optional, Union
 
 import numpy as np
@@ -13,7 +14,6 @@ import numpy.typing as npt
 
 from ._caudal import Scene, Variable, _film, _pictures, _run, _vtk
 from .errors import UnknownVariableError
-
 from .optional import optional
 
 if TYPE_CHECKING:
@@ -177,6 +177,10 @@ def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
     return error
 
 
+#: Where a legend covers no curve.
+_BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
+
+
 class Result(Mapping[str, Array]):
     """What came out of a run: NumPy arrays by the names of variables, with the summary.
 
@@ -288,7 +292,8 @@ class Result(Mapping[str, Array]):
         Parameters
         ----------
         *names : str
-            Variables to draw over time; without names shapes of the rod, the path of its centre of mass, and the energies.
+            Variables to draw over time, those of nodes and joints coloured from the head to the tip; without names shapes of the
+            rod, the path of its centre of mass, and the energies, as far as they are recorded, else what is.
 
         Returns
         -------
@@ -298,45 +303,71 @@ class Result(Mapping[str, Array]):
         optional("matplotlib", "plot()")
         from matplotlib.figure import Figure
 
+        panels: list[Callable[[Any], None]] = [partial(self._course, name) for name in names] or self._overview()
+        if not panels:
+            return self.plot(*[name for name in self if name != "time_s"][:6] or ["time_s"])
+        figure = Figure(figsize=(7, 1 + (2 if names else 2.4) * len(panels)), layout="constrained")
         if not names:
-            return self._overview()
-        figure = Figure(figsize=(7, 1 + 2 * len(names)), layout="constrained")
-        for axes, name in zip(figure.subplots(len(names), sharex=True, squeeze=False)[:, 0], names):
-            axes.plot(self["time_s"], self[name], linewidth=1)
-            variable = self.variables[name]
-            axes.set_ylabel(f"{name}\n({variable.unit})")
+            figure.suptitle(self.scene.name)
+        for axes, panel in zip(figure.subplots(len(panels), sharex=bool(names), squeeze=False)[:, 0], panels):
+            panel(axes)
             axes.grid(alpha=0.3)
-        axes.set_xlabel("time (s)")
+        if names:
+            axes.set_xlabel("time (s)")
         return figure
 
-    def _overview(self) -> matplotlib.figure.Figure:
-        from matplotlib.figure import Figure
+    def _course(self, name: str, axes: Any) -> None:
+        """A variable over time."""
+        values, variable = self[name], self.variables[name]
+        axes.set_ylabel(f"{name}\n({variable.unit})")
+        if values.ndim == 1:
+            axes.plot(self["time_s"], values, linewidth=1)
+            return
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import Normalize
 
-        figure = Figure(figsize=(7, 8), layout="constrained")
-        shapes, path, energies = figure.subplots(3)
-        figure.suptitle(self.scene.name)
+        entries = list(self._entries(name))
+        colours = ScalarMappable(Normalize(0, self.scene.nodes - 1), "viridis")
+        for entry, column in zip(entries, values.T):
+            axes.plot(self["time_s"], column, linewidth=1, color=colours.to_rgba(entry))
+        axes.figure.colorbar(colours, ax=axes, label="node")
+
+    def _overview(self) -> list[Callable[[Any], None]]:
+        """What is drawn of a run where nothing is asked for: what of it is recorded."""
+        energies = [name for name in self if name.endswith(("_energy_j", "_work_j")) and np.any(self[name] != 0)]
+        panels: list[tuple[bool, Callable[[Any], None]]] = [
+            ("x_m" in self and "y_m" in self, self._shapes),
+            ("x_com_m" in self and "y_com_m" in self, self._path),
+            (bool(energies), partial(self._energies, energies)),
+        ]
+        return [panel for there, panel in panels if there]
+
+    def _shapes(self, axes: Any) -> None:
+        """Shapes of the rod at equal times, the last one in colour."""
         time = self["time_s"]
-        if "x_m" in self and "y_m" in self:
-            count = min(9, len(time))
-            chosen = np.linspace(0, len(time) - 1, count).astype(int)
-            for i, row in enumerate(chosen):
-                last = i == count - 1
-                style = {"color": "#0072b2", "linewidth": 2.5} if last else {"color": str(0.85 - 0.4 * i / count)}
-                shapes.plot(self["x_m"][row], self["y_m"][row], label=f"t = {time[row]:g} s" if last else None, **style)
-            shapes.set_aspect("equal", adjustable="datalim")
-            shapes.legend()
-        shapes.set(xlabel="x (m)", ylabel="y (m)", title="shapes")
-        if "x_com_m" in self and "y_com_m" in self:
-            path.plot(self["x_com_m"], self["y_com_m"], color="#d55e00")
-        path.set(xlabel="x (m)", ylabel="y (m)", title="path of the centre of mass")
-        for name in self:
-            if name.endswith(("_energy_j", "_work_j")) and np.any(self[name] != 0):
-                energies.plot(time, self[name], label=name.removesuffix("_j").replace("_", " "))
-        energies.set(xlabel="time (s)", ylabel="J", title="energies and work")
-        energies.legend(fontsize="small")
-        for axes in (shapes, path, energies):
-            axes.grid(alpha=0.3)
-        return figure
+        chosen = np.linspace(0, len(time) - 1, min(9, len(time))).astype(int)
+        for i, row in enumerate(chosen[:-1]):
+            label = f"from t = {time[row]:g} s" if i == 0 else None
+            axes.plot(self["x_m"][row], self["y_m"][row], color=str(0.85 - 0.4 * i / len(chosen)), label=label)
+        axes.plot(self["x_m"][chosen[-1]], self["y_m"][chosen[-1]], color="#0072b2", linewidth=2.5, label=f"t = {time[-1]:g} s")
+        axes.set(xlabel="x (m)", ylabel="y (m)", title="shapes")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(fontsize="small", **_BESIDE)
+
+    def _path(self, axes: Any) -> None:
+        """The path of the centre of mass."""
+        axes.plot(self["x_com_m"], self["y_com_m"], color="#d55e00")
+        axes.plot(self["x_com_m"][:1], self["y_com_m"][:1], "o", color="#d55e00", label="start")
+        axes.set(xlabel="x (m)", ylabel="y (m)", title="path of the centre of mass")
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.legend(fontsize="small", **_BESIDE)
+
+    def _energies(self, names: list[str], axes: Any) -> None:
+        """Energies and work over time."""
+        for name in names:
+            axes.plot(self["time_s"], self[name], label=name[: -len("_j")].replace("_", " "))
+        axes.set(xlabel="time (s)", ylabel="energy (J)", title="energies and work")
+        axes.legend(fontsize="small", **_BESIDE)
 
     def animate(self, path: Union[str, os.PathLike[str]], *, fps: int = 25, speed: float = 1.0, sharpness: float = 1.0) -> None:
         """Write the moving rod to a file.

@@ -102,7 +102,7 @@ class Sweep(list[dict[str, Any]]):
         return dataset
 
     def plot(self, name: str) -> matplotlib.figure.Figure:
-        """Draw a quantity over the last axis, one line per level of the others.
+        """Draw a quantity over the last axis, one line per level of the others; over one of a sample its points.
 
         Parameters
         ----------
@@ -120,6 +120,9 @@ class Sweep(list[dict[str, Any]]):
         if not any(name in row for row in self):
             raise KeyError(f"{name} is no column; allowed: {', '.join(sorted({key for row in self for key in row}))}")
         *others, last = self.axes
+        if last in self.sampled:
+            others = [other for other in others if other not in self.sampled]
+        style = "o" if last in self.sampled else "o-"
         lines: dict[tuple[Any, ...], list[tuple[Any, Any]]] = {}
         for row in self:
             lines.setdefault(tuple(row[other] for other in others), []).append((row[last], row.get(name)))
@@ -127,7 +130,7 @@ class Sweep(list[dict[str, Any]]):
         axes = figure.subplots()
         for levels, points in lines.items():
             text = ", ".join(f"{other} = {level}" for other, level in zip(others, levels))
-            axes.plot([x for x, _ in points], [np.nan if y is None else y for _, y in points], "o-", label=text or None)
+            axes.plot([x for x, _ in points], [np.nan if y is None else y for _, y in points], style, label=text or None)
         axes.set(xlabel=last, ylabel=name)
         axes.grid(alpha=0.3)
         if others and len(lines) <= 12:
