@@ -316,6 +316,46 @@ fn a_disk_that_is_full_for_the_report_keeps_the_designed_scene() {
     assert_eq!(caudal(&folder.path().join("out"), &format!("check {designed}")).status.code(), Some(0));
 }
 
+#[cfg(feature = "design")]
+#[test]
+fn a_disk_that_fills_anywhere_in_a_design_leaves_whole_files_and_the_way_on() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = models("eel.toml");
+    let wanted = r#"design={ goal = "cycle_forward_speed_m_s", variables = ["rod.depth_m", "actuation.kappa_amp"], number_bounds = [0.8, 1.3], largest_power_w = 0.3, starts = 1, iterations = 3, front = { goal = "cycle_cost_of_transport", better = "smaller", points = 3 } }"#;
+    let arguments = format!(
+        "design '{}' --set rod.nodes=9 --set solver.time_step_s=0.02 --set solver.duration_s=1 --set '{wanted}' --out",
+        scene.display()
+    );
+    let whole = caudal(folder.path(), &format!("{arguments} whole"));
+    assert!(matches!(whole.status.code(), Some(0 | 1)), "{}", errors(&whole));
+    let all = names(&folder.path().join("whole"));
+    for name in ["design.json", "front.csv", "body.csv", "body.stl", "eel-front-1.toml", "report.html"] {
+        assert!(all.contains(&name.to_string()), "{name}: {all:?}");
+    }
+    let mut ends = std::collections::BTreeSet::new();
+    for blocks in [0, 1, 2, 3, 4, 6, 8, 12, 16, 32, 64, 128, 256] {
+        let out = format!("out-{blocks}");
+        let output = limited(folder.path(), &format!("ulimit -f {blocks};"), &format!("{arguments} {out}"));
+        let kept = if folder.path().join(&out).exists() { names(&folder.path().join(&out)) } else { Vec::new() };
+        assert!(output.status.code().is_some(), "{blocks}: killed");
+        if kept.len() < all.len() {
+            assert!(!errors(&output).is_empty(), "{blocks}: {kept:?}");
+        }
+        for name in kept.iter().filter(|name| *name != "design.journal") {
+            let [own, complete] =
+                [&*out, "whole"].map(|out| std::fs::read(folder.path().join(out).join(name)).unwrap());
+            assert!(own == complete, "{blocks}: {name} is not whole");
+        }
+        ends.insert(kept.len());
+        // With room it goes on from there.
+        let again = caudal(folder.path(), &format!("{arguments} {out}"));
+        assert_eq!(again.status.code(), whole.status.code(), "{blocks}: {}", errors(&again));
+        assert_eq!(names(&folder.path().join(&out)), all, "{blocks}");
+    }
+    println!("{ends:?} files kept");
+    assert!(ends.len() >= 4, "{ends:?}");
+}
+
 #[test]
 fn a_sweep_that_grew_keeps_its_cases_and_one_that_changed_is_refused_with_the_way_out() {
     let sweep = |axes: &str, more: &str| {

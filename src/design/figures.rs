@@ -7,6 +7,7 @@ use super::outline;
 use super::report::{Answer, Compared, Design, InCase, distances, gain_percent, objective_label};
 use super::search::FoundNumber;
 use super::table::{Goal, Variable};
+use crate::cycle::MEASURES;
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::{Figure, Findings, Frame, Motion, Table};
@@ -15,6 +16,9 @@ use crate::sensitivity::Trajectory;
 
 /// Shapes drawn over the last cycle.
 const SHAPES: usize = 9;
+
+/// Parts of a drawn body.
+const STATIONS: usize = 100;
 
 /// Points of a curve, and frames of the page's motion.
 const POINTS: usize = 600;
@@ -29,6 +33,7 @@ impl Design {
     pub(super) fn findings(&self) -> Result<Findings> {
         let rod = self.scene.model()?.rod;
         let mut figures = vec![self.profile_figure(&rod)];
+        figures.extend(self.body_figure(&rod)?);
         figures.extend(self.actuation_figures(&rod));
         figures.extend(self.numbers_figure());
         figures.extend(self.front_figure());
@@ -121,6 +126,38 @@ impl Design {
         ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
+    /// The straight rod seen from its side before and after, as long and deep as it is, with a stroke in every joint that is as high as
+    /// the joint is stiff.
+    fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
+        if !matches!(self.answer, Answer::Found(_)) || self.table.fits_positions() {
+            return Ok(None);
+        }
+        let after = self.designed.scene()?.model()?.rod;
+        let depth = |rod: &Rod, xi: f64| 0.5 * rod.sections.depth_at(xi);
+        let places: Vec<f64> = (0..=STATIONS).map(|i| i as f64 / STATIONS as f64).collect();
+        let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
+        let stiffest = own.iter().chain(&self.stiffness).copied().fold(f64::MIN_POSITIVE, f64::max);
+        let deepest = [rod, &after].into_iter().flat_map(|rod| places.iter().map(|xi| depth(rod, *xi)));
+        let apart = 1.5 * deepest.fold(0.0, f64::max);
+        let mut series = Vec::new();
+        for (name, rod, stiffness, y) in
+            [("the scene's own", rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)]
+        {
+            for (k, ei) in rod.joints().zip(stiffness) {
+                let (x, size) = (rod.xi(k) * rod.length, depth(rod, rod.xi(k)) * ei / stiffest);
+                series.push(Series::new("", vec![(x, y - size), (x, y + size)], Mark::Ghost));
+            }
+            let side = |sign: f64| places.iter().map(move |xi| (xi * rod.length, y + sign * depth(rod, *xi)));
+            let mut outline: Vec<(f64, f64)> = side(1.0).chain(side(-1.0).rev()).collect();
+            outline.extend(outline.first().copied());
+            series.push(Series::new(name, outline, Mark::Line));
+        }
+        Ok(Some((
+            "body.svg",
+            self.chart("the body from its side", "s (m)", "across the plane (m)", Scale::Equal, series),
+        )))
+    }
+
     fn actuation_figures(&self, rod: &Rod) -> Vec<Drawn> {
         let Answer::Found(found) = &self.answer else { return Vec::new() };
         let line = |values: &[f64]| {
@@ -188,8 +225,8 @@ impl Design {
         };
         let mut series = vec![Series::new("front", points(true), Mark::Dotted)];
         series.extend((!points(false).is_empty()).then(|| Series::new("worse than others", points(false), Mark::Dots)));
-        let [x, y] = [wanted.goal, self.table.goal].map(objective_label);
-        Some(("front.svg", self.chart("designs between two goals", x, y, Scale::Linear, series)))
+        let [x, y] = [wanted.goal, self.table.goal].map(axis_label);
+        Some(("front.svg", self.chart("designs between two goals", &x, &y, Scale::Linear, series)))
     }
 
     /// The objective in each of the cases that the design is for.
@@ -198,16 +235,18 @@ impl Design {
         if cases.is_empty() {
             return None;
         }
-        let points = |of: fn(&InCase) -> Option<f64>| {
+        // Cases have no order: bars, and nothing in between.
+        let bars = |of: fn(&InCase) -> Option<f64>| {
             let values = cases.iter().enumerate().filter_map(|(i, case)| Some((i as f64, of(case)?)));
             values.collect::<Vec<_>>()
         };
         let series = vec![
-            Series::new(self.before(), points(|case| case.before), Mark::Dots),
-            Series::new(self.after(), points(|case| case.designed), Mark::Dotted),
+            Series::new(self.before(), bars(|case| case.before), Mark::Line),
+            Series::new(self.after(), bars(|case| case.designed), Mark::Line),
         ];
-        let y = objective_label(self.table.goal);
-        Some(("cases.svg", self.chart("every case", "number of the case", y, Scale::Linear, series)))
+        let numbers = (1..=cases.len()).map(|number| number.to_string()).collect();
+        let y = axis_label(self.table.goal);
+        Some(("cases.svg", self.chart("every case", "number of the case", &y, Scale::Categories(numbers), series)))
     }
 
     /// What the goal is about, over time: the tip and its target, the way, or the markers.
@@ -331,11 +370,12 @@ impl Design {
         }
         let Answer::Found(found) = &self.answer else { return figures };
         let tracked = self.table.fits_positions();
+        let objective = axis_label(self.table.goal);
         for (file, title, y, scale, of) in [
             (
                 "objective.svg",
                 "objective",
-                objective_label(self.table.goal),
+                &*objective,
                 if tracked { Scale::LogY(10) } else { Scale::Linear },
                 (|iteration| iteration.objective) as fn(&super::Iteration) -> f64,
             ),
@@ -588,6 +628,9 @@ fn caption(file: &str) -> &'static str {
         "profile.svg" => {
             "The bending stiffness along the rod, over that of the scene, beside what it is compared with."
         }
+        "body.svg" => {
+            "The straight rod from its side, before above and after below; a stroke is as high, over the depth there, as the joint is stiff, over the stiffest."
+        }
         "amplitude.svg" => "By what the amplitude of the actuation is multiplied along the rod.",
         "phase.svg" => "The phase that is subtracted from that of the actuation along the rod.",
         "numbers.svg" => {
@@ -610,6 +653,16 @@ fn caption(file: &str) -> &'static str {
         "convergence.svg" => "How far each iteration is from a stationary point, one line per start.",
         _ => "",
     }
+}
+
+/// A goal as an axis names it, with its unit.
+fn axis_label(goal: Goal) -> String {
+    let Some(measure) = MEASURES.into_iter().find(|measure| goal == Goal::Cycle(measure.key)) else {
+        return objective_label(goal).to_string();
+    };
+    let words =
+        measure.spread.split("_spread").next().unwrap_or_default().trim_start_matches("cycle_").replace('_', " ");
+    if measure.unit == "1" { words } else { format!("{words} ({})", measure.unit) }
 }
 
 /// Some of the points.
