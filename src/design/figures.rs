@@ -182,7 +182,11 @@ impl Design {
             ),
         ] {
             if self.table.variables.contains(&variable) {
-                let series = vec![Series::new(title, line(values), Mark::Dotted)];
+                let own = if variable == Variable::Amplitude { 1.0 } else { 0.0 };
+                let series = vec![
+                    Series::new(self.after(), line(values), Mark::Dotted),
+                    Series::new("the scene's own", line(&vec![own; values.len()]), Mark::Line),
+                ];
                 figures.push((file, self.chart(title, "s/L", y, Scale::Linear, series)));
             }
         }
@@ -387,7 +391,7 @@ impl Design {
                     "gradient of the Lagrangian over the objective"
                 },
                 "stationarity in the unknowns",
-                Scale::LogY(12),
+                Scale::LogY(8),
                 |iteration| iteration.stationarity,
             ),
         ] {
