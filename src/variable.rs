@@ -684,7 +684,7 @@ pub static VARIABLES: &[Variable] = &[
     average(&cycle::COST_OF_TRANSPORT, |v, _| v.average(&cycle::COST_OF_TRANSPORT)).when(is_free),
     average(&cycle::EFFICIENCY, |v, _| v.average(&cycle::EFFICIENCY)).when(is_free),
 
-    input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length", |v, _| v.dynamics.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(has_actuation),
+    input("actuation_amplitude", "1", "amplitude kappa_amp of the actuation, a turning per reference length; of a sine-wave a factor of its curvature", |v, _| v.dynamics.inputs.drive.amplitude, |d, _, x| d.inputs.drive.amplitude = x[0]).when(has_actuation),
     input("actuation_frequency_hz", "Hz", "frequency of the actuation; a change keeps the phase", |v, _| v.dynamics.inputs.drive.frequency, |d, t, x| d.inputs.set_frequency(x[0], t)).when(has_actuation).at_least_zero(),
     input("actuation_phase_rad", "rad", "phase subtracted inside the wave's sine", |v, _| v.dynamics.inputs.phase_offset, |d, _, x| d.inputs.phase_offset = x[0]).when(has_actuation),
     input("natural_curvature_1_m", "1/m", "the host's own natural curvature at the joints, beside the actuation's", |v, k| of(&v.dynamics.inputs.natural, k), |d, _, x| set_natural_curvature(d, x)).sized(Size::Joints),
