@@ -1,5 +1,6 @@
 //! Full Newton with the exact Jacobian: one method for every implicit step, and it counts its work.
 
+use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -206,14 +207,15 @@ impl Newton {
                 self.work.factorisations += 1 + u64::from(fallback);
                 self.work.linear_fallbacks += u64::from(fallback);
                 largest(increment, 6, t, "Newton's increment")?;
-                let mut size: f64 = 0.0;
-                for (k, of_node) in increment.chunks(6).enumerate() {
-                    for (i, d) in of_node.iter().take(2).enumerate() {
-                        state.move_back(2 * k + i, direction, *d);
-                        size = size.max((direction.q * d).abs());
+                let [mut move_size, mut turn_size] = [0.0_f64; 2];
+                for (node, of_node) in state.nodes_mut().zip(increment.chunks(6)) {
+                    if let [x, y, ..] = *of_node {
+                        direction.move_node(node, Vector2::new(-x, -y));
+                        move_size = move_size.max(x.abs()).max(y.abs());
                     }
-                    size = of_node.get(5).map_or(size, |turn| size.max((length * turn).abs()));
+                    turn_size = of_node.get(5).map_or(turn_size, |turn| turn_size.max(turn.abs()));
                 }
+                let size = (direction.q.abs() * move_size).max(length * turn_size);
                 system.move_links(increment, state);
                 Ok(Iteration { increment: size, residual: force })
             }

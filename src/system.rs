@@ -65,14 +65,6 @@ impl State {
         self.memory.clone_from(&other.memory);
     }
 
-    /// Moves unknown `i` back by `d` along `direction`.
-    #[inline]
-    pub(crate) fn move_back(&mut self, i: usize, direction: Direction, d: f64) {
-        self.q[i] -= direction.q * d;
-        self.v[i] -= direction.v * d;
-        self.a[i] -= direction.a * d;
-    }
-
     /// Moves every unknown back by its part of `increment` along `direction`.
     pub(crate) fn move_all_back(&mut self, direction: Direction, increment: &[f64]) {
         let moved = self.q.iter_mut().zip(&mut self.v).zip(&mut self.a).zip(increment);

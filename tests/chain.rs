@@ -54,6 +54,7 @@ fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_
                 rod.nodes,
                 (energy[0] - energy[1]).abs() / energy[0],
             );
+            assert_eq!(chain.work().linear_fallbacks, 0, "{path:?} {}", rod.nodes);
             // Measured: at most 9e-15 of the positions. What positions say of curvature is rounded to ε|x|/ΔL: measured at
             // most 4.4 of that where inertia holds the nodes, 11 of a stiff wire that drag alone holds (elastic-tail-in-oil).
             assert!(deviations[0] < 1e-13 + chain::rounding(rod, step), "{path:?} {}: {deviations:?}", rod.nodes);
