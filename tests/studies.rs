@@ -107,6 +107,24 @@ fn a_map_over_the_flow_shows_flutter_and_divergence_where_theory_has_them() {
 }
 
 #[test]
+fn scaling_names_the_meshes_that_fail() {
+    let folder = tempfile::tempdir().unwrap();
+    let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
+    let desk = Desk::new(folder.path(), &interrupted, &progress);
+    let text = include_str!("../models/baseline-smooth.toml");
+    let wild = scene_of(text, &["actuation.kappa_amp=1e5", "solver.time_step_s=0.05"]);
+    let findings = complete(Study::Scaling(Scaling { nodes: vec![9, 17], steps: 3 }).make(&wild, desk).unwrap());
+    let table = &findings.tables[0];
+    let [time, tip, failure] = ["step_s", "tip_error", "failure"].map(|name| {
+        let at = table.columns.iter().position(|column| column.contains(name));
+        at.unwrap_or_else(|| panic!("{name}: {:?}", table.columns))
+    });
+    let failed: Vec<_> = table.rows.iter().filter(|row| !row[failure].is_null()).collect();
+    assert!(!failed.is_empty(), "{:?}", table.rows);
+    assert!(failed.iter().all(|row| row[time].is_null() && row[tip].is_null()), "{failed:?}");
+}
+
+#[test]
 fn scaling_shows_second_order_in_the_mesh_and_agreement_of_both_forms() {
     let folder = tempfile::tempdir().unwrap();
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());

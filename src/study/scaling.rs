@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
 use super::{Desk, Studied, power_law};
@@ -58,15 +58,27 @@ struct Run {
     failure: Option<String>,
     /// Time of a mean step, s: its iterations times the time of one in the step where that was least, which other work on
     /// the machine disturbed least.
+    #[serde(deserialize_with = "or_nan")]
     step_s: f64,
     iterations: u64,
     halvings: u64,
     fallbacks: u64,
     /// Peak of memory beyond what was there before, bytes.
     memory: Option<u64>,
+    #[serde(deserialize_with = "both_or_nan")]
     tip: [f64; 2],
     /// Curvature at equal distances along the rod, 1/m.
     curvature: Vec<f64>,
+}
+
+/// A number, of which JSON has null where it is none.
+fn or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<f64, D::Error> {
+    Option::deserialize(from).map(|x| x.unwrap_or(f64::NAN))
+}
+
+/// Two of these.
+fn both_or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<[f64; 2], D::Error> {
+    <[Option<f64>; 2]>::deserialize(from).map(|both| both.map(|x| x.unwrap_or(f64::NAN)))
 }
 
 /// Measures steps of `scene` on meshes of every size.
@@ -186,6 +198,9 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     let length = scene.rod.length_m.get();
     // Errors of tip (over the length) and curvature (over the largest) against the finest mesh.
     let errors = |case: &Case, run: &Run| {
+        if run.failure.is_some() {
+            return None;
+        }
         let (_, best) = finest.filter(|(best, _)| best.nodes > case.nodes && timed(case))?;
         let tip = (run.tip[0] - best.tip[0]).hypot(run.tip[1] - best.tip[1]) / length;
         let largest = best.curvature.iter().fold(0.0_f64, |max, k| max.max(k.abs()));

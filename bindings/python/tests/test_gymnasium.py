@@ -140,6 +140,33 @@ def test_a_tail_that_fails_ends_its_own_episode_alone():
     assert not failed.any() and rewards[1] == 0.0 and infos["time_s"].tolist() == [0.1, 0.0]
 
 
+def test_wrong_options_of_an_environment_are_named():
+    options = {
+        "actions": {"natural_curvature_1_m": (-1.0, 1.0)},
+        "observations": ["x_com_m"],
+        "reward": lambda before, after: 0.0,
+        "period_s": 0.05,
+    }
+    for name, value, problem in [
+        ("period_s", 0.0, "period_s: found 0.0; allowed: a positive time"),
+        ("period_s", np.nan, "period_s: found nan"),
+        ("duration_s", 0.0, "duration_s: found 0.0"),
+        ("groups", 0, "groups: found 0; allowed: 1 or more"),
+        ("actions", {"natural_curvature_1_m": (1.0, -1.0)}, "allowed: two numbers, the smaller first"),
+        ("actions", {"natural_curvature_1_m": (-np.inf, 1.0)}, "allowed: two numbers, the smaller first"),
+        ("scales", {"tip_y_m": 2.0}, "scales: `tip_y_m` is not observed; allowed: x_com_m"),
+        ("scales", {"x_com_m": 0.0}, "found 0.0; allowed: a positive number"),
+    ]:
+        with pytest.raises(ValueError, match=problem):
+            caudal.gymnasium.TailEnv("models/glycerol.toml", **{**options, name: value})
+    environment = caudal.gymnasium.TailEnv("models/glycerol.toml", **options)
+    environment.reset()
+    with pytest.raises(ValueError, match=r"action: found the shape \(3,\); allowed: \(7,\)"):
+        environment.step(np.zeros(3))
+    with pytest.raises(ValueError, match="threads: found 0"):
+        caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, threads=0, **options)
+
+
 def test_the_example_learns_to_swim_nearer():
     pytest.importorskip("cma")
     module = example()

@@ -84,7 +84,13 @@ class TailEnv(gymnasium.Env):
         self._stepper = Stepper(load(scene))
         self._start = self._stepper.save()
         self._reward, self._period, self._failure = reward, period_s, failure
-        self._steps = max(1, round((duration_s or self._stepper.scene.duration_s) / period_s))
+        duration_s = self._stepper.scene.duration_s if duration_s is None else duration_s
+        for name, value in (("period_s", period_s), ("duration_s", duration_s)):
+            if not 0 < value < np.inf:
+                raise ValueError(f"{name}: found {value}; allowed: a positive time")
+        if groups is not None and groups < 1:
+            raise ValueError(f"groups: found {groups}; allowed: 1 or more")
+        self._steps = max(1, round(duration_s / period_s))
         self._made = 0
         self.render_mode = render_mode
         known = self._stepper.variables
@@ -95,13 +101,21 @@ class TailEnv(gymnasium.Env):
         if wrong:
             inputs = ", ".join(name for name, variable in known.items() if variable.causality == "input")
             raise ValueError(f"{wrong[0]} is no input; allowed: {inputs}")
+        for name, (least, most) in actions.items():
+            if not -np.inf < least < most < np.inf:
+                raise ValueError(f"actions[{name!r}]: found ({least}, {most}); allowed: two numbers, the smaller first")
+        for name, scale in (scales or {}).items():
+            if name not in observations:
+                raise ValueError(f"scales: `{name}` is not observed; allowed: {', '.join(observations)}")
+            if not 0 < scale < np.inf:
+                raise ValueError(f"scales[{name!r}]: found {scale}; allowed: a positive number")
         self._scales = {name: float((scales or {}).get(name, 1.0)) for name in observations}
         # For each input: its bounds, and which of the action's entries each of its own takes.
         self._inputs: dict[str, tuple[float, float, Any]] = {}
         first = 0
         for name, (least, most) in actions.items():
             count = int(np.prod(known[name].shape))
-            parts = min(groups or count, count)
+            parts = count if groups is None else min(groups, count)
             entries = first + np.arange(count) * parts // count
             self._inputs[name] = (least, most, entries if known[name].shape else first)
             first += parts
@@ -135,6 +149,8 @@ class TailEnv(gymnasium.Env):
     def _set(self, action: Any) -> dict[str, Array]:
         """Set the inputs; what is observed before they act."""
         action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        if action.shape != self.action_space.shape:
+            raise ValueError(f"action: found the shape {action.shape}; allowed: {self.action_space.shape}")
         values: dict[str, Union[float, Array]] = {}
         for name, (least, most, entries) in self._inputs.items():
             value = least + (most - least) * 0.5 * (action[entries] + 1.0)
@@ -213,8 +229,9 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
     """
 
     def __init__(self, scene: Source, num_envs: int = 1, *, threads: Optional[int] = None, **options: Any) -> None:
-        if num_envs < 1:
-            raise ValueError(f"num_envs: found {num_envs}; allowed: 1 or more")
+        for name, value in (("num_envs", num_envs), ("threads", threads)):
+            if value is not None and value < 1:
+                raise ValueError(f"{name}: found {value}; allowed: 1 or more")
         scene = load(scene)
         self.envs = [TailEnv(scene, **options) for _ in range(num_envs)]
         self.num_envs = num_envs
