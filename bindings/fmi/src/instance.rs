@@ -134,7 +134,7 @@ impl Instance {
         let mut instance = Self {
             mode: Mode::Instantiated,
             experiment: Experiment { start: 0.0, stop: None },
-            inputs: Inputs { values: Vec::new(), waiting: Vec::new(), any: false },
+            inputs: Inputs { values: Vec::new(), waiting: Vec::new() },
             catalogue,
             scene,
             document,
@@ -165,8 +165,7 @@ impl Instance {
         let length = |variable: &Variable| if variable.size == Size::Scalar { 1 } else { nodes };
         self.lengths = VARIABLES.iter().map(length).collect();
         self.inputs.values = vec![Default::default(); VARIABLES.len()];
-        self.inputs.waiting = vec![Default::default(); VARIABLES.len()];
-        self.inputs.any = false;
+        self.inputs.waiting.clear();
     }
 
     /// Logs a message, if its category is on or it is about a refusal.
@@ -239,10 +238,7 @@ impl Instance {
     pub fn ready(&mut self) -> Outcome<&mut Stepper> {
         if self.stale || self.stepper.get().is_none() {
             let stepper = self.build()?;
-            for (values, waiting) in self.inputs.values.iter().zip(&mut self.inputs.waiting) {
-                *waiting = std::array::from_fn(|order| !values[order].is_empty());
-            }
-            self.inputs.any = self.inputs.waiting.iter().flatten().any(|waiting| *waiting);
+            self.inputs.all_wait();
             (self.stepper.own, self.stale) = (Some(Box::new(stepper)), false);
         }
         if let Some(before) = self.untuned.take() {
@@ -257,7 +253,7 @@ impl Instance {
                 return Err(error.into());
             }
         }
-        if self.inputs.any {
+        if self.inputs.any() {
             self.hand_over()?;
         }
         self.stepper.get_mut().map_or_else(|| refuse("there is no model"), Ok)

@@ -61,17 +61,21 @@ impl Instance {
     /// The saved state in `bytes`.
     pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
         let state: SavedState = snapshot::open(self.scene.fingerprint(), bytes)?;
-        let Inputs { values, waiting, .. } = &state.inputs;
+        let Inputs { values, waiting } = &state.inputs;
         let nodes = state.settings.nodes as usize;
         let fits = |(values, variable): (&[Vec<f64>; HIGHEST_ORDER + 1], &Variable)| {
             let len = if variable.size == Size::Scalar { 1 } else { nodes };
             values.iter().all(|values| values.is_empty() || values.len() == len)
         };
+        let of_value = |[place, order]: &[usize; 2]| {
+            values.get(*place).and_then(|values| values.get(*order)).is_some_and(|values| !values.is_empty())
+        };
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
         let same = (least..=most).contains(&state.settings.nodes)
             && state.settings.parameters.len() == self.settings.parameters.len()
-            && [values.len(), waiting.len()] == [VARIABLES.len(); 2]
-            && values.iter().zip(VARIABLES).all(fits);
+            && values.len() == VARIABLES.len()
+            && values.iter().zip(VARIABLES).all(fits)
+            && waiting.iter().all(of_value);
         if same { Ok(state) } else { refuse("the saved state cannot be read: its sizes are not this scene's") }
     }
 }

@@ -120,7 +120,7 @@ impl Instance {
 
     /// Hands over what the host has set in the middle of a step.
     fn take_back(&mut self) -> Outcome {
-        let outcome = if self.inputs.any { self.hand_over() } else { Ok(()) };
+        let outcome = if self.inputs.any() { self.hand_over() } else { Ok(()) };
         self.stepper.lent = None;
         self.mode = Mode::Step;
         outcome

@@ -15,9 +15,30 @@ use crate::status::{Outcome, refuse};
 pub(super) struct Inputs {
     /// Values and their derivatives; empty for what is no input, or no derivative yet.
     pub(super) values: Vec<[Vec<f64>; HIGHEST_ORDER + 1]>,
-    /// Set since they were last handed over.
-    pub(super) waiting: Vec<[bool; HIGHEST_ORDER + 1]>,
-    pub(super) any: bool,
+    /// Place and order of what was set since they were last handed over, in this order.
+    pub(super) waiting: Vec<[usize; 2]>,
+}
+
+impl Inputs {
+    /// True where some wait.
+    pub(super) fn any(&self) -> bool {
+        !self.waiting.is_empty()
+    }
+
+    /// Notes that the derivative of this order waits.
+    fn wait(&mut self, place: usize, order: usize) {
+        if let Err(at) = self.waiting.binary_search(&[place, order]) {
+            self.waiting.insert(at, [place, order]);
+        }
+    }
+
+    /// Everything that has a value waits.
+    pub(super) fn all_wait(&mut self) {
+        let orders = |(place, values): (usize, &[Vec<f64>; HIGHEST_ORDER + 1])| {
+            (0..values.len()).filter(|order| !values[*order].is_empty()).map(|order| [place, order]).collect::<Vec<_>>()
+        };
+        self.waiting = self.values.iter().enumerate().flat_map(orders).collect();
+    }
 }
 
 impl Instance {
@@ -38,7 +59,7 @@ impl Instance {
     /// Makes ready for reading.
     #[inline]
     pub fn settle(&mut self) -> Outcome {
-        if self.inputs.any || self.stale || self.untuned.is_some() {
+        if self.inputs.any() || self.stale || self.untuned.is_some() {
             self.ready()?;
         }
         Ok(())
@@ -131,22 +152,22 @@ impl Instance {
     }
 
     fn set_input(&mut self, place: usize, node: usize, order: usize, values: &[f64]) -> Outcome {
-        if order == 0 && !self.inputs.waiting[place][0] {
+        if order == 0 && self.inputs.waiting.binary_search(&[place, 0]).is_err() {
             // Entries that are not set now stay as they are, and after a new value nothing goes on by itself.
             if self.stale || self.stepper.get().is_none() {
                 self.ready()?;
             }
             let mut now = std::mem::take(&mut self.inputs.values[place]);
             now[0].resize(self.lengths[place], 0.0);
-            for k in self.entries(place) {
+            let kept = if values.len() < self.lengths[place] { self.entries(place) } else { 0..0 };
+            for k in kept {
                 now[0][k] = self.value(Target::Variable(place, k));
             }
             now[1..].iter_mut().for_each(Vec::clear);
             self.inputs.values[place] = now;
-            self.inputs.waiting[place] = Default::default();
+            self.inputs.waiting.retain(|[other, _]| *other != place);
         }
-        self.inputs.waiting[place][order] = true;
-        self.inputs.any = true;
+        self.inputs.wait(place, order);
         let entries = &mut self.inputs.values[place][order];
         entries.resize(self.lengths[place], 0.0);
         entries[node..node + values.len()].copy_from_slice(values);
@@ -156,11 +177,10 @@ impl Instance {
     /// Gives the stepper the inputs that wait.
     pub(super) fn hand_over(&mut self) -> Outcome {
         let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
-        let inputs = inputs_by_place(&self.inputs, stepper.model());
-        let outcome = stepper.set_all(inputs);
+        let changes = changes(&self.inputs, stepper.model());
+        let outcome = stepper.set_all(changes);
         // Whatever the answer, nothing waits: what was refused is gone.
-        self.inputs.waiting.fill(Default::default());
-        self.inputs.any = false;
+        self.inputs.waiting.clear();
         if outcome.is_err() {
             self.inputs.values.iter_mut().flatten().for_each(Vec::clear);
         }
@@ -169,15 +189,12 @@ impl Instance {
 }
 
 /// The changes that wait.
-fn inputs_by_place<'a>(inputs: &'a Inputs, model: &Model) -> impl Iterator<Item = Change<'a>> + Clone + use<'a> {
+fn changes<'a>(inputs: &'a Inputs, model: &Model) -> impl Iterator<Item = Change<'a>> + Clone + use<'a> {
     let first = usize::from(model.head.is_none());
     let last = model.rod.nodes - 1;
-    let waiting = VARIABLES.iter().zip(&inputs.values).zip(&inputs.waiting);
-    waiting.flat_map(move |((variable, values), waiting)| {
-        let of = values.iter().zip(waiting).enumerate().filter(|(_, (_, waiting))| **waiting);
-        of.map(move |(order, (values, _))| {
-            let values = if variable.size == Size::Joints { &values[first..last] } else { &values[..] };
-            Change { variable, order, values }
-        })
+    inputs.waiting.iter().map(move |[place, order]| {
+        let (variable, values) = (&VARIABLES[*place], &inputs.values[*place][*order]);
+        let values = if variable.size == Size::Joints { &values[first..last] } else { &values[..] };
+        Change { variable, order: *order, values }
     })
 }
