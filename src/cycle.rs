@@ -223,13 +223,23 @@ impl Sample {
     }
 }
 
-/// The integrals at the part `z` of the step between two samples.
-fn between(from: &Sample, to: &Sample, z: f64) -> Integrals {
+/// The integrals at the part `z` of the step between two samples, and their rates there.
+#[inline(always)]
+fn between(from: &Sample, to: &Sample, z: f64) -> [Integrals; 2] {
     let h = to.time - from.time;
     let change = to.integrals - from.integrals;
     let curve = change * 3.0 - (from.rates * 2.0 + to.rates) * h;
     let twist = (from.rates + to.rates) * h - change * 2.0;
-    from.integrals + ((twist * z + curve) * z + from.rates * h) * z
+    let rates = (twist * (3.0 * z) + curve * 2.0) * (z / h) + from.rates;
+    [from.integrals + ((twist * z + curve) * z + from.rates * h) * z, rates]
+}
+
+/// The parts of a step, over which the phase goes from `before` to `after`, at which a cycle ends.
+fn ends_in(before: f64, after: f64) -> impl DoubleEndedIterator<Item = f64> {
+    let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
+    // Of more than are kept the first need not be known.
+    let phases = first.max(last.saturating_sub(KEPT as i64))..=last;
+    phases.map(move |phase| ((phase as f64 - before) / (after - before)).min(1.0))
 }
 
 /// The least and the largest of the cubic with the values and rates at both ends of a step of `h` (s), over the parts `span`
@@ -347,6 +357,8 @@ impl Cycle {
 /// One quantity of a cycle; none where the scene or the motion has no such quantity.
 #[derive(Debug, Clone, Copy)]
 pub struct Measure {
+    /// What it is called: what its keys have in common.
+    pub name: &'static str,
     /// The key of its mean in summary.json, which ends in its unit.
     pub key: &'static str,
     /// The key of its spread.
@@ -358,11 +370,19 @@ pub struct Measure {
     of: fn(&Cycle, &Dynamics) -> Option<f64>,
 }
 
+impl Measure {
+    /// What it is called, in words.
+    pub fn words(&self) -> String {
+        self.name.replace('_', " ")
+    }
+}
+
 /// A [`Measure`] `cycle_<name><unit>` and its spread.
 macro_rules! measure {
     ($constant:ident, $name:literal, $suffix:literal, $unit:literal, $description:literal, $of:expr) => {
         #[doc = $description]
         pub const $constant: Measure = Measure {
+            name: $name,
             key: concat!("cycle_", $name, $suffix),
             spread: concat!("cycle_", $name, "_spread", $suffix),
             unit: $unit,
@@ -630,13 +650,10 @@ impl Cycles {
         let mut passed = 0.0;
         match (self.last.phase, now.phase) {
             (Some(before), Some(after)) => {
-                let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
-                // Of more than are kept the first need not be known.
-                for phase in first.max(last.saturating_sub(KEPT as i64))..=last {
-                    let z = ((phase as f64 - before) / (after - before)).min(1.0);
+                for z in ends_in(before, after) {
                     self.reach(now, [passed, z]);
                     let from = &self.last;
-                    self.complete(from.time + z * (now.time - from.time), between(from, now, z));
+                    self.complete(from.time + z * (now.time - from.time), between(from, now, z)[0]);
                     passed = z;
                     self.range = [f64::INFINITY, f64::NEG_INFINITY];
                 }

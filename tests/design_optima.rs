@@ -41,6 +41,11 @@ fn wave(angle: impl Fn(f64) -> f64, length: impl Fn(f64) -> f64) -> Vec<(f64, f6
     places.map(|(angle, length)| (angle, length / whole)).collect()
 }
 
+/// A sine of this largest slope.
+fn sine(slope: f64) -> Vec<(f64, f64)> {
+    wave(|x| (slope * x.cos()).atan(), |angle| 1.0 / angle.cos())
+}
+
 /// Eight waves of curvature along a rod of which no other force counts. It is stiff, but no stiffer than that derivatives by its shape
 /// stand out from the rounding of its moments.
 const WAVES: &str = r#"
@@ -75,8 +80,8 @@ variables = ["actuation.kappa_amp"]
 starts = 2
 "#;
 
-fn found(changes: &[&str]) -> Found {
-    let mut document = Document::new("waves.toml", WAVES);
+fn found(scene: &str, changes: &[&str]) -> Found {
+    let mut document = Document::new("scene.toml", scene);
     changes.iter().for_each(|change| document.set(change).unwrap());
     let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
     let Answer::Found(found) = design.answer else { panic!("found") };
@@ -92,11 +97,8 @@ fn sines() -> String {
 
 #[test]
 fn the_best_sine_at_low_reynolds_number_is_found_to_be_lighthills() {
-    let [sine, best] = greatest(0.2, 3.0, |bk| {
-        efficiency(wave(|x| (bk * x.cos()).atan(), |angle| 1.0 / angle.cos()).into_iter(), 0.5)
-    });
-    let design = Design::of(&Document::new("sines.toml", sines()), |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let [sine, best] = greatest(0.2, 3.0, |bk| efficiency(sine(bk).into_iter(), 0.5));
+    let found = found(&sines(), &[]);
     let (own, efficiency) = (found.numbers[0].value, found.objective * 8.0);
     println!("bk 0.6 to {own:.4}, theory {sine:.4}; {efficiency:.5}, theory {best:.5}; {:?}", found.optima);
     assert!(found.converged && found.optima == [Some(1); 2], "{:?}", found.starts);
@@ -120,12 +122,15 @@ fn the_best_waveform_comes_close_to_the_saw_tooth() {
         }
     }
     let most = theory(best);
-    let found = found(&[
-        "actuation.harmonics=[0.0, -0.3, 0.0, 0.15]",
-        "design.variables=[\"actuation.kappa_amp\", \"actuation.harmonics\"]",
-        "design.number_bounds=[0.1, 10.0]",
-        "design.starts=1",
-    ]);
+    let found = found(
+        WAVES,
+        &[
+            "actuation.harmonics=[0.0, -0.3, 0.0, 0.15]",
+            "design.variables=[\"actuation.kappa_amp\", \"actuation.harmonics\"]",
+            "design.number_bounds=[0.1, 10.0]",
+            "design.starts=1",
+        ],
+    );
     let own = [found.numbers[0].value / TAU, found.numbers[1].value, found.numbers[2].value];
     let efficiency = found.objective * 8.0;
     println!(
@@ -145,16 +150,13 @@ fn the_best_waveform_comes_close_to_the_saw_tooth() {
 #[test]
 fn the_best_wave_at_low_reynolds_number_is_that_of_resistive_force_theory() {
     // The sine's, as published; the largest of all, of a saw-tooth; and that of a curvature that is a sine of the arc length.
-    let [sine, best] = greatest(0.2, 3.0, |bk| {
-        efficiency(wave(|x| (bk * x.cos()).atan(), |angle| 1.0 / angle.cos()).into_iter(), 0.5)
-    });
+    let [sine, best] = greatest(0.2, 3.0, |bk| efficiency(sine(bk).into_iter(), 0.5));
     assert!((sine - 1.208).abs() < 5e-4 && (best - 0.0820).abs() < 5e-6, "{sine} {best}");
     let [tooth, limit] = greatest(0.1, 1.4, |angle| efficiency([(angle, 0.5), (-angle, 0.5)].into_iter(), 0.5));
     assert!((tooth.to_degrees() - 40.06).abs() < 0.005 && (limit - 0.0858).abs() < 5e-5, "{tooth} {limit}");
     let [angle, most] = greatest(0.2, 2.0, |angle| efficiency(wave(|x| angle * x.cos(), |_| 1.0).into_iter(), 0.5));
     assert!(most < best && best < limit);
-    let design = Design::of(&Document::new("waves.toml", WAVES), |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let found = found(WAVES, &[]);
     let (own, start) = (found.numbers[0].value / TAU, 3.5 / TAU);
     let efficiency = found.objective * 8.0; // D²/W of a period, times ξ∥Λ
     println!("{start:.3} to {own:.4} rad, theory {angle:.4}; {efficiency:.5}, theory {most:.5}; {:?}", found.optima);
@@ -222,8 +224,7 @@ fn the_cheapest_wave_for_a_thrust_is_that_of_elongated_body_theory() {
         speed * thrust / power
     });
     let amplitude = (thrust / mass / elongated(wavelength, speed)[0]).sqrt();
-    let design = Design::of(&Document::new("held.toml", HELD), |_| ControlFlow::Continue(())).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let found = found(HELD, &[]);
     let [own_amplitude, own_wavelength] = [0, 1].map(|i| found.numbers[i].value);
     let own_froude = speed * thrust / found.objective;
     let dual = found.active.iter().find(|(name, _)| name.contains("thrust")).unwrap().1;
@@ -281,7 +282,7 @@ starts = 1
 /// `speed` (m/s) where Taylor's resistance of a smooth cylinder acts on it (Proc. R. Soc. A 214, 1952) beside Cox' viscous one.
 fn in_water(slope: f64, speed: f64) -> [f64; 2] {
     let (length, depth, viscosity, density): (f64, f64, f64, f64) = (0.1, 0.002, 1e-3, 1e3);
-    let wave = wave(|x| (slope * x.cos()).atan(), |angle| 1.0 / angle.cos());
+    let wave = sine(slope);
     let along: f64 = wave.iter().map(|(angle, share)| share * angle.cos()).sum();
     let slender = (2.0 * length / depth).ln() + std::f64::consts::LN_2;
     let viscous = [TAU * viscosity / (slender - 1.5), 2.0 * TAU * viscosity / (slender - 0.5)];
@@ -317,11 +318,8 @@ fn the_cheapest_sine_for_a_speed_in_water_is_that_of_taylors_resistance() {
     let price = (faster - slower) / 2e-3;
     let errors = [2u32, 4].map(|waves| {
         let length = 0.1 * f64::from(waves);
-        let mut document = Document::new("worm.toml", WORM);
-        document.set(&format!("rod.length_m={length:e}")).unwrap();
-        document.set(&format!("rod.nodes={}", 48 * waves + 1)).unwrap();
-        let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
-        let Answer::Found(found) = &design.answer else { panic!("found") };
+        let nodes = format!("rod.nodes={}", 48 * waves + 1);
+        let found = found(WORM, &[&format!("rod.length_m={length:e}"), &nodes]);
         let [own_slope, own_frequency] = [0, 1].map(|i| found.numbers[i].value);
         let (own_power, own_price) = (found.objective / length, found.active[0].1);
         println!(

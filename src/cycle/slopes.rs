@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 
 use super::{
     Cycle, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, KEPT, LONGER, MEASURES, Measure, PERIOD,
-    REACTIVE_THRUST, STROUHAL, Sample, Source, WHOLE, place, put, vector,
+    REACTIVE_THRUST, STROUHAL, Source, WHOLE, between, ends_in, place, put, vector,
 };
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{Key, Sink};
@@ -55,15 +55,6 @@ pub struct End {
     rates: Integrals,
 }
 
-/// The rates of the integrals at the part `z` of the step between two samples.
-fn rates_between(from: &Sample, to: &Sample, z: f64) -> Integrals {
-    let h = to.time - from.time;
-    let change = (to.integrals - from.integrals) / h;
-    let curve = change * 3.0 - (from.rates * 2.0 + to.rates);
-    let twist = from.rates + to.rates - change * 2.0;
-    (twist * (3.0 * z) + curve * 2.0) * z + from.rates
-}
-
 impl Cycles {
     /// The first end, where a run starts.
     pub(crate) fn first_end(&self) -> End {
@@ -74,13 +65,11 @@ impl Cycles {
     pub(crate) fn ends_since(&self, before: &Self) -> impl Iterator<Item = End> {
         let (from, to) = (before.last, self.last);
         let span = from.phase.zip(to.phase).filter(|_| to.time > from.time);
-        span.into_iter().flat_map(move |(before, after)| {
-            let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
-            (first..=last).map(move |phase| {
-                let z = ((phase as f64 - before) / (after - before)).min(1.0);
-                End { time: from.time + z * (to.time - from.time), rates: rates_between(&from, &to, z) }
-            })
-        })
+        let end = move |z: f64| {
+            let [_, rates] = between(&from, &to, z);
+            End { time: from.time + z * (to.time - from.time), rates }
+        };
+        span.into_iter().flat_map(move |(before, after)| ends_in(before, after).map(end))
     }
 
     /// The derivative of the mean of `measure` over the last whole cycles by the actuation's frequency (Hz) as far as it moves

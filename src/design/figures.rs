@@ -664,8 +664,7 @@ fn axis_label(goal: Goal) -> String {
     let Some(measure) = MEASURES.into_iter().find(|measure| goal == Goal::Cycle(measure.key)) else {
         return objective_label(goal).to_string();
     };
-    let words =
-        measure.spread.split("_spread").next().unwrap_or_default().trim_start_matches("cycle_").replace('_', " ");
+    let words = measure.words();
     if measure.unit == "1" { words } else { format!("{words} ({})", measure.unit) }
 }
 

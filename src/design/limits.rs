@@ -104,11 +104,11 @@ impl Limits {
             ));
         }
         let mut means: Vec<OfMean> = Vec::new();
-        let leasts: [(&str, Option<f64>, &Measure, &str); 2] = [
-            ("least_speed_m_s", table.least_speed_m_s, &FORWARD_SPEED, "mean forward speed"),
-            ("least_thrust_n", table.least_thrust_n, &THRUST, "mean thrust"),
+        let leasts: [(&str, Option<f64>, &Measure); 2] = [
+            ("least_speed_m_s", table.least_speed_m_s, &FORWARD_SPEED),
+            ("least_thrust_n", table.least_thrust_n, &THRUST),
         ];
-        for (key, least, measure, words) in leasts {
+        for (key, least, measure) in leasts {
             let Some(least) = least else { continue };
             let other = Table { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
             let mean = Objective::new(&other, problem, None)?;
@@ -118,7 +118,7 @@ impl Limits {
                 }
                 other => other,
             })?;
-            let words = format!("{words} at least {least} {}", measure.unit);
+            let words = format!("mean {} at least {least} {}", measure.words(), measure.unit);
             means.push((words, mean.like(objective), least, None));
         }
         if let (Some(other), Some([floor, size])) = (table.second(), table.floor) {

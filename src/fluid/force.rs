@@ -549,6 +549,7 @@ fn sum<'a>(
         }
         tally.finish()
     };
+    // One run, without what it takes to look for more (2 % of a step).
     if rod.here.len() <= 1 {
         return on_run(rod, edges.clone(), &mut room[..edges.len()]);
     }
