@@ -390,16 +390,30 @@ pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Does `work` for every index of `todo`, in this order, on `threads` threads; `done` sees every result on the calling
-/// thread, in the order in which they come. Once it breaks or fails no more work is begun, and what is under way is dropped
-/// when it ends: `work` should look at the same sign that made `done` break.
+/// Does `work` for every index of `todo` as [`run_together`] does, for one at once.
 ///
 /// # Errors
-/// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.
+/// Those of [`run_together`].
 pub fn run<T: Send>(
     todo: &[usize],
     threads: usize,
     work: impl Fn(usize) -> T + Sync,
+    done: impl FnMut(usize, T) -> Result<ControlFlow<()>>,
+) -> Result<()> {
+    run_together(todo, threads, 1, |indices| indices.iter().map(|index| work(*index)).collect(), done)
+}
+
+/// Does `work` for every index of `todo`, in this order, on `threads` threads, for at most `together` of them at once; it returns as
+/// many results. `done` sees every result on the calling thread, in the order in which they come. Once it breaks or fails no more work is begun, and what is under way is dropped
+/// when it ends: `work` should look at the same sign that made `done` break.
+///
+/// # Errors
+/// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.
+pub fn run_together<T: Send>(
+    todo: &[usize],
+    threads: usize,
+    together: usize,
+    work: impl Fn(&[usize]) -> Vec<T> + Sync,
     mut done: impl FnMut(usize, T) -> Result<ControlFlow<()>>,
 ) -> Result<()> {
     let (next, ended) = (AtomicUsize::new(0), AtomicBool::new(false));
@@ -413,10 +427,19 @@ pub fn run<T: Send>(
             let worker = || {
                 let sender = sender;
                 drop(gate.lock()); // until all threads are there
+                // As many at once that every thread has some of what is left.
+                let some = |first: usize| first + (todo.len() - first).div_ceil(threads).clamp(1, together);
+                let take = |first: usize| (first < todo.len()).then(|| some(first));
                 while !ended.load(Ordering::Relaxed)
-                    && let Some(index) = todo.get(next.fetch_add(1, Ordering::Relaxed))
-                    && sender.send((*index, work(*index))).is_ok()
-                {}
+                    && let Ok(first) = next.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take)
+                {
+                    let indices = &todo[first..some(first)];
+                    for (index, result) in indices.iter().zip(work(indices)) {
+                        if sender.send((*index, result)).is_err() {
+                            return;
+                        }
+                    }
+                }
             };
             // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
             let room = Vec::<u8>::new().try_reserve_exact(ROOM).map_err(|error| error.to_string());
@@ -522,10 +545,11 @@ mod tests {
         let todo: Vec<usize> = (0..1000).rev().collect();
         for threads in [1, 2, 7] {
             let mut seen = Vec::new();
-            run(
+            run_together(
                 &todo,
                 threads,
-                |index| 2 * index,
+                3,
+                |indices| indices.iter().map(|index| 2 * index).collect(),
                 |index, result| {
                     assert_eq!(result, 2 * index);
                     seen.push(index);

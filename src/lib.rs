@@ -93,6 +93,8 @@ pub mod jobs;
 #[cfg(feature = "report")]
 pub mod parts;
 
+#[cfg(feature = "report")]
+pub mod batch;
 #[cfg(feature = "faer")]
 pub mod check;
 pub mod fmu;

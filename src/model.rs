@@ -35,6 +35,11 @@ const COLLAPSED: f64 = 1e-3;
 /// An edge whose direction turns beyond the angle of this cosine, 150°, in one step went through zero length.
 const REVERSED: f64 = -0.87;
 
+/// The shortest and the longest that an edge of `rod` may be, m, ends excluded from what has a meaning.
+pub(crate) fn bends_within(rod: &Rod) -> [f64; 2] {
+    [COLLAPSED * rod.shortest(), f64::INFINITY]
+}
+
 /// A periodic drive of the actuation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Drive {
@@ -400,7 +405,8 @@ impl Dynamics {
     }
 
     fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
-        let meaningful = COLLAPSED * self.model.rod.shortest()..f64::INFINITY;
+        let [shortest, longest] = bends_within(&self.model.rod);
+        let meaningful = shortest..longest;
         let mut fine = true;
         for (edge, ends) in self.edges.iter_mut().zip(q.as_chunks().0.windows(2)) {
             *edge = Edge::new(Vector2::from(ends[1]) - Vector2::from(ends[0]));
@@ -416,27 +422,22 @@ impl Dynamics {
     }
 
     /// The tangent that a held head prescribes before the first joint.
-    fn wall(&self) -> Option<Vector2<f64>> {
+    pub(crate) fn wall(&self) -> Option<Vector2<f64>> {
         let [_, _, angle] = self.held.as_ref()?;
         Some(Edge::new(Vector2::new(angle.value.cos(), angle.value.sin()) * self.model.rod.spacing).t)
     }
 
     fn shape_joints(&mut self, t: f64) -> Result<()> {
-        let rod = &self.model.rod;
-        // The tangent before joint k; there is one before the first where the head is held.
-        let mut before = self.wall();
+        let wall = self.wall();
+        let Self { model, edges, natural, joints, kappa, .. } = self;
         let mut folded = None;
-        let parts = self.edges.iter().zip(&rod.joint).zip(&self.natural).zip(&mut self.joints).zip(&mut self.kappa);
-        for (k, ((((after, stiffness), natural), joint), kappa)) in parts.enumerate() {
-            if let Some(before) = &before {
-                if 1.0 + before.dot(&after.t) <= bend::FOLD {
-                    folded = Some(k);
-                }
-                *kappa = bend::curvature(*before, after.t);
-                *joint = Joint::new(*stiffness, *kappa, *natural);
+        let kappa = &mut kappa[..edges.len()];
+        bend::joints(wall, edges, &model.rod.joint, natural, joints, |k, beyond_fold, bent| {
+            if beyond_fold <= bend::FOLD {
+                folded = Some(k);
             }
-            before = Some(after.t);
-        }
+            kappa[k] = bent;
+        });
         folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: t, node }))
     }
 
@@ -446,7 +447,7 @@ impl Dynamics {
     }
 
     /// The loads, two entries per node, with their factors.
-    fn loads(&self) -> impl Iterator<Item = (&[f64], f64)> {
+    pub(crate) fn loads(&self) -> impl Iterator<Item = (&[f64], f64)> {
         fn with(force: &Option<Vec<f64>>, factor: f64) -> Option<(&[f64], f64)> {
             force.as_deref().map(|force| (force, factor))
         }
@@ -599,7 +600,9 @@ impl Dynamics {
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
         let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid, layers: inputs.layers.as_ref(), here };
-        forces.assemble(Deformed { rod, edges, joints, a }, moving, room, residual, jacobian);
+        let deformed = Deformed { cells: &rod.cells, mass: &rod.mass, edges, joints, a: a.as_chunks().0 };
+        let jacobian = jacobian.map(|Linearisation { matrix, direction }| (matrix.rows_mut(), direction));
+        forces.assemble(deformed, moving, room, residual.as_chunks_mut().0, jacobian);
         self.subtract_loads(residual);
         Ok(())
     }

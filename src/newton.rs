@@ -125,32 +125,26 @@ impl Newton {
         direction: Direction,
     ) -> Result<Increments> {
         let length = system.length();
-        let mut increments = Increments::default();
+        let mut progress = self.progress(system);
         let mut residual = 0.0;
         for _ in 0..MAX_ITERATIONS {
-            let previous = increments.last();
             let step = self.iterate(system, state, direction)?;
-            increments.push(step.increment);
             residual = step.residual;
-            let rate = step.increment / previous; // 0 in the first iteration
-            let gain = if rate > 0.0 && rate <= FAST { rate.sqrt() } else { 1.0 };
-            if gain * step.increment <= self.tolerance * length {
-                return Ok(increments);
-            }
-            let stalled = step.increment >= 0.5 * previous && step.increment <= FLOOR_INCREMENT * length;
             let at_floor = || match self.equations {
                 Equations::Positions { .. } => residual <= system.residual_floor(state),
                 Equations::Chain { .. } => step.increment <= CHAIN_FLOOR * reach(state, length),
             };
-            if stalled && at_floor() {
-                self.work.floor_stops += 1;
-                return Ok(increments);
-            }
-            let astray = step.increment > FLOOR_INCREMENT * length && increments.grew_twice();
-            if astray && patience == Patience::WhileShrinking {
-                break;
+            match progress.judge(step) {
+                Verdict::Converged => return Ok(progress.increments),
+                Verdict::Stalled if at_floor() => {
+                    self.work.floor_stops += 1;
+                    return Ok(progress.increments);
+                }
+                Verdict::Astray if patience == Patience::WhileShrinking => break,
+                _ => {}
             }
         }
+        let increments = progress.increments;
         Err(Error::NotConverged {
             time_s: state.t,
             step_s: f64::NAN, // known to the caller only
@@ -159,6 +153,20 @@ impl Newton {
             residual_n: residual,
             node: self.worst(residual),
         })
+    }
+
+    /// A solve of `system` before its first iteration.
+    pub(crate) fn progress(&self, system: &dyn System) -> Progress {
+        let length = system.length();
+        Progress { length, tolerance: self.tolerance * length, increments: Increments::default(), done: false }
+    }
+
+    /// True where it solves systems in `form` by one of the `solvers`.
+    pub(crate) fn solves(&self, form: Form, solvers: &[Choice]) -> bool {
+        match &self.equations {
+            Equations::Positions { solver, .. } => form == Form::Positions && solvers.contains(&solver.choice()),
+            Equations::Chain { .. } => form == Form::Chain,
+        }
     }
 
     /// The node of the `residual` (N) that was the largest one of the last iteration.
@@ -220,6 +228,53 @@ impl Newton {
                 Ok(Iteration { increment: size, residual: force })
             }
         }
+    }
+}
+
+/// How a solve has gone so far.
+#[derive(Debug, Clone)]
+pub(crate) struct Progress {
+    length: f64,
+    /// m.
+    tolerance: f64,
+    increments: Increments,
+    done: bool,
+}
+
+/// What an iteration says of a solve.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// It goes on.
+    GoOn,
+    /// It is at an end.
+    Converged,
+    /// Increments no longer shrink, and are small enough for rounding to be why.
+    Stalled,
+    /// The increment has grown twice in a row.
+    Astray,
+}
+
+impl Progress {
+    /// Takes in an iteration.
+    pub(crate) fn judge(&mut self, step: Iteration) -> Verdict {
+        let previous = self.increments.last();
+        self.increments.push(step.increment);
+        let rate = step.increment / previous; // 0 in the first iteration
+        let gain = if rate > 0.0 && rate <= FAST { rate.sqrt() } else { 1.0 };
+        if gain * step.increment <= self.tolerance {
+            self.done = true;
+            return Verdict::Converged;
+        }
+        if step.increment >= 0.5 * previous && step.increment <= FLOOR_INCREMENT * self.length {
+            return Verdict::Stalled;
+        }
+        let astray = step.increment > FLOOR_INCREMENT * self.length && self.increments.grew_twice();
+        if astray { Verdict::Astray } else { Verdict::GoOn }
+    }
+
+    /// True while there is more to do.
+    pub(crate) fn goes_on(&self) -> bool {
+        !self.done && self.increments.count < MAX_ITERATIONS
     }
 }
 

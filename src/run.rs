@@ -63,24 +63,72 @@ pub fn run(
     mut observe: impl FnMut(&mut Stepper) -> Result<ControlFlow<()>>,
 ) -> Outcome {
     let start = Instant::now();
-    let mut seen = Ok(ControlFlow::Continue(()));
-    let mut ending = Ending::Complete;
-    for span in scene.spans() {
-        let outcome = stepper.march(span, |stepper| {
-            seen = observe(stepper);
-            match seen {
-                Ok(flow) => flow,
-                Err(_) => ControlFlow::Break(()),
-            }
-        });
-        ending = match (outcome, std::mem::replace(&mut seen, Ok(ControlFlow::Continue(())))) {
-            (Err(error), _) | (_, Err(error)) => Ending::Failed(error),
-            (Ok(_), Ok(ControlFlow::Break(()))) => Ending::Interrupted,
-            (Ok(_), Ok(ControlFlow::Continue(()))) => continue,
-        };
-        break;
-    }
+    let ending = scene.spans().find_map(|span| go(stepper, span, &mut observe)).unwrap_or(Ending::Complete);
     Outcome { ending, wall: start.elapsed() }
+}
+
+/// A run among others.
+#[cfg(feature = "report")]
+#[derive(Debug)]
+pub struct Beside<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// At its start.
+    pub stepper: Stepper,
+}
+
+/// Drives several runs side by side, each as [`run`] does and with the same results; `observe` also knows which of them it sees.
+/// Those that a [`Batch`](crate::batch::Batch) can take share their steps.
+#[cfg(feature = "report")]
+pub fn run_beside(
+    runs: &mut [Beside<'_>],
+    mut observe: impl FnMut(usize, &mut Stepper) -> Result<ControlFlow<()>>,
+) -> Vec<Outcome> {
+    let start = Instant::now();
+    let steppers: Vec<&Stepper> = runs.iter().map(|run| &run.stepper).collect();
+    let Some(mut batch) = crate::batch::Batch::of(&steppers) else {
+        let alone = |(i, run): (usize, &mut Beside<'_>)| self::run(run.scene, &mut run.stepper, |s| observe(i, s));
+        return runs.iter_mut().enumerate().map(alone).collect();
+    };
+    // What is left of each: its steps one by one, and a shorter last one.
+    let mut left: Vec<_> = runs.iter().map(|run| run.scene.single_steps()).collect();
+    let mut endings: Vec<Option<Ending>> = runs.iter().map(|_| None).collect();
+    while endings.iter().any(Option::is_none) {
+        let mut going: Vec<_> =
+            runs.iter_mut().zip(&endings).map(|(run, ending)| ending.is_none().then_some(&mut run.stepper)).collect();
+        batch.solve_ahead(&mut going);
+        for (i, ((run, left), ending)) in runs.iter_mut().zip(&mut left).zip(&mut endings).enumerate() {
+            if ending.is_none() {
+                *ending = match left.next() {
+                    Some(span) => go(&mut run.stepper, span, |stepper| observe(i, stepper)),
+                    None => Some(Ending::Complete),
+                };
+            }
+        }
+    }
+    let wall = start.elapsed() / u32::try_from(runs.len()).unwrap_or(1).max(1);
+    endings.into_iter().flatten().map(|ending| Outcome { ending, wall }).collect()
+}
+
+/// Goes on by `span` (s); how the run ended, where it did.
+fn go(
+    stepper: &mut Stepper,
+    span: f64,
+    mut observe: impl FnMut(&mut Stepper) -> Result<ControlFlow<()>>,
+) -> Option<Ending> {
+    let mut seen = Ok(ControlFlow::Continue(()));
+    let outcome = stepper.march(span, |stepper| {
+        seen = observe(stepper);
+        match seen {
+            Ok(flow) => flow,
+            Err(_) => ControlFlow::Break(()),
+        }
+    });
+    match (outcome, seen) {
+        (Err(error), _) | (_, Err(error)) => Some(Ending::Failed(error)),
+        (Ok(_), Ok(ControlFlow::Break(()))) => Some(Ending::Interrupted),
+        (Ok(_), Ok(ControlFlow::Continue(()))) => None,
+    }
 }
 
 /// At most this many parts of a run end where it is compared with the whole model.

@@ -1,5 +1,7 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
+#[cfg(feature = "report")]
+pub(crate) mod ahead;
 mod between;
 mod dense;
 pub mod derivatives;
@@ -80,6 +82,9 @@ pub struct Stepper {
     steered: bool,
     /// Where the step of several internal ones ends, s.
     goal: f64,
+    /// The next internal step, solved already.
+    #[cfg(feature = "report")]
+    solved: Option<ahead::Ahead>,
     /// The host's time (s), where it is ahead of the state's by steps that wait.
     ahead: Option<f64>,
     // Room to work in.
@@ -93,6 +98,13 @@ pub struct Stepper {
 struct Clock {
     origin: f64,
     count: u64,
+}
+
+impl Clock {
+    /// The time (s) after `count` more steps of `step` (s).
+    fn at(self, count: u64, step: f64) -> f64 {
+        self.origin + (self.count + count) as f64 * step
+    }
 }
 
 /// What changed inputs do to the state at once.
@@ -152,6 +164,8 @@ impl Stepper {
             scene: 0,
             steered: false,
             goal: state.t,
+            #[cfg(feature = "report")]
+            solved: None,
             ahead: None,
             inputs: (dynamics.inputs.clone(), None),
             next: state.clone(),
@@ -330,7 +344,7 @@ impl Stepper {
         let part = if multiple { time_step } else { h / parts };
         let end_of = |clock: Clock, count: u64| {
             if multiple {
-                clock.origin + (clock.count + count) as f64 * part
+                clock.at(count, part)
             } else if count as f64 == parts {
                 start + h
             } else {
@@ -424,6 +438,10 @@ impl Stepper {
     fn set_out(&mut self, end: f64, begins: bool) -> Result<()> {
         if self.dynamics.inputs.head.is_some() || self.kick.due {
             self.keep();
+        }
+        #[cfg(feature = "report")]
+        if self.steered {
+            self.solved = None; // it would be another step now
         }
         (self.steered, self.goal) = (false, end);
         self.dynamics.aim_head(self.state.t, end, begins);
@@ -521,6 +539,10 @@ impl Stepper {
             dense.forget();
         }
         self.next.t = end;
+        #[cfg(feature = "report")]
+        if self.take_solved(end, h).is_some() {
+            return Ok(StepError::default());
+        }
         self.mover.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
     }
 

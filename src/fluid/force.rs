@@ -12,11 +12,11 @@ use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
-use crate::linear::{Coupling, lanes};
+use crate::linear::{BlockRow, Coupling, lanes};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
-use crate::system::{Direction, Linearisation};
+use crate::system::Direction;
 
 /// How the rod lies and moves, and in which fluid.
 #[derive(Debug, Clone, Copy)]
@@ -235,9 +235,15 @@ pub trait InPass {
         &self,
         rod: Deformed<'_>,
         others: ActingOn<'_>,
-        residual: &mut [f64],
-        jacobian: Option<Linearisation<'_>>,
+        residual: &mut [[f64; 2]],
+        jacobian: Option<(&mut [BlockRow], Direction)>,
     );
+
+    /// Of a force in proportion to the velocity of each half of an edge: the lengths (m) of the halves of edge `e`, and its
+    /// coefficients along and across them in `fluid`, N s/m². None of any other.
+    fn coefficients(&self, _fluid: Fluid, _e: usize) -> Option<[f64x2; 3]> {
+        None
+    }
 
     /// Its [`powers`] on `edges` of `rod`, which moves through `fluid`, the same along all of them.
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers;
@@ -371,6 +377,13 @@ impl Forces {
         self.0.iter().map(|force| &**force)
     }
 
+    /// The only one, where it is in proportion to the velocity of each half of an edge, see [`InPass::coefficients`].
+    pub fn proportional(&self) -> Option<&dyn InPass> {
+        let [force] = &self.0[..] else { return None };
+        let plain = force.is_linear() && !force.is_inertial() && force.is_the_same_everywhere();
+        force.in_pass().filter(|drag| plain && drag.coefficients(Fluid::NONE, 0).is_some())
+    }
+
     /// True where one of them adds to the inertia.
     pub fn are_inertial(&self) -> bool {
         self.iter().any(Force::is_inertial)
@@ -406,14 +419,14 @@ impl Forces {
         rod: Deformed<'_>,
         moving: Kinematics<'_>,
         room: &mut [OnEdge],
-        residual: &mut [f64],
-        mut jacobian: Option<Linearisation<'_>>,
+        residual: &mut [[f64; 2]],
+        mut jacobian: Option<(&mut [BlockRow], Direction)>,
     ) {
         if self.is_empty() {
             return rod.assemble((0..rod.edges.len()).map(|_| None), residual, jacobian);
         }
-        let along = jacobian.as_ref().map(|jacobian| jacobian.direction);
-        let part = jacobian.as_mut().map(|j| Linearisation { matrix: j.matrix, direction: j.direction });
+        let along = jacobian.as_ref().map(|(_, direction)| *direction);
+        let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
         // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
         // short: such a law takes its turn among the others.
         let mut linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
@@ -425,8 +438,10 @@ impl Forces {
             None => rod.assemble((0..moving.edges.len()).map(|e| Some(others.on(e))), residual, part),
         }
         for tip in self.on_tip(&moving, along) {
-            add(residual, rod.rod.nodes - 1, tip.force);
-            if let Some([.., row]) = jacobian.as_mut().map(|j| j.matrix.rows_mut()) {
+            if let Some(last) = residual.last_mut() {
+                *last = (Vector2::from(*last) + tip.force).into();
+            }
+            if let Some([.., row]) = jacobian.as_mut().map(|(rows, _)| &mut **rows) {
                 let [before, last] = tip.edges;
                 let blocks = [-before, before - last, tip.own + last];
                 for (entry, block) in row.iter_mut().zip(blocks) {

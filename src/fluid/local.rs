@@ -10,30 +10,45 @@ use wide::f64x2;
 
 use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
 use super::medium::{DENSITY, Fluid, Here, Key, Property, VISCOSITY};
-use crate::linear::{Block, lanes};
+use crate::linear::{Block, BlockRow, Pair, Real, lanes};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
-use crate::system::{Direction, Linearisation};
+use crate::system::Direction;
 
 /// Force per unit length (N/m) that opposes velocities with the components `along` and `across` the rod, on both halves of an
 /// edge.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Traction {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Traction<T: Real = f64> {
     /// Its component along the tangent, N/m.
-    pub along: f64x2,
+    pub along: T::Pair,
     /// Its component along the normal, N/m.
-    pub across: f64x2,
+    pub across: T::Pair,
 }
 
 /// The derivatives of a traction by the velocity's components, N s/m².
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct TractionSlopes {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TractionSlopes<T: Real = f64> {
     /// ∂(along)/∂(velocity along).
-    pub along: f64x2,
+    pub along: T::Pair,
     /// ∂(across)/∂(velocity across).
-    pub across: f64x2,
+    pub across: T::Pair,
     /// ∂(along)/∂(velocity across) and ∂(across)/∂(velocity along), of a law where the components are not independent.
-    pub mixed: Option<[f64x2; 2]>,
+    pub mixed: Option<[T::Pair; 2]>,
+}
+
+impl Default for Traction {
+    fn default() -> Self {
+        Self { along: f64x2::ZERO, across: f64x2::ZERO }
+    }
+}
+
+impl<T: Real> Traction<T> {
+    /// That of a linear law with the coefficients `along` and `across` (N s/m²) at the velocity components `u` and `w` (m/s), with its
+    /// derivatives.
+    #[inline(always)]
+    pub fn linear([along, across]: [T::Pair; 2], u: T::Pair, w: T::Pair) -> (Self, TractionSlopes<T>) {
+        (Self { along: along * u, across: across * w }, TractionSlopes { along, across, mixed: None })
+    }
 }
 
 /// A local drag law.
@@ -66,6 +81,12 @@ pub trait Law: std::fmt::Debug + Send + Sync {
         along: f64x2,
         across: f64x2,
     ) -> (Traction, TractionSlopes);
+
+    /// The derivatives ∂(along)/∂(velocity along) and ∂(across)/∂(velocity across) of a law that has no others and is in proportion
+    /// to the velocity, N s/m².
+    fn coefficients(&self, _halves: &Self::Halves, _fluids: Self::Fluids) -> Option<[f64x2; 2]> {
+        None
+    }
 
     /// The parameters that it depends on, by their keys in a scene.
     fn parameters(&self) -> &[Key];
@@ -274,14 +295,25 @@ fn on_edge<L: Law>(
     w: [f64x2; 2],
     direction: Direction,
 ) -> OnEdge {
+    let [u, v] = edge.components(w);
+    around(edge, *lengths, [u, v], law.with_slopes(halves, fluids, u, v), direction)
+}
+
+/// What a traction does to both ends of `edge`, whose halves are of `lengths` (m) and move at `u` along and `v` across it (m/s).
+#[inline(always)]
+pub(crate) fn around<T: Real>(
+    edge: &Edge<T>,
+    lengths: T::Pair,
+    [u, v]: [T::Pair; 2],
+    (Traction { along, across }, by): (Traction<T>, TractionSlopes<T>),
+    direction: Direction,
+) -> OnEdge<T> {
     let (t, n) = (lanes(edge.t), lanes(edge.n()));
     let (tt, tn, nn) = (Block::outer(edge.t, t), Block::outer(edge.t, n), Block::outer(edge.n(), n));
-    let [u, v] = edge.components(w);
-    let (Traction { along, across }, by) = law.with_slopes(halves, fluids, u, v);
-    let force = edge.vectors(along * *lengths, across * *lengths);
-    let by_velocity = *lengths * direction.v;
+    let force = edge.vectors(along * lengths, across * lengths);
+    let by_velocity = lengths * edge.length.like(direction.v);
     // The edge turns by n·δe/ℓ; the velocity's components turn with it, and so does the traction.
-    let turn = *lengths * (direction.q * edge.per_length);
+    let turn = lengths * (edge.length.like(direction.q) * edge.per_length);
     let mut turned = [by.along * v - across, along - by.across * u];
     let own = match by.mixed {
         // a t tᵀ + b n nᵀ = b I + (a − b) t tᵀ.
@@ -308,8 +340,8 @@ impl<L: Law> InPass for LocalDrag<L> {
         &self,
         rod: Deformed<'_>,
         mut others: ActingOn<'_>,
-        residual: &mut [f64],
-        jacobian: Option<Linearisation<'_>>,
+        residual: &mut [[f64; 2]],
+        jacobian: Option<(&mut [BlockRow], Direction)>,
     ) {
         let (Self { law, halves, .. }, Kinematics { edges, v, .. }) = (self, others.rod);
         let alone = others.are_none();
@@ -356,6 +388,12 @@ impl<L: Law> InPass for LocalDrag<L> {
             Some(on)
         });
         rod.assemble(around, residual, jacobian);
+    }
+
+    fn coefficients(&self, fluid: Fluid, e: usize) -> Option<[f64x2; 3]> {
+        let (lengths, halves) = &self.halves[e];
+        let [along, across] = self.law.coefficients(halves, self.law.in_fluids([&fluid; 2]))?;
+        Some([*lengths, along, across])
     }
 
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers {

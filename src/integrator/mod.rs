@@ -223,21 +223,49 @@ pub struct Memory {
 
 impl Rule {
     fn step(self, system: &mut dyn System, newton: &mut Newton, from: &State, h: f64, to: &mut State) -> Result<()> {
+        Stage { new: self.direction(), h }.solve(system, newton, from, to, self.foot(from, h))?;
+        self.remember(from, to);
+        Ok(())
+    }
+
+    /// The direction in which its new acceleration moves the state.
+    pub(crate) fn direction(self) -> Direction {
+        Direction { q: self.q_new, v: self.v_new, a: 1.0 }
+    }
+
+    #[inline(always)]
+    fn foot(self, from: &State, h: f64) -> impl Fn(usize) -> Foot {
         let unknowns = from.q.len();
         let (v, a) = (&from.v[..unknowns], &from.a[..unknowns]);
         let memory = self.memory.map(|memory| (memory, &from.memory[..unknowns]));
-        let stage = Stage { new: Direction { q: self.q_new, v: self.v_new, a: 1.0 }, h };
-        stage.solve(system, newton, from, to, |i| {
+        move |i| {
             let (v, a) = (v[i], a[i]);
             let (q_w, v_w) = memory.map_or((0.0, 0.0), |(memory, w)| (memory.q * w[i], memory.v * w[i]));
             Foot { dq: h * v + self.q_old * a + q_w, v: v + self.v_old * a + v_w, guess: a }
-        })?;
+        }
+    }
+
+    /// Makes the first guess `to` of its step of `h` (s) from `from`, for a solve with [`Patience::WhileShrinking`].
+    pub(crate) fn guess(self, system: &mut dyn System, from: &State, h: f64, to: &mut State) {
+        Stage { new: self.direction(), h }.guess(Guess::order(from, h)[0], system, from, to, &self.foot(from, h));
+    }
+
+    /// Ends a step from `from` whose solution is `to`.
+    ///
+    /// # Errors
+    /// Those of [`System::check_step`].
+    pub(crate) fn finish(self, system: &dyn System, from: &State, to: &mut State) -> Result<()> {
+        system.check_step(from, to)?;
+        self.remember(from, to);
+        Ok(())
+    }
+
+    fn remember(self, from: &State, to: &mut State) {
         if let Some(Memory { new, old, kept, .. }) = self.memory {
             for (i, w) in to.memory.iter_mut().enumerate() {
                 *w = new * to.a[i] + old * from.a[i] + kept * from.memory[i];
             }
         }
-        Ok(())
     }
 }
 
@@ -298,21 +326,8 @@ impl Stage {
         to: &mut State,
         foot: impl Fn(usize) -> Foot,
     ) -> Result<()> {
-        let time = to.t;
         let mut from_guess = |guess: Guess, patience: Patience| {
-            let guessed = to.q.iter_mut().zip(&mut to.v).zip(&mut to.a);
-            for (i, (((to_q, to_v), to_a), q)) in guessed.zip(&from.q).enumerate() {
-                let Foot { dq, v, guess: u } = foot(i);
-                let u = match guess {
-                    Guess::Method => u,
-                    Guess::Positions => -dq / self.new.q,
-                };
-                *to_q = q + dq + self.new.q * u;
-                *to_v = v + self.new.v * u;
-                *to_a = self.new.a * u;
-            }
-            system.move_to(time, to);
-            system.better_guess(from, self.new, to);
+            self.guess(guess, system, from, to, &foot);
             newton.solve_with(patience, system, to, self.new)?;
             system.check_step(from, to)
         };
@@ -328,5 +343,23 @@ impl Stage {
             }
             outcome => outcome,
         }
+    }
+
+    /// Makes the `guess` of the state at `to.t`.
+    #[inline]
+    fn guess(self, guess: Guess, system: &mut dyn System, from: &State, to: &mut State, foot: &impl Fn(usize) -> Foot) {
+        let guessed = to.q.iter_mut().zip(&mut to.v).zip(&mut to.a);
+        for (i, (((to_q, to_v), to_a), q)) in guessed.zip(&from.q).enumerate() {
+            let Foot { dq, v, guess: u } = foot(i);
+            let u = match guess {
+                Guess::Method => u,
+                Guess::Positions => -dq / self.new.q,
+            };
+            *to_q = q + dq + self.new.q * u;
+            *to_v = v + self.new.v * u;
+            *to_a = self.new.a * u;
+        }
+        system.move_to(to.t, to);
+        system.better_guess(from, self.new, to);
     }
 }

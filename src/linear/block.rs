@@ -1,41 +1,46 @@
 //! A 2×2 block in SIMD lanes, for assembly.
 
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, AddAssign, Mul, Sub};
 
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-/// A 2×2 block, each row in two lanes. nalgebra's matrices are stored by columns and this one by rows, as the blocks of a
+use super::real::{Pair, Real};
+
+/// A 2×2 block, each row a pair. nalgebra's matrices are stored by columns and this one by rows, as the blocks of a
 /// [`BandMatrix`](super::BandMatrix) are: what is computed here is stored as it stands.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Block([f64x2; 2]);
+pub struct Block<T: Real = f64>([T::Pair; 2]);
 
-/// A vector in two lanes.
+/// A vector as a pair.
 #[inline(always)]
-pub fn lanes(vector: Vector2<f64>) -> f64x2 {
-    f64x2::new(vector.into())
+pub fn lanes<T: Real>(vector: Vector2<T>) -> T::Pair {
+    T::Pair::new(vector.into())
 }
 
 impl Block {
     /// The block of zeros.
     pub const ZERO: Self = Self([f64x2::ZERO; 2]);
+}
 
+impl<T: Real> Block<T> {
     /// a bᵀ.
     #[inline(always)]
-    pub fn outer(a: Vector2<f64>, b: f64x2) -> Self {
+    pub fn outer(a: Vector2<T>, b: T::Pair) -> Self {
         Self([b * a.x, b * a.y])
     }
 
     /// `value` times the identity.
     #[inline(always)]
-    pub fn diagonal(value: f64) -> Self {
-        Self([f64x2::new([value, 0.0]), f64x2::new([0.0, value])])
+    pub fn diagonal(value: T) -> Self {
+        let zero = value.like(0.0);
+        Self([T::Pair::new([value, zero]), T::Pair::new([zero, value])])
     }
 
     /// The transpose.
     #[inline(always)]
     pub fn transpose(self) -> Self {
-        Self(f64x2::transpose(self.0))
+        Self(T::Pair::transpose(self.0))
     }
 }
 
@@ -54,22 +59,22 @@ impl From<Block> for Matrix2<f64> {
     }
 }
 
-impl From<Block> for [f64; 4] {
+impl<T: Real> From<Block<T>> for [T; 4] {
     #[inline(always)]
-    fn from(Block([upper, lower]): Block) -> Self {
+    fn from(Block([upper, lower]): Block<T>) -> Self {
         let ([a, b], [c, d]) = (upper.to_array(), lower.to_array());
         [a, b, c, d]
     }
 }
 
-impl std::ops::AddAssign for Block {
+impl<T: Real> AddAssign for Block<T> {
     #[inline(always)]
     fn add_assign(&mut self, other: Self) {
         *self = *self + other;
     }
 }
 
-impl Add for Block {
+impl<T: Real> Add for Block<T> {
     type Output = Self;
 
     #[inline(always)]
@@ -78,7 +83,7 @@ impl Add for Block {
     }
 }
 
-impl Sub for Block {
+impl<T: Real> Sub for Block<T> {
     type Output = Self;
 
     #[inline(always)]
@@ -87,11 +92,11 @@ impl Sub for Block {
     }
 }
 
-impl Mul<f64> for Block {
+impl<T: Real> Mul<T> for Block<T> {
     type Output = Self;
 
     #[inline(always)]
-    fn mul(self, factor: f64) -> Self {
+    fn mul(self, factor: T) -> Self {
         Self([self.0[0] * factor, self.0[1] * factor])
     }
 }

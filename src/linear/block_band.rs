@@ -1,10 +1,8 @@
 //! Elimination of 2×2 blocks from both ends of the band at once, in two SIMD lanes, without pivoting between blocks.
 
-use std::ops::{Add, Div, Mul, Sub};
-
 use wide::f64x2;
 
-use super::{BandMatrix, BlockRow, LinearSolver};
+use super::{BandMatrix, BlockRow, LinearSolver, Number, Pair, Real};
 use crate::error::Result;
 
 /// LU by 2×2 blocks, without pivoting between them: the fastest for the Jacobian of a rod, wrong for some other
@@ -23,25 +21,15 @@ use crate::error::Result;
 /// [`factor_and_solve`](LinearSolver::factor_and_solve) keeps only what the solve needs and goes through memory once;
 /// after it there are no factors to solve with again.
 #[derive(Debug)]
-pub struct BlockBand {
-    /// E, C' and D' of the rows, first and last, second and last but one, …; empty until factors are asked for.
-    lower: Vec<Lower<f64x2>>,
+pub struct BlockBand<T: Real = f64> {
+    /// E, C' and D' of the rows, first and last, second and last but one, …; empty until factors are asked for. The first of a
+    /// pair goes from the first row on, the second from the last one back.
+    lower: Vec<Lower<T::Pair>>,
     /// F̂ and Ĝ of the same rows.
-    upper: Vec<Upper<f64x2>>,
-    middle: Middle,
+    upper: Vec<Upper<T::Pair>>,
+    middle: Middle<T>,
     factored: bool,
 }
-
-/// A number, or two of them in lanes.
-trait Number:
-    Copy + Default + From<f64> + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self>
-{
-}
-
-impl Number for f64 {}
-
-/// The first lane goes from the first row on, the second from the last one back.
-impl Number for f64x2 {}
 
 /// [a₀₀, a₀₁, a₁₀, a₁₁].
 type Block<T> = [T; 4];
@@ -55,13 +43,8 @@ fn less<T: Number>(c: [T; 2], a: Block<T>, x: [T; 2]) -> [T; 2] {
 /// C − A B.
 #[inline(always)]
 fn less_product<T: Number>(c: Block<T>, a: Block<T>, b: Block<T>) -> Block<T> {
-    by_columns(c, |column, j| less(column, a, [b[j], b[2 + j]]))
-}
-
-/// The block whose columns are `f` of those of `c`.
-#[inline(always)]
-fn by_columns<T: Number>(c: Block<T>, f: impl Fn([T; 2], usize) -> [T; 2]) -> Block<T> {
-    let ([c00, c10], [c01, c11]) = (f([c[0], c[2]], 0), f([c[1], c[3]], 1));
+    let [c00, c10] = less([c[0], c[2]], a, [b[0], b[2]]);
+    let [c01, c11] = less([c[1], c[3]], a, [b[1], b[3]]);
     [c00, c01, c10, c11]
 }
 
@@ -72,7 +55,7 @@ fn transpose<T: Number>([a, b, c, d]: Block<T>) -> Block<T> {
 }
 
 /// Factors of a diagonal block: D' = [d₀₀ 0; d₁₀ u₁₁] [1 w; 0 1] with w = d₀₁/d₀₀ and u₁₁ = det D'/d₀₀.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Pivot<T> {
     /// 1/d₀₀.
     first: T,
@@ -88,7 +71,7 @@ impl<T: Number> Pivot<T> {
     /// The two divisions do not wait for each other: u₁₁ is not d₁₁ − d₁₀ w, which has the same rounding error.
     #[inline(always)]
     fn new([d00, d01, d10, d11]: Block<T>) -> Self {
-        let first = T::from(1.0) / d00;
+        let first = d00.like(1.0) / d00;
         Self { first, below: d10, beside: d01 * first, second: d00 / (d00 * d11 - d01 * d10) }
     }
 
@@ -100,6 +83,13 @@ impl<T: Number> Pivot<T> {
         [y - self.beside * x, x]
     }
 
+    /// D'⁻¹ B.
+    #[inline(always)]
+    fn solve_block(&self, b: Block<T>) -> Block<T> {
+        let ([x00, x10], [x01, x11]) = (self.solve([b[0], b[2]]), self.solve([b[1], b[3]]));
+        [x00, x01, x10, x11]
+    }
+
     /// D'⁻ᵀ b.
     #[inline(always)]
     fn solve_transposed(&self, b: [T; 2]) -> [T; 2] {
@@ -109,7 +99,7 @@ impl<T: Number> Pivot<T> {
 }
 
 /// The lower triangular factor's row of blocks.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Lower<T> {
     e: Block<T>,
     c: Block<T>,
@@ -117,6 +107,11 @@ struct Lower<T> {
 }
 
 impl<T: Number> Lower<T> {
+    fn of(zero: T) -> Self {
+        let pivot = Pivot { first: zero, below: zero, beside: zero, second: zero };
+        Self { e: [zero; 4], c: [zero; 4], pivot }
+    }
+
     /// b̂ = D'⁻¹ (b − E b̂ₖ₋₂ − C' b̂ₖ₋₁).
     #[inline(always)]
     fn forward(&self, b: [T; 2], near: [T; 2], far: [T; 2]) -> [T; 2] {
@@ -125,13 +120,18 @@ impl<T: Number> Lower<T> {
 }
 
 /// The unit upper triangular factor's row of blocks, F̂ and Ĝ.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Upper<T> {
     f: Block<T>,
     g: Block<T>,
 }
 
 impl<T: Number> Upper<T> {
+    #[inline(always)]
+    fn of(zero: T) -> Self {
+        Self { f: [zero; 4], g: [zero; 4] }
+    }
+
     /// x = b̂ − F̂ xₖ₊₁ − Ĝ xₖ₊₂.
     #[inline(always)]
     fn backward(&self, b: [T; 2], near: [T; 2], far: [T; 2]) -> [T; 2] {
@@ -139,10 +139,16 @@ impl<T: Number> Upper<T> {
     }
 }
 
-impl Upper<f64x2> {
-    fn lane(&self, lane: usize) -> Upper<f64> {
-        Upper { f: self.f.map(|x| x.to_array()[lane]), g: self.g.map(|x| x.to_array()[lane]) }
-    }
+/// Those of one end of the band.
+#[inline(always)]
+fn end<T: Real>(rows: &Upper<T::Pair>, end: usize) -> Upper<T> {
+    Upper { f: part_block(rows.f, end), g: part_block(rows.g, end) }
+}
+
+/// A block of one end of the band.
+#[inline(always)]
+fn part_block<T: Real>([a, b, c, d]: Block<T::Pair>, end: usize) -> Block<T> {
+    [a.to_array()[end], b.to_array()[end], c.to_array()[end], d.to_array()[end]]
 }
 
 /// One row of the elimination, from the rows before it.
@@ -152,33 +158,39 @@ fn eliminate<T: Number>([e, c, d, f, g]: [Block<T>; 5], near: &Upper<T>, far: &U
     let d = less_product(less_product(d, e, far.g), c, near.f);
     let f = less_product(f, c, near.g);
     let pivot = Pivot::new(d);
-    let apply = |block| by_columns(block, |column, _| pivot.solve(column));
-    (Lower { e, c, pivot }, Upper { f: apply(f), g: apply(g) })
+    (Lower { e, c, pivot }, Upper { f: pivot.solve_block(f), g: pivot.solve_block(g) })
 }
 
 /// The two or three rows that both ends leave over (one for a single node).
-#[derive(Debug, Default)]
-struct Middle {
-    lower: [Lower<f64>; 3],
-    upper: [Upper<f64>; 3],
+#[derive(Debug)]
+struct Middle<T> {
+    lower: [Lower<T>; 3],
+    upper: [Upper<T>; 3],
     /// What ties the last of them to the last rows eliminated from below, the nearest and the one after, and then the
     /// last but one of them to the nearest.
-    below: [Block<f64>; 3],
+    below: [Block<T>; 3],
 }
 
-impl Middle {
-    fn factor(&mut self, rows: &[BlockRow], near: &Upper<f64x2>, far: &Upper<f64x2>) {
-        let mut left = [BlockRow::default(); 3];
+impl<T: Real> Middle<T> {
+    fn of(zero: T) -> Self {
+        Self { lower: [Lower::of(zero); 3], upper: [Upper::of(zero); 3], below: [[zero; 4]; 3] }
+    }
+
+    #[inline(always)]
+    fn factor(&mut self, rows: &[BlockRow<T>], near: &Upper<T::Pair>, far: &Upper<T::Pair>) {
+        let none = [rows[0][0][0].like(0.0); 4];
+        let mut left = [[none; 5]; 3];
         left[..rows.len()].copy_from_slice(rows);
         let (last, other) = (rows.len() - 1, rows.len().saturating_sub(2));
-        let (mut near, mut far, below, below_far) = (near.lane(0), far.lane(0), near.lane(1), far.lane(1));
+        let (mut near, below, mut far, below_far): (Upper<T>, Upper<T>, _, Upper<T>) =
+            (end(near, 0), end(near, 1), end(far, 0), end(far, 1));
         let [e, c, d, f, g] = left[last];
         let f = less_product(f, g, below_far.f);
         let d = less_product(less_product(d, g, below_far.g), f, below.f);
-        left[last] = [e, less_product(c, f, below.g), d, Block::default(), Block::default()];
+        left[last] = [e, less_product(c, f, below.g), d, none, none];
         self.below = [f, g, left[other][4]];
         let [e, c, d, f, g] = left[other];
-        left[other] = [e, c, less_product(d, g, below.g), less_product(f, g, below.f), Block::default()];
+        left[other] = [e, c, less_product(d, g, below.g), less_product(f, g, below.f), none];
         for (row, (lower, upper)) in left[..rows.len()].iter().zip(self.lower.iter_mut().zip(&mut self.upper)) {
             (*lower, *upper) = eliminate(*row, &near, &far);
             (far, near) = (near, *upper);
@@ -186,16 +198,18 @@ impl Middle {
     }
 
     /// Solves for the middle; returns its unknowns nearest to and second from the outer rows.
-    fn solve(&self, b: &mut [[f64; 2]], near: [f64x2; 2], far: [f64x2; 2]) -> [[f64x2; 2]; 2] {
+    #[inline(always)]
+    fn solve(&self, b: &mut [[T; 2]], near: [T::Pair; 2], far: [T::Pair; 2]) -> [[T::Pair; 2]; 2] {
         let (last, other) = (b.len() - 1, b.len().saturating_sub(2));
-        let ([mut near, below], [mut far, below_far]) = (part(near), part(far));
+        let ([mut near, below], [mut far, below_far]): ([[T; 2]; 2], _) = (part(near), part(far));
+        let zero = near[0].like(0.0);
         b[last] = less(less(b[last], self.below[1], below_far), self.below[0], below);
         b[other] = less(b[other], self.below[2], below);
         for (b, lower) in b.iter_mut().zip(&self.lower) {
             *b = lower.forward(*b, near, far);
             (far, near) = (near, *b);
         }
-        (near, far) = Default::default();
+        (near, far) = ([zero; 2], [zero; 2]);
         for (b, upper) in b.iter_mut().zip(&self.upper).rev() {
             *b = upper.backward(*b, near, far);
             (far, near) = (near, *b);
@@ -205,10 +219,10 @@ impl Middle {
 
     /// The same with the transpose; `near` and `far` are what the outer rows leave to subtract: from the middle's rows
     /// nearest to them, and from those second from them.
-    fn solve_transposed(&self, b: &mut [[f64; 2]], near: [f64x2; 2], far: [f64x2; 2]) -> [[f64x2; 2]; 2] {
+    fn solve_transposed(&self, b: &mut [[T; 2]], near: [T::Pair; 2], far: [T::Pair; 2]) -> [[T::Pair; 2]; 2] {
         let (first, last, other) = (0, b.len() - 1, b.len().saturating_sub(2));
-        let subtract = |b: &mut [f64; 2], x: [f64; 2]| *b = [b[0] - x[0], b[1] - x[1]];
-        let ([top, bottom], [top_far, bottom_far]) = (part(near), part(far));
+        let subtract = |b: &mut [T; 2], x: [T; 2]| *b = [b[0] - x[0], b[1] - x[1]];
+        let ([top, bottom], [top_far, bottom_far]): ([[T; 2]; 2], [[T; 2]; 2]) = (part(near), part(far));
         subtract(&mut b[first], top);
         subtract(&mut b[1.min(last)], top_far);
         subtract(&mut b[last], bottom);
@@ -239,21 +253,35 @@ impl Middle {
 
 /// Two numbers of a top row and two of a bottom one, in lanes.
 #[inline(always)]
-fn pair(top: [f64; 2], bottom: [f64; 2]) -> [f64x2; 2] {
-    [f64x2::new([top[0], bottom[0]]), f64x2::new([top[1], bottom[1]])]
+fn pair<T: Real>(top: [T; 2], bottom: [T; 2]) -> [T::Pair; 2] {
+    [T::Pair::new([top[0], bottom[0]]), T::Pair::new([top[1], bottom[1]])]
 }
 
 /// The inverse of [`pair`].
 #[inline(always)]
-fn part(lanes: [f64x2; 2]) -> [[f64; 2]; 2] {
-    let [[t0, b0], [t1, b1]] = lanes.map(f64x2::to_array);
+fn part<T: Real>([first, second]: [T::Pair; 2]) -> [[T; 2]; 2] {
+    let ([t0, b0], [t1, b1]) = (first.to_array(), second.to_array());
     [[t0, t1], [b0, b1]]
 }
 
 /// A top row and a bottom one, the latter back to front, in lanes.
 #[inline(always)]
-fn pair_rows(top: &BlockRow, bottom: &BlockRow) -> [Block<f64x2>; 5] {
-    std::array::from_fn(|j| std::array::from_fn(|i| f64x2::new([top[j][i], bottom[4 - j][i]])))
+fn pair_rows<T: Real>(top: &BlockRow<T>, bottom: &BlockRow<T>) -> [Block<T::Pair>; 5] {
+    let ([e, c, d, f, g], [below_g, below_f, below_d, below_c, below_e]) = (top, bottom);
+    [
+        pair_block(e, below_e),
+        pair_block(c, below_c),
+        pair_block(d, below_d),
+        pair_block(f, below_f),
+        pair_block(g, below_g),
+    ]
+}
+
+/// A block of a top row and one of a bottom row.
+#[inline(always)]
+fn pair_block<T: Real>(top: &Block<T>, bottom: &Block<T>) -> Block<T::Pair> {
+    let ([a, b, c, d], [e, f, g, h]) = (*top, *bottom);
+    [T::Pair::new([a, e]), T::Pair::new([b, f]), T::Pair::new([c, g]), T::Pair::new([d, h])]
 }
 
 /// Pairs of rows that are eliminated from both ends of `nodes` rows.
@@ -268,9 +296,9 @@ fn ends<T>(all: &[T], pairs: usize) -> [&[T]; 3] {
     [top, middle, bottom]
 }
 
-/// Two numbers per node, divided as by [`ends`].
-fn ends_mut(values: &mut [f64], pairs: usize) -> [&mut [[f64; 2]]; 3] {
-    let (top, rest) = values.as_chunks_mut().0.split_at_mut(pairs);
+/// The same, to be written.
+fn ends_mut<T>(values: &mut [T], pairs: usize) -> [&mut [T]; 3] {
+    let (top, rest) = values.split_at_mut(pairs);
     let (middle, bottom) = rest.split_at_mut(rest.len() - pairs);
     [top, middle, bottom]
 }
@@ -278,43 +306,22 @@ fn ends_mut(values: &mut [f64], pairs: usize) -> [&mut [[f64; 2]]; 3] {
 /// The last two rows or vectors that a sweep has passed, the last one first.
 type Passed<T> = [T; 2];
 
-impl BlockBand {
-    /// Back substitution from the middle outwards; `near` and `far` are the middle's two rows next to the ends.
-    fn outwards(&self, top: &mut [[f64; 2]], bottom: &mut [[f64; 2]], [mut near, mut far]: Passed<[f64x2; 2]>) {
-        for ((upper, t), b) in self.upper.iter().zip(top).zip(bottom.iter_mut().rev()).rev() {
-            let x = upper.backward(pair(*t, *b), near, far);
-            (far, near) = (near, x);
-            [*t, *b] = part(x);
-        }
-    }
-}
-
-impl LinearSolver for BlockBand {
-    fn analyse(matrix: &BandMatrix) -> Result<Self> {
-        let upper = vec![Upper::default(); pairs(matrix.nodes())];
-        Ok(Self { lower: Vec::new(), upper, middle: Middle::default(), factored: false })
+impl<T: Real> BlockBand<T> {
+    /// For rows of `nodes` nodes in the lanes of `zero`.
+    pub fn of(nodes: usize, zero: T) -> Self {
+        let upper = vec![Upper::of(T::Pair::new([zero; 2])); pairs(nodes)];
+        Self { lower: Vec::new(), upper, middle: Middle::of(zero), factored: false }
     }
 
-    fn factor(&mut self, matrix: &BandMatrix) -> Result<()> {
-        self.lower.resize(self.upper.len(), Lower::default());
-        let [top, middle, bottom] = ends(matrix.rows(), self.upper.len());
-        let (mut near, mut far) = Default::default();
-        let factors = self.lower.iter_mut().zip(&mut self.upper);
-        for ((t, b), (lower, upper)) in top.iter().zip(bottom.iter().rev()).zip(factors) {
-            (*lower, *upper) = eliminate(pair_rows(t, b), &near, &far);
-            (far, near) = (near, *upper);
-        }
-        self.middle.factor(middle, &near, &far);
-        self.factored = true;
-        Ok(())
-    }
-
-    fn factor_and_solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<()> {
+    /// Replaces `rhs` by the solution for the matrix of `rows`, whose factors are not kept.
+    #[inline(always)]
+    pub fn eliminate(&mut self, rows: &[BlockRow<T>], rhs: &mut [[T; 2]]) {
         self.factored = false;
-        let [top, middle, bottom] = ends(matrix.rows(), self.upper.len());
+        let Some(zero) = rows.first().map(|row| T::Pair::new([row[0][0].like(0.0); 2])) else { return };
+        let [top, middle, bottom] = ends(rows, self.upper.len());
         let [x_top, x_middle, x_bottom] = ends_mut(rhs, self.upper.len());
-        let (mut near, mut far) = Default::default();
-        let (mut x_near, mut x_far) = Default::default();
+        let (mut near, mut far) = (Upper::of(zero), Upper::of(zero));
+        let (mut x_near, mut x_far) = ([zero; 2], [zero; 2]);
         let rows = top.iter().zip(bottom.iter().rev());
         let unknowns = x_top.iter_mut().zip(x_bottom.iter_mut().rev());
         for (((t, b), (x_t, x_b)), upper) in rows.zip(unknowns).zip(&mut self.upper) {
@@ -328,6 +335,40 @@ impl LinearSolver for BlockBand {
         self.middle.factor(middle, &near, &far);
         let inner = self.middle.solve(x_middle, x_near, x_far);
         self.outwards(x_top, x_bottom, inner);
+    }
+
+    /// Back substitution from the middle outwards; `near` and `far` are the middle's two rows next to the ends.
+    #[inline(always)]
+    fn outwards(&self, top: &mut [[T; 2]], bottom: &mut [[T; 2]], [mut near, mut far]: Passed<[T::Pair; 2]>) {
+        for ((upper, t), b) in self.upper.iter().zip(top).zip(bottom.iter_mut().rev()).rev() {
+            let x = upper.backward(pair(*t, *b), near, far);
+            (far, near) = (near, x);
+            [*t, *b] = part(x);
+        }
+    }
+}
+
+impl LinearSolver for BlockBand {
+    fn analyse(matrix: &BandMatrix) -> Result<Self> {
+        Ok(Self::of(matrix.nodes(), 0.0))
+    }
+
+    fn factor(&mut self, matrix: &BandMatrix) -> Result<()> {
+        self.lower.resize(self.upper.len(), Lower::of(f64x2::ZERO));
+        let [top, middle, bottom] = ends(matrix.rows(), self.upper.len());
+        let (mut near, mut far) = (Upper::of(f64x2::ZERO), Upper::of(f64x2::ZERO));
+        let factors = self.lower.iter_mut().zip(&mut self.upper);
+        for ((t, b), (lower, upper)) in top.iter().zip(bottom.iter().rev()).zip(factors) {
+            (*lower, *upper) = eliminate(pair_rows(t, b), &near, &far);
+            (far, near) = (near, *upper);
+        }
+        self.middle.factor(middle, &near, &far);
+        self.factored = true;
+        Ok(())
+    }
+
+    fn factor_and_solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<()> {
+        self.eliminate(matrix.rows(), rhs.as_chunks_mut().0);
         Ok(())
     }
 
@@ -336,8 +377,8 @@ impl LinearSolver for BlockBand {
             rhs.fill(f64::NAN);
             return;
         }
-        let [top, middle, bottom] = ends_mut(rhs, self.upper.len());
-        let (mut near, mut far) = Default::default();
+        let [top, middle, bottom] = ends_mut(rhs.as_chunks_mut().0, self.upper.len());
+        let (mut near, mut far) = ([f64x2::ZERO; 2], [f64x2::ZERO; 2]);
         for ((t, b), lower) in top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.lower) {
             let x = lower.forward(pair(*t, *b), near, far);
             (far, near) = (near, x);
@@ -353,7 +394,7 @@ impl LinearSolver for BlockBand {
             return;
         }
         let zero = [f64x2::default(); 2];
-        let [top, middle, bottom] = ends_mut(rhs, self.upper.len());
+        let [top, middle, bottom] = ends_mut(rhs.as_chunks_mut().0, self.upper.len());
         // What the rows passed take from the next row and from the one after it.
         let (mut next, mut after) = (zero, zero);
         for ((t, b), upper) in top.iter_mut().zip(bottom.iter_mut().rev()).zip(&self.upper) {

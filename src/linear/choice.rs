@@ -11,7 +11,7 @@ use crate::system::Direction;
 /// Largest [backward error](BandMatrix::backward_error) that a solution by [`BlockBand`] may have: a few thousand
 /// roundings. Measured: below 1e-14 on the iterates of the scenes in `models/` with their own meshes; above it only where
 /// the matrix is indefinite, far from a solution, or where double precision hardly resolves the mesh.
-const BACKWARD_ERROR: f64 = 1e-12;
+pub(super) const BACKWARD_ERROR: f64 = 1e-12;
 
 /// Choice of the linear solver; adding one is its file and its line here.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -70,7 +70,7 @@ impl Chosen {
         if matches!(self.choice, Choice::Auto | Choice::BlockBand) {
             self.band.factor_and_solve(matrix, rhs)?;
             let checked = matrix.checked(rhs, &self.rhs);
-            if checked.error <= BACKWARD_ERROR {
+            if checked.is_solved() {
                 return Ok(Solution { fallback: false, sizes: Some([checked.x, checked.b]) });
             }
             if self.choice == Choice::BlockBand {
@@ -103,6 +103,11 @@ impl Chosen {
         self.rhs.copy_from_slice(rhs);
         coupling.solve(matrix, along, rhs);
         Solution { fallback: false, sizes: None }
+    }
+
+    /// What was chosen.
+    pub(crate) fn choice(&self) -> Choice {
+        self.choice
     }
 
     /// The right-hand side of the last system.

@@ -9,6 +9,7 @@ mod dense_lu;
 #[cfg(feature = "faer")]
 mod faer_lu;
 mod pivoted_band;
+mod real;
 
 use nalgebra::Matrix2;
 use wide::f64x2;
@@ -24,12 +25,13 @@ pub use dense_lu::DenseLu;
 #[cfg(feature = "faer")]
 pub use faer_lu::FaerLu;
 pub use pivoted_band::{PivotedBand, PivotedLu};
+pub use real::{Number, Pair, Real};
 
 /// Nodes on either side that a node is coupled to: bending reaches two.
 pub(crate) const REACH: usize = 2;
 
 /// The five blocks of a row of blocks, from two before the diagonal to two after, each [a₀₀, a₀₁, a₁₀, a₁₁].
-pub type BlockRow = [[f64; 4]; 2 * REACH + 1];
+pub type BlockRow<T = f64> = [[T; 4]; 2 * REACH + 1];
 
 /// Square matrix of 2×2 blocks, one row of blocks per node, in which node k meets nodes k−2 … k+2 (half-bandwidth 5).
 ///
@@ -78,11 +80,7 @@ impl BandMatrix {
 
     /// Makes the rows and columns of node `k` those of the identity: its unknowns are prescribed.
     pub fn prescribe(&mut self, k: usize) {
-        for i in self.coupled(k) {
-            self.rows[i][k + REACH - i] = [0.0; 4];
-        }
-        self.rows[k] = BlockRow::default();
-        self.rows[k][REACH] = [1.0, 0.0, 0.0, 1.0];
+        prescribe(&mut self.rows, k);
     }
 
     /// True where the unknowns of node `k` are [prescribed](Self::prescribe).
@@ -132,23 +130,19 @@ impl BandMatrix {
 
     /// The [backward error](Self::backward_error), with the largest moduli of x and b, which are right where it is a number.
     pub(crate) fn checked(&self, x: &[f64], b: &[f64]) -> Checked {
-        let (x, b) = (x.as_chunks().0, b.as_chunks().0);
-        let mut sizes = Sizes::default();
-        let inner = self.rows.len().saturating_sub(2 * REACH);
-        let outer = 2.min(self.rows.len())..;
-        // The first and the last rows meet nodes that there are not.
-        for k in (0..self.rows.len()).filter(|k| !(REACH..REACH + inner).contains(k)) {
-            let near =
-                std::array::from_fn(|j| (k + j).checked_sub(REACH).and_then(|j| x.get(j)).copied().unwrap_or_default());
-            sizes.add(&self.rows[k], &near, b[k]);
-        }
-        for ((row, near), b) in
-            self.rows[outer.clone()].iter().zip(x.windows(5).filter_map(<[_]>::first_chunk)).zip(&b[outer])
-        {
-            sizes.add(row, near, *b);
-        }
-        sizes.checked()
+        Sizes::of(&self.rows, x.as_chunks().0, b.as_chunks().0).checked()
     }
+}
+
+/// Makes `rows` and columns of node `k` those of the identity.
+#[inline(always)]
+pub(crate) fn prescribe<T: Real>(rows: &mut [BlockRow<T>], k: usize) {
+    let zero = rows[k][0][0].like(0.0);
+    for i in k.saturating_sub(REACH)..(k + REACH + 1).min(rows.len()) {
+        rows[i][k + REACH - i] = [zero; 4];
+    }
+    rows[k] = [[zero; 4]; 5];
+    rows[k][REACH] = [zero.like(1.0), zero, zero, zero.like(1.0)];
 }
 
 /// A solution of A x = b, checked.
@@ -162,37 +156,97 @@ pub(crate) struct Checked {
     pub b: f64,
 }
 
-/// Largest moduli of parts of A x − b, and a sum that is not finite where anything in A x − b is not.
-#[derive(Default)]
-struct Sizes {
-    residual: f64x2,
-    diagonal: f64x2,
-    x: f64x2,
-    b: f64x2,
-    sum: f64x2,
+impl Checked {
+    /// True where the system is solved to rounding.
+    pub fn is_solved(&self) -> bool {
+        self.error <= choice::BACKWARD_ERROR
+    }
 }
 
-impl Sizes {
-    /// Takes in the row of blocks `row` with the solution `near` it and the right-hand side.
+/// Largest moduli of parts of A x − b, and a sum that is not finite where anything in A x − b is not.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Sizes<P> {
+    residual: P,
+    diagonal: P,
+    x: P,
+    b: P,
+    sum: P,
+}
+
+impl<P: Number> Sizes<P> {
+    /// Of the solution `x` of the system of `rows` and the right-hand side `b`.
     #[inline(always)]
-    fn add(&mut self, row: &BlockRow, near: &[[f64; 2]; 5], b: [f64; 2]) {
-        let (mut upper, mut lower) = (f64x2::ZERO, f64x2::ZERO);
-        for ([a00, a01, a10, a11], x) in row.iter().zip(near) {
-            upper += f64x2::new([*a00, *a01]) * f64x2::new(*x);
-            lower += f64x2::new([*a10, *a11]) * f64x2::new(*x);
+    pub(crate) fn of<T: Real<Pair = P>>(rows: &[BlockRow<T>], x: &[[T; 2]], b: &[[T; 2]]) -> Self
+    where
+        P: Pair<T>,
+    {
+        let zero = rows[0][0][0].like(0.0);
+        let none = P::new([zero; 2]);
+        let mut sizes = Self { residual: none, diagonal: none, x: none, b: none, sum: none };
+        let inner = rows.len().saturating_sub(2 * REACH);
+        let outer = 2.min(rows.len())..;
+        // The first and the last rows meet nodes that there are not.
+        for k in (0..rows.len()).filter(|k| !(REACH..REACH + inner).contains(k)) {
+            let mut near = [[zero; 2]; 5];
+            for (j, near) in near.iter_mut().enumerate() {
+                if let Some(x) = (k + j).checked_sub(REACH).and_then(|j| x.get(j)) {
+                    *near = *x;
+                }
+            }
+            sizes.add(&rows[k], &near, b[k]);
         }
-        let ([a, b_], [c, d]) = (upper.to_array(), lower.to_array());
-        let b = f64x2::new(b);
-        let residual = f64x2::new([a, c]) + f64x2::new([b_, d]) - b;
-        let [a00, _, _, a11] = row[REACH];
-        self.sum += residual;
-        self.residual = self.residual.fast_max(residual.abs());
-        self.diagonal = self.diagonal.fast_max(f64x2::new([a00, a11]).abs());
-        self.x = self.x.fast_max(f64x2::new(near[REACH]).abs());
-        self.b = self.b.fast_max(b.abs());
+        for ((row, near), b) in
+            rows[outer.clone()].iter().zip(x.windows(5).filter_map(<[_]>::first_chunk)).zip(&b[outer])
+        {
+            sizes.add(row, near, *b);
+        }
+        sizes
     }
 
-    fn checked(&self) -> Checked {
+    /// Takes in the row of blocks `row` with the solution `near` it and the right-hand side.
+    #[inline(always)]
+    fn add<T: Real<Pair = P>>(&mut self, row: &BlockRow<T>, near: &[[T; 2]; 5], b: [T; 2])
+    where
+        P: Pair<T>,
+    {
+        let none = P::new([b[0].like(0.0); 2]);
+        let (mut upper, mut lower) = (none, none);
+        for ([a00, a01, a10, a11], x) in row.iter().zip(near) {
+            upper += P::new([*a00, *a01]) * P::new(*x);
+            lower += P::new([*a10, *a11]) * P::new(*x);
+        }
+        let ([a, b_], [c, d]) = (upper.to_array(), lower.to_array());
+        let b = P::new(b);
+        let residual = P::new([a, c]) + P::new([b_, d]) - b;
+        let [a00, _, _, a11] = row[REACH];
+        self.sum += residual;
+        self.residual = self.residual.larger(residual.abs());
+        self.diagonal = self.diagonal.larger(P::new([a00, a11]).abs());
+        self.x = self.x.larger(P::new(near[REACH]).abs());
+        self.b = self.b.larger(b.abs());
+    }
+}
+
+impl<P: Copy> Sizes<P> {
+    /// Those of each of several cases, of which `of` knows the numbers.
+    #[cfg(all(feature = "report", target_arch = "x86_64"))]
+    pub(crate) fn in_lanes<T: Real<Pair = P>, const N: usize>(&self, of: impl Fn(T) -> [f64; N]) -> [Sizes<f64x2>; N]
+    where
+        P: Pair<T>,
+    {
+        let parts = |pair: P| pair.to_array().map(&of);
+        let Self { residual, diagonal, x, b, sum } = *self;
+        let [residual, diagonal, x, b, sum] = [residual, diagonal, x, b, sum].map(parts);
+        std::array::from_fn(|lane| {
+            let of = |[first, second]: [[f64; N]; 2]| f64x2::new([first[lane], second[lane]]);
+            Sizes { residual: of(residual), diagonal: of(diagonal), x: of(x), b: of(b), sum: of(sum) }
+        })
+    }
+}
+
+impl Sizes<f64x2> {
+    /// What they say of the solution.
+    pub(crate) fn checked(&self) -> Checked {
         let [residual, diagonal, x, b] = [self.residual, self.diagonal, self.x, self.b].map(|sizes| {
             let [a, b] = sizes.to_array();
             a.max(b)

@@ -2,7 +2,7 @@
 
 use super::{Mover, Rung};
 use crate::error::Result;
-use crate::integrator::{Integrator, StepError};
+use crate::integrator::{Integrator, Rule, StepError};
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
 use crate::system::{Direction, State};
@@ -48,6 +48,10 @@ impl Mover for Full {
             *w += new - old; // what a method remembers jumps with them
         }
         Ok(())
+    }
+
+    fn rule(&self, h: f64) -> Option<Rule> {
+        self.integrator.rule(h)
     }
 
     fn step(

@@ -15,7 +15,7 @@ mod shape;
 use std::sync::Arc;
 
 use crate::error::Result;
-use crate::integrator::{Integrator, StepError};
+use crate::integrator::{Integrator, Rule, StepError};
 use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
@@ -140,6 +140,11 @@ pub trait Mover: std::fmt::Debug + Send {
         h: f64,
         to: &mut State,
     ) -> Result<StepError>;
+
+    /// The rule of its steps of `h` (s), where it solves the whole model by a method of one stage.
+    fn rule(&self, _h: f64) -> Option<Rule> {
+        None
+    }
 
     /// True where it knows the state within a step as well as at its end: work is read in the middle too.
     fn knows_between(&self) -> bool {

@@ -10,6 +10,13 @@ pub struct Alike<T> {
     edges: usize,
 }
 
+impl<T: Copy> Alike<T> {
+    /// The `values` of all edges, of which there is at least one: the `last` of them.
+    pub fn all(values: Vec<T>, last: T) -> Self {
+        Self { edges: values.len(), own: values, rest: last }
+    }
+}
+
 impl<T: PartialEq + Default> From<Vec<T>> for Alike<T> {
     fn from(mut own: Vec<T>) -> Self {
         let edges = own.len();

@@ -3,17 +3,37 @@
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use crate::linear::{Block, lanes};
+use crate::linear::{Block, Real, lanes};
 
 /// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
 pub const TOGETHER: usize = 32;
 
 /// What a force opposes the two ends of an edge with, and its derivatives along a direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OnEdge {
-    pub(crate) force: [f64x2; 2],
-    pub(crate) own: [Block; 2],
-    pub(crate) edge: [Block; 2],
+pub struct OnEdge<T: Real = f64> {
+    pub(crate) force: [T::Pair; 2],
+    pub(crate) own: [Block<T>; 2],
+    pub(crate) edge: [Block<T>; 2],
+}
+
+impl<T: Real> OnEdge<T> {
+    /// The force on end `i`, 0 or 1, as a pair.
+    #[inline(always)]
+    pub(crate) fn force_lanes(&self, i: usize) -> T::Pair {
+        self.force[i]
+    }
+
+    /// How the force on end `i` changes where the whole edge moves, along the direction.
+    #[inline(always)]
+    pub fn own(&self, i: usize) -> Block<T> {
+        self.own[i]
+    }
+
+    /// How the force on end `i` changes with the edge vector where that end stays, along the direction.
+    #[inline(always)]
+    pub fn edge(&self, i: usize) -> Block<T> {
+        self.edge[i]
+    }
 }
 
 impl OnEdge {
@@ -30,24 +50,6 @@ impl OnEdge {
     #[inline(always)]
     pub fn force(&self, i: usize) -> Vector2<f64> {
         self.force[i].to_array().into()
-    }
-
-    /// The same in two lanes.
-    #[inline(always)]
-    pub(crate) fn force_lanes(&self, i: usize) -> f64x2 {
-        self.force[i]
-    }
-
-    /// How the force on end `i` changes where the whole edge moves, along the direction.
-    #[inline(always)]
-    pub fn own(&self, i: usize) -> Block {
-        self.own[i]
-    }
-
-    /// How the force on end `i` changes with the edge vector where that end stays, along the direction.
-    #[inline(always)]
-    pub fn edge(&self, i: usize) -> Block {
-        self.edge[i]
     }
 
     /// The change of the force on end `i` where the nodes of the edge move by `d`.

@@ -2,39 +2,71 @@
 
 use nalgebra::Vector2;
 
+use super::Edge;
+use crate::linear::Real;
+
 /// Below this, 1 + cos θ is a fold-over: the turning is within 2·10⁻⁶ of ±π and κ beyond 10⁶.
 pub const FOLD: f64 = 1e-12;
 
 /// Derivatives of a joint's energy by its turning θ; zero where there is no joint.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Joint {
+pub struct Joint<T = f64> {
     /// Couple M = dE/dθ that the joint passes on, N m.
-    pub couple: f64,
+    pub couple: T,
     /// dM/dθ = d²E/dθ², N m.
-    pub stiffness: f64,
+    pub stiffness: T,
 }
 
-impl Joint {
+impl<T: Real> Joint<T> {
     /// The joint of stiffness `stiffness` B (N m), curvature κ and natural curvature κ̄: with s = dκ/dθ = 1 + κ²/4 and
     /// ds/dθ = κ s/2, M = B(κ−κ̄) s and dM/dθ = B s² + ½ κ M.
-    #[inline]
-    pub fn new(stiffness: f64, kappa: f64, natural: f64) -> Self {
+    #[inline(always)]
+    pub fn new(stiffness: T, kappa: T, natural: T) -> Self {
         let s = curvature_per_turning(kappa);
         let couple = stiffness * (kappa - natural) * s;
-        Self { couple, stiffness: stiffness * s * s + 0.5 * kappa * couple }
+        Self { couple, stiffness: stiffness * s * s + kappa.like(0.5) * kappa * couple }
     }
 }
 
 /// Discrete curvature κ = 2 tan(θ/2) between unit tangents; not finite at fold-over.
-#[inline]
-pub fn curvature(e: Vector2<f64>, f: Vector2<f64>) -> f64 {
-    2.0 * e.perp(&f) / (1.0 + e.dot(&f))
+#[inline(always)]
+pub fn curvature<T: Real>(e: Vector2<T>, f: Vector2<T>) -> T {
+    e.x.like(2.0) * (e.x * f.y - e.y * f.x) / beyond_fold(e, f)
+}
+
+/// 1 + cos θ, zero at fold-over.
+#[inline(always)]
+pub fn beyond_fold<T: Real>(e: Vector2<T>, f: Vector2<T>) -> T {
+    e.x.like(1.0) + (e.x * f.x + e.y * f.y)
+}
+
+/// Writes the joints at the start of every one of `edges`, of `stiffness` and `natural` curvature; `wall` is the tangent before the first
+/// joint, where there is one. `look` sees each joint with 1 + cos θ and the curvature.
+#[inline(always)]
+pub fn joints<T: Real>(
+    wall: Option<Vector2<T>>,
+    edges: &[Edge<T>],
+    stiffness: &[T],
+    natural: &[T],
+    joints: &mut [Joint<T>],
+    mut look: impl FnMut(usize, T, T),
+) {
+    let mut before = wall;
+    let parts = edges.iter().zip(stiffness).zip(natural).zip(joints);
+    for (k, (((after, stiffness), natural), joint)) in parts.enumerate() {
+        if let Some(before) = before {
+            let kappa = curvature(before, after.t);
+            *joint = Joint::new(*stiffness, kappa, *natural);
+            look(k, beyond_fold(before, after.t), kappa);
+        }
+        before = Some(after.t);
+    }
 }
 
 /// dκ/dθ = 1 + κ²/4.
-#[inline]
-pub fn curvature_per_turning(kappa: f64) -> f64 {
-    1.0 + 0.25 * kappa * kappa
+#[inline(always)]
+pub fn curvature_per_turning<T: Real>(kappa: T) -> T {
+    kappa.like(1.0) + kappa.like(0.25) * kappa * kappa
 }
 
 /// Turning θ of a joint of curvature κ, inverse of κ = 2 tan(θ/2).

@@ -7,29 +7,29 @@
 //! else acts on the ends of an edge depends on their motion and on the edge, so it joins them.
 
 use nalgebra::Vector2;
-use wide::f64x2;
 
 use super::around::OnEdge;
 use super::bend::Joint;
-use super::{Edge, Rod};
-use crate::linear::{Block, BlockRow, lanes};
-use crate::system::{Direction, Linearisation};
+use super::{Alike, Cell, Edge};
+use crate::linear::{Block, BlockRow, Pair, Real, lanes};
+use crate::system::Direction;
 
 /// ∂E/∂(edge vector), N: the force that the edge carries, between joints `start` and `end`.
-#[inline]
-pub fn force(edge: &Edge, tension: f64, start: &Joint, end: &Joint) -> Vector2<f64> {
-    edge.t * tension + edge.n() * shear(edge, start, end)
+#[inline(always)]
+pub fn force<T: Real>(edge: &Edge<T>, tension: T, start: &Joint<T>, end: &Joint<T>) -> Vector2<T> {
+    let (n, shear) = (edge.n(), shear(edge, start, end));
+    Vector2::new(edge.t.x * tension + n.x * shear, edge.t.y * tension + n.y * shear)
 }
 
 /// The force (N) across an edge that balances the couples of its joints.
-#[inline]
-fn shear(edge: &Edge, start: &Joint, end: &Joint) -> f64 {
+#[inline(always)]
+fn shear<T: Real>(edge: &Edge<T>, start: &Joint<T>, end: &Joint<T>) -> T {
     (start.couple - end.couple) * edge.per_length
 }
 
 /// `factor` times T = ∂²E/∂(edge vector)², N/m, with the axial stiffness EA/ΔL (N/m).
-#[inline]
-pub fn stiffness(edge: &Edge, axial: f64, tension: f64, [start, end]: [&Joint; 2], factor: f64) -> Block {
+#[inline(always)]
+pub fn stiffness<T: Real>(edge: &Edge<T>, axial: T, tension: T, [start, end]: [&Joint<T>; 2], factor: T) -> Block<T> {
     let (t, n) = (lanes(edge.t), lanes(edge.n()));
     let per_length = factor * edge.per_length;
     let along = axial * factor;
@@ -40,55 +40,56 @@ pub fn stiffness(edge: &Edge, axial: f64, tension: f64, [start, end]: [&Joint; 2
 }
 
 /// `factor` times Q = ∂²E/∂(edge before)∂(edge after) of a joint, N/m.
-#[inline]
-pub fn coupling(before: &Edge, after: &Edge, joint: &Joint, factor: f64) -> Block {
+#[inline(always)]
+pub fn coupling<T: Real>(before: &Edge<T>, after: &Edge<T>, joint: &Joint<T>, factor: T) -> Block<T> {
     let size = -joint.stiffness * (factor * before.per_length) * after.per_length;
     Block::outer(before.n(), lanes(after.n()) * size)
 }
 
 /// A rod as it is at one time.
 #[derive(Debug, Clone, Copy)]
-pub struct Deformed<'a> {
-    /// The rod.
-    pub rod: &'a Rod,
+pub struct Deformed<'a, T = f64> {
+    /// How each edge resists stretching.
+    pub cells: &'a Alike<Cell<T>>,
+    /// Mass of each node, kg.
+    pub mass: &'a [T],
     /// Its edges.
-    pub edges: &'a [Edge],
+    pub edges: &'a [Edge<T>],
     /// One entry per node; those without a joint are zero.
-    pub joints: &'a [Joint],
-    /// Accelerations, m/s², two entries per node.
-    pub a: &'a [f64],
+    pub joints: &'a [Joint<T>],
+    /// Accelerations, m/s².
+    pub a: &'a [[T; 2]],
 }
 
-impl Deformed<'_> {
-    /// Writes M a + ∇E (N), and what opposes the motion of every edge from `around`, to `residual` and its linearisation to
-    /// `jacobian`, if there is one.
-    #[inline]
+impl<T: Real> Deformed<'_, T> {
+    /// Writes M a + ∇E (N), and what opposes the motion of every edge from `around`, to `residual` and its linearisation along
+    /// a direction to the rows of a matrix, if there are any.
+    #[inline(always)]
     pub fn assemble(
         &self,
-        around: impl Iterator<Item = Option<OnEdge>>,
-        residual: &mut [f64],
-        jacobian: Option<Linearisation<'_>>,
+        around: impl Iterator<Item = Option<OnEdge<T>>>,
+        residual: &mut [[T; 2]],
+        jacobian: Option<(&mut [BlockRow<T>], Direction)>,
     ) {
-        let Self { rod, edges, joints, a } = *self;
-        let (residual, a) = (residual.as_chunks_mut().0, a.as_chunks().0);
-        let (rows, direction): (&mut [BlockRow], _) = match jacobian {
-            Some(Linearisation { matrix, direction }) => (matrix.rows_mut(), direction),
-            None => (&mut [], Direction { q: 0.0, v: 0.0, a: 0.0 }),
-        };
+        let Self { cells, mass: masses, edges, joints, a } = *self;
+        let Some(zero) = masses.first().map(|mass| mass.like(0.0)) else { return };
+        let (rows, direction): (&mut [BlockRow<T>], _) =
+            jacobian.unwrap_or((&mut [], Direction { q: 0.0, v: 0.0, a: 0.0 }));
+        let none = Block::diagonal(zero);
         if let Some(row) = rows.first_mut() {
-            *row = BlockRow::default();
+            *row = [[zero; 4]; 5];
         }
         // Of the edge before: what it adds to the residual and to the diagonal block of this node, and −Q of the joint here
         // with its transpose.
-        let mut before = f64x2::ZERO;
-        let (mut diagonal, mut q_here, mut qt_here) = (Block::ZERO, Block::ZERO, Block::ZERO);
+        let mut before = T::Pair::new([zero; 2]);
+        let (mut diagonal, mut q_here, mut qt_here) = (none, none, none);
         let ends = joints.iter().zip(joints.iter().skip(1));
-        let here = edges.iter().zip(ends).zip(around).zip(a).zip(&rod.mass).enumerate();
+        let here = edges.iter().zip(ends).zip(around).zip(a).zip(masses).enumerate();
         for (k, ((((edge, (start, end)), around), a), mass)) in here {
-            let cell = &rod.cells[k];
+            let cell = &cells[k];
             let tension = cell.tension(edge);
             let force = lanes(force(edge, tension, start, end));
-            let mut sum = f64x2::new(*a) * *mass + before;
+            let mut sum = T::Pair::new(*a) * *mass + before;
             before = force;
             if let Some(around) = &around {
                 sum += around.force_lanes(0);
@@ -98,17 +99,19 @@ impl Deformed<'_> {
             // Not `let … else { continue }`: that takes a tenth more time.
             if let Some([row, next_row]) = rows.get_mut(k..k + 2) {
                 // −T and −Q, as more blocks need them than T and Q.
-                let t = stiffness(edge, cell.axial, tension, [start, end], -direction.q);
-                let q_after = edges.get(k + 1).map_or(Block::ZERO, |next| coupling(edge, next, end, -direction.q));
+                let less = zero.like(-direction.q);
+                let t = stiffness(edge, cell.axial, tension, [start, end], less);
+                let q_after = edges.get(k + 1).map_or(none, |next| coupling(edge, next, end, less));
                 let qt_after = q_after.transpose();
                 let (mut right, mut left) = (t, t);
-                let mut own = [Block::ZERO; 2];
+                let mut own = [none; 2];
                 if let Some(around) = &around {
                     right += around.edge(0);
                     left = left - around.edge(1);
                     own = [around.own(0), around.own(1)];
                 }
-                row[2] = (diagonal + Block::diagonal(mass * direction.a) + (own[0] - right)).into();
+                let inertia = Block::diagonal(*mass * zero.like(direction.a));
+                row[2] = (diagonal + inertia + (own[0] - right)).into();
                 row[3] = (right - (q_here + q_after)).into();
                 row[4] = q_after.into();
                 next_row[0] = qt_here.into();
@@ -117,12 +120,12 @@ impl Deformed<'_> {
                 (q_here, qt_here) = (q_after, qt_after);
             }
         }
-        if let ([.., last], [.., a], [.., mass]) = (residual, a, &rod.mass[..]) {
-            *last = (f64x2::new(*a) * *mass + before).to_array();
+        if let ([.., last], [.., a], [.., mass]) = (residual, a, masses) {
+            *last = (T::Pair::new(*a) * *mass + before).to_array();
             if let Some(row) = rows.last_mut() {
-                row[2] = (diagonal + Block::diagonal(mass * direction.a)).into();
-                row[3] = [0.0; 4];
-                row[4] = [0.0; 4];
+                row[2] = (diagonal + Block::diagonal(*mass * zero.like(direction.a))).into();
+                row[3] = [zero; 4];
+                row[4] = [zero; 4];
             }
         }
     }

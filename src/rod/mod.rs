@@ -12,7 +12,8 @@ pub mod stretch;
 
 use nalgebra::Vector2;
 use serde::Deserialize;
-use wide::f64x2;
+
+use crate::linear::{Pair, Real};
 
 pub use alike::Alike;
 pub use section::{Half, Profile, Section, Sections};
@@ -21,47 +22,49 @@ pub use stretch::Cell;
 
 /// An edge vector as unit tangent and length (m).
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Edge {
+pub struct Edge<T = f64> {
     /// Unit tangent.
-    pub t: Vector2<f64>,
+    pub t: Vector2<T>,
     /// Length ℓ, m.
-    pub length: f64,
+    pub length: T,
     /// 1/ℓ, 1/m.
-    pub per_length: f64,
+    pub per_length: T,
 }
 
 impl Edge {
-    /// The edge along `vector`; its tangent is not finite where the vector is zero.
-    #[inline]
-    pub fn new(vector: Vector2<f64>) -> Self {
-        let length = vector.norm();
-        let per_length = 1.0 / length;
-        Self { t: vector * per_length, length, per_length }
-    }
-
     /// The edge along the unit tangent `t`, of `length` (m).
     #[inline]
     pub fn along(t: Vector2<f64>, length: f64) -> Self {
         Self { t, length, per_length: 1.0 / length }
     }
+}
+
+impl<T: Real> Edge<T> {
+    /// The edge along `vector`; its tangent is not finite where the vector is zero.
+    #[inline(always)]
+    pub fn new(vector: Vector2<T>) -> Self {
+        let length = (vector.x * vector.x + vector.y * vector.y).sqrt();
+        let per_length = length.like(1.0) / length;
+        Self { t: Vector2::new(vector.x * per_length, vector.y * per_length), length, per_length }
+    }
 
     /// Unit normal, the tangent turned by +90°.
-    #[inline]
-    pub fn n(&self) -> Vector2<f64> {
+    #[inline(always)]
+    pub fn n(&self) -> Vector2<T> {
         Vector2::new(-self.t.y, self.t.x)
     }
 
-    /// The components along and across it of a vector at each of its ends, an end a lane.
+    /// The components along and across it of a vector at each of its ends, pairs of both ends.
     #[inline(always)]
-    pub(crate) fn components(&self, ends: [f64x2; 2]) -> [f64x2; 2] {
-        let [x, y] = f64x2::transpose(ends);
+    pub(crate) fn components(&self, ends: [T::Pair; 2]) -> [T::Pair; 2] {
+        let [x, y] = T::Pair::transpose(ends);
         [x * self.t.x + y * self.t.y, y * self.t.x - x * self.t.y]
     }
 
-    /// The vectors at both ends whose components are `along` and `across`, an end a lane.
+    /// The vectors at both ends whose components are `along` and `across`.
     #[inline(always)]
-    pub(crate) fn vectors(&self, along: f64x2, across: f64x2) -> [f64x2; 2] {
-        f64x2::transpose([along * self.t.x - across * self.t.y, along * self.t.y + across * self.t.x])
+    pub(crate) fn vectors(&self, along: T::Pair, across: T::Pair) -> [T::Pair; 2] {
+        T::Pair::transpose([along * self.t.x - across * self.t.y, along * self.t.y + across * self.t.x])
     }
 }
 

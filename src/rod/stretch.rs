@@ -1,14 +1,23 @@
 //! Stretching of one edge: E = ½ (EA/ℓ₀) (ℓ − ℓ₀)², with ℓ₀ its length at rest.
 
 use super::Edge;
+use crate::linear::Real;
 
 /// How an edge resists stretching.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Cell {
+pub struct Cell<T = f64> {
     /// Length at rest ℓ₀, m.
-    pub rest: f64,
+    pub rest: T,
     /// Axial stiffness EA/ℓ₀, N/m.
-    pub axial: f64,
+    pub axial: T,
+}
+
+impl<T: Real> Cell<T> {
+    /// Tension dE/dℓ = (EA/ℓ₀)(ℓ−ℓ₀), N.
+    #[inline(always)]
+    pub fn tension(&self, edge: &Edge<T>) -> T {
+        self.axial * (edge.length - self.rest)
+    }
 }
 
 impl Cell {
@@ -16,12 +25,6 @@ impl Cell {
     #[inline]
     pub fn energy(&self, edge: &Edge) -> f64 {
         0.5 * self.tension(edge) * (edge.length - self.rest)
-    }
-
-    /// Tension dE/dℓ = (EA/ℓ₀)(ℓ−ℓ₀), N.
-    #[inline]
-    pub fn tension(&self, edge: &Edge) -> f64 {
-        self.axial * (edge.length - self.rest)
     }
 
     /// Length (m) under a tension of `tension` N.

@@ -400,6 +400,17 @@ impl Scene {
         [(whole > 0).then_some(whole as f64 * step), last].into_iter().flatten()
     }
 
+    /// The same, whole steps one by one.
+    #[cfg(feature = "report")]
+    pub(crate) fn single_steps(&self) -> impl Iterator<Item = f64> + use<> {
+        let (step, steps) = match self.pace() {
+            Pace::Fixed(step) => (step, whole_steps(self.solver.duration_s.get(), step)),
+            Pace::Adaptive(_) => (0.0, (0, Some(self.solver.duration_s.get()))),
+        };
+        let (whole, last) = steps;
+        (0..whole).map(move |_| step).chain(last)
+    }
+
     /// The number of its steps; none is known before where they are adaptive.
     pub fn steps(&self) -> Option<u64> {
         let Pace::Fixed(step) = self.pace() else { return None };

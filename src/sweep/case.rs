@@ -1,5 +1,6 @@
 //! One case: run to its end, or to its failure, and put down as a row.
 
+use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
@@ -8,11 +9,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Sweep;
+use crate::batch::WIDTH;
 use crate::check::Assessment;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::jobs::{self, Journal};
 use crate::report::Frame;
-use crate::run::{Ending, Summary, run as run_scene};
+use crate::run::{Beside, Ending, Summary, run_beside};
+use crate::scene::Scene;
 use crate::stepper::Stepper;
 
 /// Entries of a summary that a row leaves out: what every run of the same scene does not repeat to the bit, and what is no
@@ -20,7 +23,7 @@ use crate::stepper::Stepper;
 const LEFT_OUT: [&str; 4] = ["name", "caudal_version", "wall_s", "final_positions_m"];
 
 /// What came out of a case.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Row {
     /// Hash of its scene, with all that the axes changed.
     pub scene_hash: String,
@@ -59,8 +62,8 @@ pub fn run(
     interrupted: &AtomicBool,
     mut progress: impl FnMut(&Row),
 ) -> Result<()> {
-    let work = |index| row(sweep, index, interrupted);
-    jobs::run(todo, threads, work, |index, row| {
+    let work = |indices: &[usize]| rows(sweep, indices, interrupted);
+    jobs::run_together(todo, threads, WIDTH, work, |index, row| {
         let Some(row) = row else { return Ok(ControlFlow::Break(())) };
         journal.add(index, &row)?;
         progress(&row);
@@ -69,57 +72,90 @@ pub fn run(
     journal.sync()
 }
 
-/// The row of a case; none where it was interrupted.
-pub fn row(sweep: &Sweep, index: usize, interrupted: &AtomicBool) -> Option<Row> {
+/// The rows of some cases, which share their steps where they can; none of a case that was interrupted. The time that a row says it
+/// took is its part of the time of all.
+pub fn rows(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<Row>> {
     let start = Instant::now();
-    let mut row =
-        Row { scene_hash: String::new(), quantities: Map::new(), frames: Vec::new(), trace: Vec::new(), wall_s: 0.0 };
-    let outcome = fill(&mut row, sweep, index, interrupted);
-    if interrupted.load(Ordering::Relaxed) && !row.complete() {
-        return None;
+    let scenes: Vec<_> = indices.iter().map(|index| scene(sweep, *index)).collect();
+    let mut cases: Vec<Case<'_>> =
+        indices.iter().zip(&scenes).map(|(index, scene)| Case::of(sweep, *index, scene)).collect();
+    let (mut own, mut runs) = (Vec::new(), Vec::new());
+    for case in &mut cases {
+        if let Some(run) = case.begin() {
+            runs.push(run);
+            own.push(case);
+        }
     }
-    if let Err(error) = outcome {
-        row.quantities.insert("complete".to_string(), false.into());
-        row.quantities.insert("ending".to_string(), error.to_string().into());
+    let outcomes = run_beside(&mut runs, |i, stepper| {
+        own[i].keep(stepper)?;
+        Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
+    });
+    for ((case, Beside { scene, stepper }), outcome) in own.into_iter().zip(&runs).zip(&outcomes) {
+        if outcome.ending != Ending::Interrupted {
+            case.row.quantities = quantities(&Summary::of(scene, stepper, outcome, &case.warnings));
+        }
     }
-    row.wall_s = start.elapsed().as_secs_f64();
-    Some(row)
+    let part = start.elapsed().as_secs_f64() / indices.len().max(1) as f64;
+    let dropped = |row: &Row| interrupted.load(Ordering::Relaxed) && !row.complete();
+    let rows = cases.into_iter().map(|case| Row { wall_s: part, ..case.row });
+    rows.map(|row| (!dropped(&row)).then_some(row)).collect()
 }
 
-fn fill(row: &mut Row, sweep: &Sweep, index: usize, interrupted: &AtomicBool) -> Result<()> {
-    let made;
-    let (scene, hash) = match sweep.kept(index) {
-        Some(kept) => kept,
-        None => {
-            made = sweep.scene(&sweep.case(index)?)?;
-            (&made.0, &made.1[..])
-        }
-    };
-    row.scene_hash = hash.to_string();
-    let mut stepper = Stepper::of(scene)?;
-    let warnings = Assessment::of(scene, &stepper)?.warnings;
-    let duration = scene.solver.duration_s.get();
-    // The times wanted, evenly over the run, of which so many are kept already.
-    let frame_time = |kept: usize| sweep.plays(index).then(|| even(duration, sweep.record.frames, kept)).flatten();
-    let trace_time = |kept: usize| even(duration, sweep.record.traces, kept);
-    let keep = |row: &mut Row, stepper: &mut Stepper| {
-        while let Some(time) = frame_time(row.frames.len()).filter(|time| *time <= stepper.time()) {
+/// The scene of a case, and its hash.
+type Hashed<'a> = (Cow<'a, Scene>, Cow<'a, str>);
+
+fn scene(sweep: &Sweep, index: usize) -> Result<Hashed<'_>> {
+    match sweep.kept(index) {
+        Some((scene, hash)) => Ok((Cow::Borrowed(scene), Cow::Borrowed(hash))),
+        None => sweep.scene(&sweep.case(index)?).map(|(scene, hash)| (Cow::Owned(scene), Cow::Owned(hash))),
+    }
+}
+
+/// A case on its way to its row.
+struct Case<'a> {
+    sweep: &'a Sweep,
+    index: usize,
+    scene: &'a Result<Hashed<'a>>,
+    warnings: Vec<String>,
+    row: Row,
+}
+
+impl<'a> Case<'a> {
+    fn of(sweep: &'a Sweep, index: usize, scene: &'a Result<Hashed<'a>>) -> Self {
+        Self { sweep, index, scene, warnings: Vec::new(), row: Row::default() }
+    }
+
+    /// Its run at the start; where there is none the row says why.
+    fn begin(&mut self) -> Option<Beside<'a>> {
+        let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
+            self.row.scene_hash = hash.to_string();
+            let mut stepper = Stepper::of(scene)?;
+            self.warnings = Assessment::of(scene, &stepper)?.warnings;
+            self.keep(&mut stepper)?;
+            Ok(Beside { scene: &**scene, stepper })
+        });
+        start.map_err(|error| self.fail(&error)).ok()
+    }
+
+    fn fail(&mut self, error: &Error) {
+        self.row.quantities.insert("complete".to_string(), false.into());
+        self.row.quantities.insert("ending".to_string(), error.to_string().into());
+    }
+
+    /// Keeps what is wanted of its motion, up to the time of `stepper`.
+    fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let Self { sweep, row, index, scene: Ok((scene, _)), .. } = self else { return Ok(()) };
+        let (record, duration) = (&sweep.record, scene.solver.duration_s.get());
+        // The times wanted, evenly over the run, of which so many are kept already.
+        let frames = if sweep.plays(*index) { record.frames } else { 0 };
+        while let Some(time) = even(duration, frames, row.frames.len()).filter(|time| *time <= stepper.time()) {
             row.frames.push(stepper.at(time, Frame::of)?);
         }
-        while let Some(time) = trace_time(row.trace.len()).filter(|time| *time <= stepper.time()) {
+        while let Some(time) = even(duration, record.traces, row.trace.len()).filter(|time| *time <= stepper.time()) {
             row.trace.push(stepper.at(time, |view| [time, view.meter.now.com.x, view.meter.now.com.y])?);
         }
         Ok(())
-    };
-    keep(row, &mut stepper)?;
-    let outcome = run_scene(scene, &mut stepper, |stepper| {
-        keep(row, stepper)?;
-        Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
-    });
-    if outcome.ending != Ending::Interrupted {
-        row.quantities = quantities(&Summary::of(scene, &stepper, &outcome, &warnings));
     }
-    Ok(())
 }
 
 /// Time number `i` of `count` times from 0 to `duration`, s.

@@ -21,7 +21,7 @@ use crate::report::{Frame, room};
 use crate::scene::{Document, Fault, Files, Scene};
 
 pub use axis::{Axis, Kind, Samples};
-pub use case::{Row, row, run};
+pub use case::{Row, rows, run};
 pub use parcel::Unpacked;
 pub use results::{Results, Written};
 

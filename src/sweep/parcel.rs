@@ -2,7 +2,8 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::{Row, Sweep, row};
+use super::{Row, Sweep, rows};
+use crate::batch::WIDTH;
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::scene::files::Contents;
@@ -41,15 +42,21 @@ impl Unpacked {
         Ok(Self { sweep })
     }
 
-    /// Runs case `index`; returns its line for [`Journal::add_line`](jobs::Journal::add_line) of the program that sent the
-    /// parcel, and the time that it took, s. A case that fails is a line too.
+    /// Runs the cases `indices`; returns for each its line for [`Journal::add_line`](jobs::Journal::add_line) of the program that sent
+    /// the parcel, and the time that it took, s. A case that fails is a line too.
     ///
     /// # Errors
     /// [`Error::Parcel`] for a case that the sweep has not.
-    pub fn line(&self, index: usize) -> Result<(Vec<u8>, f64)> {
-        let refused = || Error::Parcel { problem: format!("it has no case {index}") };
-        let known = index < self.sweep.size();
-        let row: Row = known.then(|| row(&self.sweep, index, &AtomicBool::new(false))).flatten().ok_or_else(refused)?;
-        Ok((jobs::line(index, &row).ok_or_else(refused)?, row.wall_s))
+    pub fn lines(&self, indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
+        let refused = |index: usize| Error::Parcel { problem: format!("it has no case {index}") };
+        if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
+            return Err(refused(*unknown));
+        }
+        let rows = indices.chunks(WIDTH).flat_map(|some| rows(&self.sweep, some, &AtomicBool::new(false)));
+        let line = |(index, row): (&usize, Option<Row>)| {
+            let row = row.ok_or_else(|| refused(*index))?;
+            Ok((jobs::line(*index, &row).ok_or_else(|| refused(*index))?, row.wall_s))
+        };
+        indices.iter().zip(rows).map(line).collect()
     }
 }

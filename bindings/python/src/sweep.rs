@@ -200,7 +200,7 @@ pub fn cases<'py>(
                 sweep
             }
         };
-        indices.into_iter().map(|index| sweep.line(index)).collect()
+        sweep.lines(&indices)
     });
     Ok(lines(py, made.or_raise(py)?))
 }

@@ -83,8 +83,11 @@ impl Law for Resistance {
         u: f64x2,
         w: f64x2,
     ) -> (Traction, TractionSlopes) {
-        let (along, across) = (*along * scale, *across * scale);
-        (Traction { along: along * u, across: across * w }, TractionSlopes { along, across, mixed: None })
+        Traction::linear([*along * scale, *across * scale], u, w)
+    }
+
+    fn coefficients(&self, [along, across]: &[f64x2; 2], scale: f64x2) -> Option<[f64x2; 2]> {
+        Some([*along * scale, *across * scale])
     }
 
     fn parameters(&self) -> &[Key] {

@@ -1,0 +1,45 @@
+//! Several cases at once: the equations of motion of four rods, each in a SIMD lane, solved by one Newton's method.
+//!
+//! A [`Batch`] solves the next step of each stepper ahead, from the guess that the stepper makes; the stepper then goes on as it
+//! always does, and finds the step solved. What is assembled and eliminated is the same source as for one rod, generic over its
+//! number, so the results have the same bits. A case whose step does not converge at once is not solved ahead: its stepper
+//! does the step alone, from its beginning.
+
+#[cfg(target_arch = "x86_64")]
+mod kernel;
+#[cfg(target_arch = "x86_64")]
+mod lanes;
+
+use crate::stepper::Stepper;
+
+#[cfg(target_arch = "x86_64")]
+pub use lanes::WIDTH;
+
+/// Cases that a batch takes.
+#[cfg(not(target_arch = "x86_64"))]
+pub const WIDTH: usize = 4;
+
+/// Steppers' cases that may be solved together, see [`Batch::of`].
+#[derive(Debug)]
+pub struct Batch {
+    #[cfg(target_arch = "x86_64")]
+    kernel: kernel::Kernel,
+}
+
+impl Batch {
+    /// For at most [`WIDTH`] steppers at work on rods of as many nodes by the same method, in positions, in a uniform medium whose drag
+    /// is in proportion to the velocity, or in none. `None` for others, for fewer than two, and on a processor without AVX2.
+    pub fn of(steppers: &[&Stepper]) -> Option<Self> {
+        #[cfg(target_arch = "x86_64")]
+        return Some(Self { kernel: kernel::Kernel::of(steppers)? });
+        #[cfg(not(target_arch = "x86_64"))]
+        None
+    }
+
+    /// Solves the next internal step of every one of `steppers`, those that the batch is [of](Self::of) or some of them in the same
+    /// places.
+    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) {
+        #[cfg(target_arch = "x86_64")]
+        self.kernel.solve_ahead(steppers);
+    }
+}

@@ -1,0 +1,186 @@
+//! The numbers of four cases, each in a lane of AVX2.
+
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+use fearless_simd::prelude::*;
+use fearless_simd::{Avx2, f64x4, mask64x4};
+
+use crate::linear::{Number, Pair, Real};
+
+/// Cases in one number.
+pub const WIDTH: usize = 4;
+
+/// A number of each of several cases.
+#[derive(Debug, Clone, Copy)]
+pub struct Lanes(f64x4<Avx2>);
+
+impl Lanes {
+    /// From the number of each case.
+    #[inline(always)]
+    pub fn new(simd: Avx2, cases: [f64; WIDTH]) -> Self {
+        Self(f64x4::simd_from(simd, cases))
+    }
+
+    /// The number of each case.
+    #[inline(always)]
+    pub fn to_array(self) -> [f64; WIDTH] {
+        *self.0
+    }
+
+    /// The number of a case.
+    #[inline(always)]
+    pub fn get(&self, case: usize) -> f64 {
+        self.0[case]
+    }
+
+    /// Changes the number of a case, in memory: numbers that are put together in a register wait for each other.
+    #[inline(always)]
+    pub fn set(&mut self, case: usize, x: f64) {
+        self.0[case] = x;
+    }
+
+    /// These numbers of the `chosen` cases, zero of the others.
+    #[inline(always)]
+    pub fn of(self, chosen: mask64x4<Avx2>) -> Self {
+        Self(chosen.select(self.0, self.like(0.0).0))
+    }
+}
+
+impl PartialEq for Lanes {
+    fn eq(&self, other: &Self) -> bool {
+        *self.0 == *other.0
+    }
+}
+
+/// The operators of a number with one field, or of one with two that are reckoned with one by one.
+macro_rules! operators {
+    ($number:ident, $($operator:ident $function:ident $sign:tt),*) => {
+        $(impl $operator for $number {
+            type Output = Self;
+
+            #[inline(always)]
+            fn $function(self, other: Self) -> Self {
+                self.with(other, #[inline(always)] |a, b| a $sign b)
+            }
+        })*
+
+        impl AddAssign for $number {
+            #[inline(always)]
+            fn add_assign(&mut self, other: Self) {
+                *self = *self + other;
+            }
+        }
+    };
+}
+
+operators!(Lanes, Add add +, Sub sub -, Mul mul *, Div div /);
+operators!(Two, Add add +, Sub sub -, Mul mul *, Div div /);
+
+impl Lanes {
+    #[inline(always)]
+    fn with(self, other: Self, of: impl Fn(f64x4<Avx2>, f64x4<Avx2>) -> f64x4<Avx2>) -> Self {
+        Self(of(self.0, other.0))
+    }
+}
+
+impl Neg for Lanes {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self(-self.0)
+    }
+}
+
+impl Number for Lanes {
+    #[inline(always)]
+    fn like(self, x: f64) -> Self {
+        Self(f64x4::simd_from(self.0.simd, x))
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self(self.0.abs())
+    }
+
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        Self(self.0.max(other.0))
+    }
+}
+
+impl Real for Lanes {
+    type Pair = Two;
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self(self.0.sqrt())
+    }
+}
+
+/// Two numbers of each case.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Two([Lanes; 2]);
+
+impl Two {
+    #[inline(always)]
+    fn with(self, other: Self, of: impl Fn(Lanes, Lanes) -> Lanes) -> Self {
+        Self([of(self.0[0], other.0[0]), of(self.0[1], other.0[1])])
+    }
+}
+
+impl Neg for Two {
+    type Output = Self;
+
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self([-self.0[0], -self.0[1]])
+    }
+}
+
+impl Mul<Lanes> for Two {
+    type Output = Self;
+
+    #[inline(always)]
+    fn mul(self, factor: Lanes) -> Self {
+        Self([self.0[0] * factor, self.0[1] * factor])
+    }
+}
+
+impl Number for Two {
+    #[inline(always)]
+    fn like(self, x: f64) -> Self {
+        Self([self.0[0].like(x); 2])
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        Self([self.0[0].abs(), self.0[1].abs()])
+    }
+
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        self.with(
+            other,
+            #[inline(always)]
+            |a, b| a.larger(b),
+        )
+    }
+}
+
+impl Pair<Lanes> for Two {
+    #[inline(always)]
+    fn new(both: [Lanes; 2]) -> Self {
+        Self(both)
+    }
+
+    #[inline(always)]
+    fn to_array(self) -> [Lanes; 2] {
+        self.0
+    }
+
+    #[inline(always)]
+    fn transpose([first, second]: [Self; 2]) -> [Self; 2] {
+        [Self([first.0[0], second.0[0]]), Self([first.0[1], second.0[1]])]
+    }
+}

@@ -1,0 +1,114 @@
+//! The number that the equations of motion are written in: one, or those of several cases, each in a lane.
+//!
+//! The step of one case and that of several have one source: edges, joints, drag, assembly and elimination are generic over
+//! [`Real`]. No product is contracted with a sum, so a case has the same bits alone and beside others.
+
+use std::fmt::Debug;
+use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
+
+use nalgebra::Scalar;
+use wide::f64x2;
+
+/// What can be reckoned with: a [`Real`], or a [`Pair`] of them.
+pub trait Number:
+    Copy
+    + Debug
+    + PartialEq
+    + Add<Output = Self>
+    + AddAssign
+    + Sub<Output = Self>
+    + Mul<Output = Self>
+    + Div<Output = Self>
+    + Neg<Output = Self>
+{
+    /// `x` in every lane; `self` only says in which lanes.
+    fn like(self, x: f64) -> Self;
+
+    /// The modulus.
+    fn abs(self) -> Self;
+
+    /// The larger one, of numbers.
+    fn larger(self, other: Self) -> Self;
+}
+
+/// A real number of one case, `f64`, or of several in lanes.
+pub trait Real: Number + Scalar {
+    /// Two of them.
+    type Pair: Pair<Self>;
+
+    /// The square root.
+    fn sqrt(self) -> Self;
+}
+
+/// Two numbers: the components of a vector, or what belongs to both ends of an edge or of the rod. Of one case they are two
+/// lanes.
+pub trait Pair<T>: Number + Mul<T, Output = Self> {
+    /// Both in their order.
+    fn new(both: [T; 2]) -> Self;
+
+    /// The inverse of [`new`](Self::new).
+    fn to_array(self) -> [T; 2];
+
+    /// The first ones of two pairs, and the second ones.
+    fn transpose(pairs: [Self; 2]) -> [Self; 2];
+}
+
+impl Number for f64 {
+    #[inline(always)]
+    fn like(self, x: f64) -> Self {
+        x
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        if other > self { other } else { self }
+    }
+}
+
+impl Real for f64 {
+    type Pair = f64x2;
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.sqrt()
+    }
+}
+
+impl Number for f64x2 {
+    #[inline(always)]
+    fn like(self, x: f64) -> Self {
+        Self::new([x; 2])
+    }
+
+    #[inline(always)]
+    fn abs(self) -> Self {
+        self.abs()
+    }
+
+    #[inline(always)]
+    fn larger(self, other: Self) -> Self {
+        self.fast_max(other)
+    }
+}
+
+impl Pair<f64> for f64x2 {
+    #[inline(always)]
+    fn new(both: [f64; 2]) -> Self {
+        Self::new(both)
+    }
+
+    #[inline(always)]
+    fn to_array(self) -> [f64; 2] {
+        self.to_array()
+    }
+
+    #[inline(always)]
+    fn transpose(pairs: [Self; 2]) -> [Self; 2] {
+        Self::transpose(pairs)
+    }
+}
