@@ -24,6 +24,7 @@ pub const WIDTH: usize = 4;
 pub struct Batch {
     #[cfg(target_arch = "x86_64")]
     kernel: kernel::Kernel,
+    steps: u64,
 }
 
 impl Batch {
@@ -31,7 +32,7 @@ impl Batch {
     /// is in proportion to the velocity, or in none. `None` for others, for fewer than two, and on a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
-        return Some(Self { kernel: kernel::Kernel::of(steppers)? });
+        return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });
         #[cfg(not(target_arch = "x86_64"))]
         None
     }
@@ -40,6 +41,15 @@ impl Batch {
     /// places.
     pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) {
         #[cfg(target_arch = "x86_64")]
-        self.kernel.solve_ahead(steppers);
+        {
+            self.steps += self.kernel.solve_ahead(steppers);
+        }
+        #[cfg(not(target_arch = "x86_64"))]
+        let _ = steppers;
+    }
+
+    /// The steps that it has solved so far, of all cases together.
+    pub fn steps(&self) -> u64 {
+        self.steps
     }
 }

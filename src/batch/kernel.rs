@@ -124,16 +124,16 @@ impl Kernel {
         })
     }
 
-    /// See [`Batch::solve_ahead`](super::Batch::solve_ahead).
-    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) {
+    /// See [`Batch::solve_ahead`](super::Batch::solve_ahead); the number of steps that were solved.
+    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
         let mut steps: [Option<Ahead>; WIDTH] = [None; WIDTH];
         for (step, stepper) in steps.iter_mut().zip(steppers.iter_mut()) {
             *step = stepper.as_mut().and_then(|stepper| stepper.set_out_ahead());
         }
-        let Some(direction) = steps.iter().flatten().map(Ahead::direction).next() else { return };
+        let Some(direction) = steps.iter().flatten().map(Ahead::direction).next() else { return 0 };
         // Whoever takes another step takes it alone.
         let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some_and(|step| step.direction() == direction));
-        let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return };
+        let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return 0 };
         let mut progress: [Option<Progress>; WIDTH] = Default::default();
         for lane in 0..WIDTH {
             let step = steps[lane].filter(|step| step.direction() == direction);
@@ -143,7 +143,7 @@ impl Kernel {
             self.load(lane, dynamics(case), guess);
             progress[lane] = own.map(|_| start);
         }
-        let mut iterations = 0;
+        let (mut iterations, mut solved) = (0, 0);
         while progress.iter().flatten().any(Progress::goes_on) {
             iterations += 1;
             let going = [0, 1, 2, 3].map(|lane: usize| progress[lane].as_ref().is_some_and(Progress::goes_on));
@@ -154,12 +154,14 @@ impl Kernel {
                     (Some(Verdict::GoOn), ..) => {}
                     (Some(Verdict::Converged), Some(step), Some(Some(stepper))) => {
                         stepper.solved_ahead(step, iterations, |state| self.unload(lane, state));
+                        solved += 1;
                     }
                     // At the floor of rounding, too, a case goes on alone.
                     _ => progress[lane] = None,
                 }
             }
         }
+        solved
     }
 
     /// Takes over the guess of a case and what depends on its time.

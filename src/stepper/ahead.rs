@@ -53,9 +53,10 @@ impl Stepper {
     /// Makes the guess of the next internal step, where it sets out as the one before did.
     pub(crate) fn set_out_ahead(&mut self) -> Option<Ahead> {
         let Pace::Fixed(h) = self.pace else { return None };
-        let inputs = &self.dynamics.inputs;
-        let told = self.kick.due || self.steered || self.ahead.is_some() || inputs.head.is_some();
-        if told || self.dynamics.course.is_some() || self.state.t != self.clock.at(0, h) {
+        let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
+        let told = self.kick.due || self.steered || self.ahead.is_some() || self.dynamics.course.is_some();
+        let hosts = inputs.head.is_some() || inputs.force.is_some() || inputs.fluid.viscosity != scenes.viscosity;
+        if told || hosts || self.state.t != self.clock.at(0, h) {
             return None;
         }
         let (end, rule) = (self.clock.at(1, h), self.mover.rule(h)?);
