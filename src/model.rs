@@ -35,8 +35,8 @@ const COLLAPSED: f64 = 1e-3;
 /// An edge whose direction turns beyond the angle of this cosine, 150°, in one step went through zero length.
 const REVERSED: f64 = -0.87;
 
-/// The shortest and the longest that an edge of `rod` may be, m, ends excluded from what has a meaning.
-pub(crate) fn bends_within(rod: &Rod) -> [f64; 2] {
+/// The least length that an edge of `rod` may have, m, and the one that it must be less than.
+pub(crate) fn lengths_allowed(rod: &Rod) -> [f64; 2] {
     [COLLAPSED * rod.shortest(), f64::INFINITY]
 }
 
@@ -405,7 +405,7 @@ impl Dynamics {
     }
 
     fn shape_edges(&mut self, q: &[f64], t: f64) -> Result<()> {
-        let [shortest, longest] = bends_within(&self.model.rod);
+        let [shortest, longest] = lengths_allowed(&self.model.rod);
         let meaningful = shortest..longest;
         let mut fine = true;
         for (edge, ends) in self.edges.iter_mut().zip(q.as_chunks().0.windows(2)) {

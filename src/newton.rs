@@ -125,26 +125,26 @@ impl Newton {
         direction: Direction,
     ) -> Result<Increments> {
         let length = system.length();
-        let mut progress = self.progress(system);
+        let (mut progress, mut increments) = (self.progress(system), Increments::default());
         let mut residual = 0.0;
         for _ in 0..MAX_ITERATIONS {
             let step = self.iterate(system, state, direction)?;
+            increments.push(step.increment);
             residual = step.residual;
             let at_floor = || match self.equations {
                 Equations::Positions { .. } => residual <= system.residual_floor(state),
                 Equations::Chain { .. } => step.increment <= CHAIN_FLOOR * reach(state, length),
             };
             match progress.judge(step) {
-                Verdict::Converged => return Ok(progress.increments),
+                Verdict::Converged => return Ok(increments),
                 Verdict::Stalled if at_floor() => {
                     self.work.floor_stops += 1;
-                    return Ok(progress.increments);
+                    return Ok(increments);
                 }
                 Verdict::Astray if patience == Patience::WhileShrinking => break,
                 _ => {}
             }
         }
-        let increments = progress.increments;
         Err(Error::NotConverged {
             time_s: state.t,
             step_s: f64::NAN, // known to the caller only
@@ -158,7 +158,7 @@ impl Newton {
     /// A solve of `system` before its first iteration.
     pub(crate) fn progress(&self, system: &dyn System) -> Progress {
         let length = system.length();
-        Progress { length, tolerance: self.tolerance * length, increments: Increments::default(), done: false }
+        Progress { length, tolerance: self.tolerance * length, last: [f64::INFINITY; 2], count: 0, done: false }
     }
 
     /// True where it solves systems in `form` by one of the `solvers`.
@@ -232,12 +232,14 @@ impl Newton {
 }
 
 /// How a solve has gone so far.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Progress {
     length: f64,
     /// m.
     tolerance: f64,
-    increments: Increments,
+    /// The last increment but one, and the last one, m.
+    last: [f64; 2],
+    count: u32,
     done: bool,
 }
 
@@ -257,8 +259,8 @@ pub(crate) enum Verdict {
 impl Progress {
     /// Takes in an iteration.
     pub(crate) fn judge(&mut self, step: Iteration) -> Verdict {
-        let previous = self.increments.last();
-        self.increments.push(step.increment);
+        let [before, previous] = self.last;
+        (self.last, self.count) = ([previous, step.increment], self.count + 1);
         let rate = step.increment / previous; // 0 in the first iteration
         let gain = if rate > 0.0 && rate <= FAST { rate.sqrt() } else { 1.0 };
         if gain * step.increment <= self.tolerance {
@@ -268,13 +270,14 @@ impl Progress {
         if step.increment >= 0.5 * previous && step.increment <= FLOOR_INCREMENT * self.length {
             return Verdict::Stalled;
         }
-        let astray = step.increment > FLOOR_INCREMENT * self.length && self.increments.grew_twice();
+        let grew_twice = before < previous && previous < step.increment;
+        let astray = step.increment > FLOOR_INCREMENT * self.length && grew_twice;
         if astray { Verdict::Astray } else { Verdict::GoOn }
     }
 
     /// True while there is more to do.
     pub(crate) fn goes_on(&self) -> bool {
-        !self.done && self.increments.count < MAX_ITERATIONS
+        !self.done && self.count < MAX_ITERATIONS
     }
 }
 
@@ -311,11 +314,6 @@ impl Increments {
 
     fn last(&self) -> f64 {
         self.as_slice().last().copied().unwrap_or(f64::INFINITY)
-    }
-
-    /// True if each of the last two is larger than the one before it.
-    fn grew_twice(&self) -> bool {
-        matches!(self.as_slice(), [.., first, second, third] if first < second && second < third)
     }
 
     /// One value an iteration.

@@ -1,5 +1,7 @@
 //! Newton's method on four rods in lanes.
 
+use std::sync::Arc;
+
 use fearless_simd::prelude::*;
 use fearless_simd::{Avx2, Level, mask64x4};
 use nalgebra::Vector2;
@@ -7,7 +9,7 @@ use nalgebra::Vector2;
 use super::lanes::{Lanes, Two, WIDTH};
 use crate::fluid::local::{self, Traction};
 use crate::linear::{BlockBand, BlockRow, Number, Pair, Sizes, prescribe};
-use crate::model::{Dynamics, bends_within};
+use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Iteration, Progress, Verdict};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
@@ -19,10 +21,20 @@ use crate::system::{Direction, State};
 /// Vectors of each case, one a node.
 type Nodes = Vec<[Lanes; 2]>;
 
-/// The rods in lanes, with room to work in. Lanes without a case repeat the first case.
+/// The rods in lanes, with room to work in. Lanes without a case repeat another one.
 #[derive(Debug)]
 pub struct Kernel {
     simd: Avx2,
+    models: [Arc<Model>; WIDTH],
+    rods: Rods,
+    at: Moment,
+    motion: Motion,
+    room: Room,
+}
+
+/// What of the rods does not change.
+#[derive(Debug)]
+struct Rods {
     /// True where the heads are held.
     held: bool,
     cells: Alike<Cell<Lanes>>,
@@ -34,9 +46,6 @@ pub struct Kernel {
     drag: Vec<[Two; 3]>,
     /// The shortest and the longest that an edge may be.
     lengths: [Lanes; 2],
-    at: Moment,
-    motion: Motion,
-    room: Room,
 }
 
 /// What depends on the time alone.
@@ -100,12 +109,15 @@ impl Kernel {
         let edges = if first.model().forces.is_empty() { 0 } else { nodes - 1 };
         Some(Self {
             simd,
-            held: first.model().head.is_some(),
-            cells: Alike::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
-            mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
-            stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
-            drag: (0..edges).map(|e| std::array::from_fn(|part| drag(e, part))).collect(),
-            lengths: [0, 1].map(|i| pack(&|lane| bends_within(rod(lane))[i])),
+            models: std::array::from_fn(|lane| dynamics(steppers.get(lane).unwrap_or(first)).model.clone()),
+            rods: Rods {
+                held: first.model().head.is_some(),
+                cells: Alike::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
+                mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
+                stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
+                drag: (0..edges).map(|e| std::array::from_fn(|part| drag(e, part))).collect(),
+                lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
+            },
             at: Moment {
                 natural: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
@@ -127,8 +139,9 @@ impl Kernel {
     /// See [`Batch::solve_ahead`](super::Batch::solve_ahead); the number of steps that were solved.
     pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
         let mut steps: [Option<Ahead>; WIDTH] = [None; WIDTH];
-        for (step, stepper) in steps.iter_mut().zip(steppers.iter_mut()) {
-            *step = stepper.as_mut().and_then(|stepper| stepper.set_out_ahead());
+        for ((step, stepper), model) in steps.iter_mut().zip(steppers.iter_mut()).zip(&self.models) {
+            let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, model));
+            *step = known.and_then(|stepper| stepper.set_out_ahead());
         }
         let Some(direction) = steps.iter().flatten().map(Ahead::direction).next() else { return 0 };
         // Whoever takes another step takes it alone.
@@ -195,15 +208,11 @@ impl Kernel {
     /// One iteration of Newton's method; moves the cases that are `going`. `None` of a case whose rod has no meaning or whose system
     /// is not solved to rounding.
     fn iterate(&mut self, direction: Direction, going: [bool; WIDTH]) -> [Option<Iteration>; WIDTH] {
-        let Self { simd, held, cells, mass, stiffness, drag, lengths, at, motion, room } = self;
+        let Self { simd, rods, at, motion, room, .. } = self;
         let going = mask64x4::simd_from(*simd, going.map(|going| if going { -1 } else { 0 }));
-        let lengths = *lengths;
         let (sizes, least) = simd.vectorize(
             #[inline(always)]
-            || {
-                let shape = Shape { held: *held, cells, mass, stiffness, drag, lengths };
-                iterate(&shape, at, motion, room, direction, going)
-            },
+            || iterate(rods, at, motion, room, direction, going),
         );
         let fine = least.map(Lanes::to_array);
         let checked = sizes.in_lanes(Lanes::to_array);
@@ -234,20 +243,10 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
     to.y.set(lane, from.y);
 }
 
-/// What of the rods does not change.
-struct Shape<'a> {
-    held: bool,
-    cells: &'a Alike<Cell<Lanes>>,
-    mass: &'a [Lanes],
-    stiffness: &'a [Lanes],
-    drag: &'a [[Two; 3]],
-    lengths: [Lanes; 2],
-}
-
 /// Assembles, solves and moves; by how much edges and joints are away from what has no meaning.
 #[inline(always)]
 fn iterate(
-    rod: &Shape<'_>,
+    rods: &Rods,
     at: &Moment,
     Motion { q, v, a }: &mut Motion,
     Room { edges, joints, rows, residual, solution, band }: &mut Room,
@@ -263,18 +262,18 @@ fn iterate(
     bend::joints(
         at.wall,
         edges,
-        &rod.stiffness,
+        &rods.stiffness,
         &at.natural,
         joints,
         #[inline(always)]
         |_, beyond_fold, _| folded = folded.larger(-beyond_fold),
     );
-    let deformed = Deformed { cells: rod.cells, mass: rod.mass, edges: &*edges, joints: &*joints, a: &*a };
+    let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
     let flow = Two::new(at.flow.into());
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
         |(e, (edge, v))| {
-            let Some([lengths, along, across]) = rod.drag.get(e).copied() else { return None };
+            let Some([lengths, along, across]) = rods.drag.get(e).copied() else { return None };
             let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
             Some(local::around(edge, lengths, [u, w], Traction::linear([along, across], u, w), direction))
         },
@@ -285,7 +284,7 @@ fn iterate(
             *r = [r[0] - w[0], r[1] - w[1]];
         }
     }
-    if rod.held {
+    if rods.held {
         residual[0] = [zero; 2];
         prescribe(rows, 0);
     }
@@ -300,6 +299,6 @@ fn iterate(
             a[i] = a[i] - zero.like(direction.a) * d;
         }
     }
-    let [shortest, longest] = rod.lengths;
+    let [shortest, longest] = rods.lengths;
     (sizes, [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)])
 }
