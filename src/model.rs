@@ -431,12 +431,10 @@ impl Dynamics {
         let wall = self.wall();
         let Self { model, edges, natural, joints, kappa, .. } = self;
         let mut folded = None;
-        let kappa = &mut kappa[..edges.len()];
-        bend::joints(wall, edges, &model.rod.joint, natural, joints, |k, beyond_fold, bent| {
+        bend::joints(wall, edges, &model.rod.joint, natural, joints, kappa, |k, beyond_fold| {
             if beyond_fold <= bend::FOLD {
                 folded = Some(k);
             }
-            kappa[k] = bent;
         });
         folded.map_or(Ok(()), |node| Err(Error::FoldOver { time_s: t, node }))
     }

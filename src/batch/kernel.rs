@@ -69,6 +69,7 @@ struct Motion {
 struct Room {
     edges: Vec<Edge<Lanes>>,
     joints: Vec<Joint<Lanes>>,
+    kappa: Vec<Lanes>,
     rows: Vec<BlockRow<Lanes>>,
     residual: Nodes,
     solution: Nodes,
@@ -128,6 +129,7 @@ impl Kernel {
             room: Room {
                 edges: vec![edge; nodes - 1],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
+                kappa: vec![zero; nodes],
                 rows: vec![[[zero; 4]; 5]; nodes],
                 residual: vectors(),
                 solution: vectors(),
@@ -249,7 +251,7 @@ fn iterate(
     rods: &Rods,
     at: &Moment,
     Motion { q, v, a }: &mut Motion,
-    Room { edges, joints, rows, residual, solution, band }: &mut Room,
+    Room { edges, joints, kappa, rows, residual, solution, band }: &mut Room,
     direction: Direction,
     going: mask64x4<Avx2>,
 ) -> (Sizes<Two>, [Lanes; 3]) {
@@ -265,8 +267,9 @@ fn iterate(
         &rods.stiffness,
         &at.natural,
         joints,
+        kappa,
         #[inline(always)]
-        |_, beyond_fold, _| folded = folded.larger(-beyond_fold),
+        |_, beyond_fold| folded = folded.larger(-beyond_fold),
     );
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
     let flow = Two::new(at.flow.into());

@@ -626,26 +626,20 @@ pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
 /// The powers of `force`, W; those of one that is not a fluid's are against the ground.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
     // One run, without what it takes to look for more.
-    if rod.here.len() <= 1 {
-        return powers_on_run(force, rod, 0..rod.edges.len());
+    if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
+        return force.powers(rod, fluid, 0..rod.edges.len());
     }
     let mut powers = Powers::default();
     for (run, rod) in rod.runs(0..rod.edges.len()) {
-        let Powers { opposing, against_fluid, of_flow } = powers_on_run(force, &rod, run);
+        let Powers { opposing, against_fluid, of_flow } = match (force.in_pass(), rod.everywhere()) {
+            (Some(force), Some(fluid)) => force.powers(&rod, fluid, run),
+            _ => powers_on(force, &rod, run),
+        };
         powers.opposing += opposing;
         powers.against_fluid += against_fluid;
         powers.of_flow += of_flow;
     }
     powers
-}
-
-/// The same of a run of edges, see [`Kinematics::runs`].
-#[inline(always)]
-fn powers_on_run(force: &dyn Force, rod: &Kinematics<'_>, run: Range<usize>) -> Powers {
-    match (force.in_pass(), rod.everywhere()) {
-        (Some(force), Some(fluid)) => force.powers(rod, fluid, run),
-        _ => powers_on(force, rod, run),
-    }
 }
 
 /// The same of what acts on `edges`, and with the last of them on the tip.

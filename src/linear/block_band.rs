@@ -332,8 +332,14 @@ impl<T: Real> BlockBand<T> {
             (x_far, x_near) = (x_near, x);
             [*x_t, *x_b] = part(x);
         }
-        self.middle.factor(middle, &near, &far);
-        let inner = self.middle.solve(x_middle, x_near, x_far);
+        let of_middle = &mut self.middle;
+        let inner = T::apart(
+            #[inline(always)]
+            || {
+                of_middle.factor(middle, &near, &far);
+                of_middle.solve(x_middle, x_near, x_far)
+            },
+        );
         self.outwards(x_top, x_bottom, inner);
     }
 

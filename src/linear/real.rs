@@ -38,6 +38,13 @@ pub trait Real: Number + Scalar {
 
     /// The square root.
     fn sqrt(self) -> Self;
+
+    /// Does what is no part of a loop beside it, whose registers it would take (a tenth of an elimination's instructions). In lanes
+    /// everything has to be in one function, the one that is compiled for them.
+    #[inline(always)]
+    fn apart<R>(work: impl FnOnce() -> R) -> R {
+        work()
+    }
 }
 
 /// Two numbers: the components of a vector, or what belongs to both ends of an edge or of the rod. Of one case they are two
@@ -76,6 +83,11 @@ impl Real for f64 {
     #[inline(always)]
     fn sqrt(self) -> Self {
         self.sqrt()
+    }
+
+    #[inline(never)]
+    fn apart<R>(work: impl FnOnce() -> R) -> R {
+        work()
     }
 }
 

@@ -40,8 +40,8 @@ pub fn beyond_fold<T: Real>(e: Vector2<T>, f: Vector2<T>) -> T {
     e.x.like(1.0) + (e.x * f.x + e.y * f.y)
 }
 
-/// Writes the joints at the start of every one of `edges`, of `stiffness` and `natural` curvature; `wall` is the tangent before the first
-/// joint, where there is one. `look` sees each joint with 1 + cos θ and the curvature.
+/// Writes the joints at the start of every one of `edges`, of `stiffness` and `natural` curvature, and their curvatures `kappa`; `wall` is
+/// the tangent before the first joint, where there is one. `look` sees each joint with 1 + cos θ.
 #[inline(always)]
 pub fn joints<T: Real>(
     wall: Option<Vector2<T>>,
@@ -49,15 +49,16 @@ pub fn joints<T: Real>(
     stiffness: &[T],
     natural: &[T],
     joints: &mut [Joint<T>],
-    mut look: impl FnMut(usize, T, T),
+    kappa: &mut [T],
+    mut look: impl FnMut(usize, T),
 ) {
     let mut before = wall;
-    let parts = edges.iter().zip(stiffness).zip(natural).zip(joints);
-    for (k, (((after, stiffness), natural), joint)) in parts.enumerate() {
+    let parts = edges.iter().zip(stiffness).zip(natural).zip(joints).zip(kappa);
+    for (k, ((((after, stiffness), natural), joint), kappa)) in parts.enumerate() {
         if let Some(before) = before {
-            let kappa = curvature(before, after.t);
-            *joint = Joint::new(*stiffness, kappa, *natural);
-            look(k, beyond_fold(before, after.t), kappa);
+            look(k, beyond_fold(before, after.t));
+            *kappa = curvature(before, after.t);
+            *joint = Joint::new(*stiffness, *kappa, *natural);
         }
         before = Some(after.t);
     }
