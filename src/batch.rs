@@ -37,8 +37,14 @@ impl Batch {
         None
     }
 
+    /// True where there are steppers beside which it takes this one.
+    pub fn takes(stepper: &Stepper) -> bool {
+        Self::of(&[stepper; 2]).is_some()
+    }
+
     /// Solves the next internal step of every one of `steppers`, those that the batch is [of](Self::of) or some of them in the same
-    /// places.
+    /// places. They are at the end of that step already with all that depends on the time alone: each has to do the step before
+    /// anything is read from it.
     pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) {
         #[cfg(target_arch = "x86_64")]
         {

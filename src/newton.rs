@@ -9,7 +9,7 @@ use crate::system::{Direction, Form, Linearisation, State, System};
 
 /// Iterations after which a step is given up. Quadratic convergence needs 3–8; measured worst case of the scenes in
 /// `models/` is 9.
-const MAX_ITERATIONS: u32 = 30;
+pub(crate) const MAX_ITERATIONS: u32 = 30;
 
 /// From this rate on, increment over increment before, the next iteration is taken to gain the square root of it at least
 /// and is spared if that meets the tolerance. Quadratic convergence would gain the rate's square, but rates alternate: a
@@ -158,11 +158,11 @@ impl Newton {
     /// A solve of `system` before its first iteration.
     pub(crate) fn progress(&self, system: &dyn System) -> Progress {
         let length = system.length();
-        Progress { length, tolerance: self.tolerance * length, last: [f64::INFINITY; 2], count: 0, done: false }
+        Progress { length, tolerance: self.tolerance * length, last: [f64::INFINITY; 2] }
     }
 
     /// True where it solves systems in `form` by one of the `solvers`.
-    pub(crate) fn solves(&self, form: Form, solvers: &[Choice]) -> bool {
+    pub fn solves(&self, form: Form, solvers: &[Choice]) -> bool {
         match &self.equations {
             Equations::Positions { solver, .. } => form == Form::Positions && solvers.contains(&solver.choice()),
             Equations::Chain { .. } => form == Form::Chain,
@@ -239,8 +239,6 @@ pub(crate) struct Progress {
     tolerance: f64,
     /// The last increment but one, and the last one, m.
     last: [f64; 2],
-    count: u32,
-    done: bool,
 }
 
 /// What an iteration says of a solve.
@@ -260,11 +258,10 @@ impl Progress {
     /// Takes in an iteration.
     pub(crate) fn judge(&mut self, step: Iteration) -> Verdict {
         let [before, previous] = self.last;
-        (self.last, self.count) = ([previous, step.increment], self.count + 1);
+        self.last = [previous, step.increment];
         let rate = step.increment / previous; // 0 in the first iteration
         let gain = if rate > 0.0 && rate <= FAST { rate.sqrt() } else { 1.0 };
         if gain * step.increment <= self.tolerance {
-            self.done = true;
             return Verdict::Converged;
         }
         if step.increment >= 0.5 * previous && step.increment <= FLOOR_INCREMENT * self.length {
@@ -273,11 +270,6 @@ impl Progress {
         let grew_twice = before < previous && previous < step.increment;
         let astray = step.increment > FLOOR_INCREMENT * self.length && grew_twice;
         if astray { Verdict::Astray } else { Verdict::GoOn }
-    }
-
-    /// True while there is more to do.
-    pub(crate) fn goes_on(&self) -> bool {
-        !self.done && self.count < MAX_ITERATIONS
     }
 }
 

@@ -6,6 +6,8 @@ use std::time::{Duration, Instant};
 
 use serde::Serialize;
 
+#[cfg(feature = "report")]
+use crate::batch::{Batch, WIDTH};
 use crate::cycle::{self, Averages, GRAVITY};
 use crate::error::{Error, Result};
 use crate::integrator::Pace;
@@ -78,7 +80,7 @@ pub struct Beside<'a> {
 }
 
 /// Drives several runs side by side, each as [`run`] does and with the same results; `observe` also knows which of them it sees.
-/// Those that a [`Batch`](crate::batch::Batch) can take share their steps.
+/// Those that a [`Batch`] can take share their steps.
 #[cfg(feature = "report")]
 pub fn run_beside(
     runs: &mut [Beside<'_>],
@@ -86,7 +88,7 @@ pub fn run_beside(
 ) -> Vec<Outcome> {
     let start = Instant::now();
     let steppers: Vec<&Stepper> = runs.iter().map(|run| &run.stepper).collect();
-    let Some(mut batch) = crate::batch::Batch::of(&steppers) else {
+    let Some(mut batch) = Batch::of(&steppers) else {
         let alone = |(i, run): (usize, &mut Beside<'_>)| self::run(run.scene, &mut run.stepper, |s| observe(i, s));
         return runs.iter_mut().enumerate().map(alone).collect();
     };
@@ -94,15 +96,22 @@ pub fn run_beside(
     let mut left: Vec<_> = runs.iter().map(|run| run.scene.single_steps()).collect();
     let mut endings: Vec<Option<Ending>> = runs.iter().map(|_| None).collect();
     while endings.iter().any(Option::is_none) {
-        let mut going: Vec<_> =
-            runs.iter_mut().zip(&endings).map(|(run, ending)| ending.is_none().then_some(&mut run.stepper)).collect();
-        batch.solve_ahead(&mut going);
-        for (i, ((run, left), ending)) in runs.iter_mut().zip(&mut left).zip(&mut endings).enumerate() {
+        let mut spans = [None; WIDTH];
+        let mut going: [Option<&mut Stepper>; WIDTH] = Default::default();
+        let all = runs.iter_mut().zip(&mut left).zip(&mut endings);
+        for (((run, left), ending), (span, going)) in all.zip(spans.iter_mut().zip(&mut going)) {
             if ending.is_none() {
-                *ending = match left.next() {
-                    Some(span) => go(&mut run.stepper, span, |stepper| observe(i, stepper)),
-                    None => Some(Ending::Complete),
-                };
+                *span = left.next();
+                match span {
+                    Some(_) => *going = Some(&mut run.stepper),
+                    None => *ending = Some(Ending::Complete),
+                }
+            }
+        }
+        batch.solve_ahead(&mut going);
+        for (i, ((run, span), ending)) in runs.iter_mut().zip(spans).zip(&mut endings).enumerate() {
+            if let Some(span) = span {
+                *ending = go(&mut run.stepper, span, |stepper| observe(i, stepper));
             }
         }
     }

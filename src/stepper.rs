@@ -1,6 +1,6 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
-#[cfg(feature = "report")]
+#[cfg(all(feature = "report", target_arch = "x86_64"))]
 pub(crate) mod ahead;
 mod between;
 mod dense;
@@ -83,7 +83,7 @@ pub struct Stepper {
     /// Where the step of several internal ones ends, s.
     goal: f64,
     /// The next internal step, solved already.
-    #[cfg(feature = "report")]
+    #[cfg(all(feature = "report", target_arch = "x86_64"))]
     solved: Option<ahead::Ahead>,
     /// The host's time (s), where it is ahead of the state's by steps that wait.
     ahead: Option<f64>,
@@ -164,7 +164,7 @@ impl Stepper {
             scene: 0,
             steered: false,
             goal: state.t,
-            #[cfg(feature = "report")]
+            #[cfg(all(feature = "report", target_arch = "x86_64"))]
             solved: None,
             ahead: None,
             inputs: (dynamics.inputs.clone(), None),
@@ -439,7 +439,7 @@ impl Stepper {
         if self.dynamics.inputs.head.is_some() || self.kick.due {
             self.keep();
         }
-        #[cfg(feature = "report")]
+        #[cfg(all(feature = "report", target_arch = "x86_64"))]
         if self.steered {
             self.solved = None; // it would be another step now
         }
@@ -539,7 +539,7 @@ impl Stepper {
             dense.forget();
         }
         self.next.t = end;
-        #[cfg(feature = "report")]
+        #[cfg(all(feature = "report", target_arch = "x86_64"))]
         if self.take_solved(end, h).is_some() {
             return Ok(StepError::default());
         }

@@ -10,7 +10,7 @@ use super::lanes::{Lanes, Two, WIDTH};
 use crate::fluid::local::{self, Traction};
 use crate::linear::{BlockBand, BlockRow, Number, Pair, Sizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};
-use crate::newton::{Iteration, Progress, Verdict};
+use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Cell, Edge};
@@ -149,7 +149,7 @@ impl Kernel {
         // Whoever takes another step takes it alone.
         let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some_and(|step| step.direction() == direction));
         let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return 0 };
-        let mut progress: [Option<Progress>; WIDTH] = Default::default();
+        let mut progress: [Option<Progress>; WIDTH] = [None; WIDTH]; // of those that go on
         for lane in 0..WIDTH {
             let step = steps[lane].filter(|step| step.direction() == direction);
             let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| step.is_some());
@@ -158,21 +158,25 @@ impl Kernel {
             self.load(lane, dynamics(case), guess);
             progress[lane] = own.map(|_| start);
         }
-        let (mut iterations, mut solved) = (0, 0);
-        while progress.iter().flatten().any(Progress::goes_on) {
-            iterations += 1;
-            let going = [0, 1, 2, 3].map(|lane: usize| progress[lane].as_ref().is_some_and(Progress::goes_on));
+        let mut solved = 0;
+        for iterations in 1..=MAX_ITERATIONS {
+            let going = progress.each_ref().map(Option::is_some);
+            if going == [false; WIDTH] {
+                break;
+            }
             let made = self.iterate(direction, going);
-            for lane in (0..WIDTH).filter(|lane| going[*lane]) {
-                let verdict = made[lane].and_then(|step| progress[lane].as_mut().map(|own| own.judge(step)));
-                match (verdict, steps[lane], steppers.get_mut(lane)) {
-                    (Some(Verdict::GoOn), ..) => {}
-                    (Some(Verdict::Converged), Some(step), Some(Some(stepper))) => {
-                        stepper.solved_ahead(step, iterations, |state| self.unload(lane, state));
-                        solved += 1;
-                    }
-                    // At the floor of rounding, too, a case goes on alone.
-                    _ => progress[lane] = None,
+            for lane in 0..WIDTH {
+                let verdict = progress[lane].as_mut().zip(made[lane]).map(|(own, step)| own.judge(step));
+                if verdict == Some(Verdict::GoOn) {
+                    continue;
+                }
+                progress[lane] = None;
+                // Who does not converge at once, or only to the floor of rounding, goes on alone.
+                if let (Some(Verdict::Converged), Some(step), Some(Some(stepper))) =
+                    (verdict, steps[lane], steppers.get_mut(lane))
+                {
+                    stepper.solved_ahead(step, iterations, |state| self.unload(lane, state));
+                    solved += 1;
                 }
             }
         }
@@ -222,7 +226,7 @@ impl Kernel {
             let checked = checked[lane].checked();
             let meaningful = fine.iter().all(|least| least[lane] > 0.0);
             (meaningful && checked.is_solved())
-                .then(|| Iteration { increment: direction.q * checked.x, residual: checked.b })
+                .then_some(Iteration { increment: direction.q * checked.x, residual: checked.b })
         })
     }
 }
@@ -276,7 +280,7 @@ fn iterate(
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
         |(e, (edge, v))| {
-            let Some([lengths, along, across]) = rods.drag.get(e).copied() else { return None };
+            let [lengths, along, across] = rods.drag.get(e).copied()?;
             let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
             Some(local::around(edge, lengths, [u, w], Traction::linear([along, across], u, w), direction))
         },

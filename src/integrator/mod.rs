@@ -229,7 +229,7 @@ impl Rule {
     }
 
     /// The direction in which its new acceleration moves the state.
-    pub(crate) fn direction(self) -> Direction {
+    pub fn direction(self) -> Direction {
         Direction { q: self.q_new, v: self.v_new, a: 1.0 }
     }
 
@@ -246,7 +246,7 @@ impl Rule {
     }
 
     /// Makes the first guess `to` of its step of `h` (s) from `from`, for a solve with [`Patience::WhileShrinking`].
-    pub(crate) fn guess(self, system: &mut dyn System, from: &State, h: f64, to: &mut State) {
+    pub fn guess(self, system: &mut dyn System, from: &State, h: f64, to: &mut State) {
         Stage { new: self.direction(), h }.guess(Guess::order(from, h)[0], system, from, to, &self.foot(from, h));
     }
 
@@ -254,7 +254,7 @@ impl Rule {
     ///
     /// # Errors
     /// Those of [`System::check_step`].
-    pub(crate) fn finish(self, system: &dyn System, from: &State, to: &mut State) -> Result<()> {
+    pub fn finish(self, system: &dyn System, from: &State, to: &mut State) -> Result<()> {
         system.check_step(from, to)?;
         self.remember(from, to);
         Ok(())

@@ -106,7 +106,7 @@ impl Chosen {
     }
 
     /// What was chosen.
-    pub(crate) fn choice(&self) -> Choice {
+    pub fn choice(&self) -> Choice {
         self.choice
     }
 

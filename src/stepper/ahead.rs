@@ -13,7 +13,7 @@ pub(crate) struct Ahead {
     h: f64,
     rule: Rule,
     /// Iterations of Newton's method that solved it; none before it is solved.
-    iterations: u64,
+    iterations: u32,
 }
 
 impl Ahead {
@@ -71,7 +71,7 @@ impl Stepper {
     }
 
     /// Takes over the solution of a step that was found in so many `iterations`; `write` writes it.
-    pub(crate) fn solved_ahead(&mut self, step: Ahead, iterations: u64, write: impl FnOnce(&mut State)) {
+    pub(crate) fn solved_ahead(&mut self, step: Ahead, iterations: u32, write: impl FnOnce(&mut State)) {
         write(&mut self.next);
         self.solved = Some(Ahead { iterations, ..step });
     }
@@ -80,8 +80,8 @@ impl Stepper {
     pub(super) fn take_solved(&mut self, end: f64, h: f64) -> Option<()> {
         let Ahead { rule, iterations, .. } = self.solved.take().filter(|solved| solved.end == end && solved.h == h)?;
         rule.finish(&self.dynamics, &self.state, &mut self.next).ok()?;
-        self.newton.work.newton_iterations += iterations;
-        self.newton.work.factorisations += iterations;
+        self.newton.work.newton_iterations += u64::from(iterations);
+        self.newton.work.factorisations += u64::from(iterations);
         Some(())
     }
 }

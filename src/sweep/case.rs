@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Sweep;
-use crate::batch::WIDTH;
+use crate::batch::{Batch, WIDTH};
 use crate::check::Assessment;
 use crate::error::{Error, Result};
 use crate::jobs::{self, Journal};
@@ -62,8 +62,11 @@ pub fn run(
     interrupted: &AtomicBool,
     mut progress: impl FnMut(&Row),
 ) -> Result<()> {
+    // Cases that share no steps are done one by one: each is kept the moment it is done.
+    let first = todo.first().and_then(|index| Stepper::of(&scene(sweep, *index).ok()?.0).ok());
+    let together = if first.is_some_and(|stepper| Batch::takes(&stepper)) { WIDTH } else { 1 };
     let work = |indices: &[usize]| rows(sweep, indices, interrupted);
-    jobs::run_together(todo, threads, WIDTH, work, |index, row| {
+    jobs::run_together(todo, threads, together, work, |index, row| {
         let Some(row) = row else { return Ok(ControlFlow::Break(())) };
         journal.add(index, &row)?;
         progress(&row);
@@ -132,7 +135,7 @@ impl<'a> Case<'a> {
             let mut stepper = Stepper::of(scene)?;
             self.warnings = Assessment::of(scene, &stepper)?.warnings;
             self.keep(&mut stepper)?;
-            Ok(Beside { scene: &**scene, stepper })
+            Ok(Beside { scene, stepper })
         });
         start.map_err(|error| self.fail(&error)).ok()
     }
