@@ -52,7 +52,9 @@ impl Unpacked {
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
             return Err(refused(*unknown));
         }
-        let rows = indices.chunks(WIDTH).flat_map(|some| rows(&self.sweep, some, &AtomicBool::new(false)));
+        // Of like size, as a case that is left over would run alone.
+        let together = indices.len().div_ceil(indices.len().div_ceil(WIDTH).max(1)).max(1);
+        let rows = indices.chunks(together).flat_map(|some| rows(&self.sweep, some, &AtomicBool::new(false)));
         let line = |(index, row): (&usize, Option<Row>)| {
             let row = row.ok_or_else(|| refused(*index))?;
             Ok((jobs::line(*index, &row).ok_or_else(|| refused(*index))?, row.wall_s))
