@@ -12,11 +12,7 @@ mod lanes;
 
 use crate::stepper::Stepper;
 
-#[cfg(target_arch = "x86_64")]
-pub use lanes::WIDTH;
-
 /// Cases that a batch takes.
-#[cfg(not(target_arch = "x86_64"))]
 pub const WIDTH: usize = 4;
 
 /// Steppers' cases that may be solved together, see [`Batch::of`].
@@ -34,7 +30,10 @@ impl Batch {
         #[cfg(target_arch = "x86_64")]
         return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });
         #[cfg(not(target_arch = "x86_64"))]
-        None
+        {
+            let _ = steppers;
+            None
+        }
     }
 
     /// True where there are steppers beside which it takes this one.

@@ -6,7 +6,8 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Avx2, Level, mask64x4};
 use nalgebra::Vector2;
 
-use super::lanes::{Lanes, Two, WIDTH};
+use super::WIDTH;
+use super::lanes::{Lanes, Two};
 use crate::fluid::local::{self, Traction};
 use crate::linear::{BlockBand, BlockRow, Number, Pair, Sizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};

@@ -5,10 +5,8 @@ use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub};
 use fearless_simd::prelude::*;
 use fearless_simd::{Avx2, f64x4, mask64x4};
 
+use super::WIDTH;
 use crate::linear::{Number, Pair, Real};
-
-/// Cases in one number.
-pub const WIDTH: usize = 4;
 
 /// A number of each of several cases.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 
 use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally, Validity};
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, lanes};
+use crate::linear::{Block, pair};
 use crate::rod::{Alike, Rod, add, node};
 use crate::system::Direction;
 
@@ -52,7 +52,7 @@ impl Force for Buoyancy {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        let (normal, by_place) = (lanes(rod.normal()), along.map_or(0.0, |direction| direction.q));
+        let (normal, by_place) = (pair(rod.normal()), along.map_or(0.0, |direction| direction.q));
         let mut next = rod.here(edges.start);
         sums.each(edges, |k| {
             let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];

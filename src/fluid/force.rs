@@ -12,7 +12,7 @@ use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
-use crate::linear::{BlockRow, Coupling, lanes};
+use crate::linear::{BlockRow, Coupling, pair};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -648,9 +648,9 @@ fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Po
     let everywhere = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
     let (mut sum, mut against_fluid, mut of_flow) = (f64x2::ZERO, f64x2::ZERO, f64x2::ZERO);
     visit_run(force, rod, edges, &mut |k, opposing| {
-        let (opposing, flow) = (lanes(opposing), lanes(everywhere.unwrap_or_else(|| rod.flow(k))));
+        let (opposing, flow) = (pair(opposing), pair(everywhere.unwrap_or_else(|| rod.flow(k))));
         sum += opposing;
-        against_fluid += opposing * (lanes(node(rod.v, k)) - flow);
+        against_fluid += opposing * (pair(node(rod.v, k)) - flow);
         of_flow -= opposing * flow;
     });
     Powers { opposing: sum.to_array().into(), against_fluid: against_fluid.reduce_add(), of_flow: of_flow.reduce_add() }

@@ -10,7 +10,7 @@ use nalgebra::Vector2;
 
 use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, lanes};
+use crate::linear::{Block, pair};
 use crate::rod::{Alike, Rod, add};
 use crate::system::Direction;
 
@@ -54,7 +54,7 @@ impl Force for FroudeKrylov {
             let ends = [0, 1].map(|i| {
                 let (here, volume) = (rod.here(e + i), self.halves[e][i]);
                 let opposing = rod.fluid.acceleration * -volume;
-                let by_place = lanes(rod.normal() * (here.slope.density * along));
+                let by_place = pair(rod.normal() * (here.slope.density * along));
                 (opposing * here.fluid.density, Block::outer(opposing, by_place))
             });
             OnEdge::new(ends.map(|(force, _)| force), ends.map(|(_, own)| own), [Block::ZERO; 2])

@@ -10,7 +10,7 @@ use wide::f64x2;
 
 use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
 use super::medium::{DENSITY, Fluid, Here, Key, Property, VISCOSITY};
-use crate::linear::{Block, BlockRow, Pair, Real, lanes};
+use crate::linear::{Block, BlockRow, Pair, Real, pair};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
 use crate::system::Direction;
@@ -168,7 +168,7 @@ impl<L: Law> LocalDrag<L> {
         }
         if changes.iter().any(|change| change.flow != Vector2::zeros()) {
             let (_, by) = self.law.with_slopes(halves, self.law.in_fluids(fluids), u, v);
-            let [du, dv] = edge.components(changes.map(|change| lanes(-change.flow)));
+            let [du, dv] = edge.components(changes.map(|change| pair(-change.flow)));
             let mixed = by.mixed.unwrap_or_default();
             along += by.along * du + mixed[0] * dv;
             across += mixed[1] * du + by.across * dv;
@@ -186,7 +186,7 @@ impl<L: Law> LocalDrag<L> {
         edges: Range<usize>,
         sums: &mut Tally<'_>,
     ) {
-        let (flow, fluids) = (lanes(fluid.flow), self.law.in_fluids([&fluid; 2]));
+        let (flow, fluids) = (pair(fluid.flow), self.law.in_fluids([&fluid; 2]));
         let v = rod.v.as_chunks::<2>().0;
         let first = edges.start;
         let some = &rod.edges[edges.clone()];
@@ -212,7 +212,7 @@ impl<L: Law> LocalDrag<L> {
         edges: Range<usize>,
         sums: &mut Tally<'_>,
     ) {
-        let normal = lanes(rod.normal());
+        let normal = pair(rod.normal());
         let mut next = Place::of(rod, edges.start);
         sums.each(edges, |e| {
             let ends = [std::mem::replace(&mut next, Place::of(rod, e + 1)), next];
@@ -266,7 +266,7 @@ impl Place {
     #[inline(always)]
     fn of(rod: &Kinematics<'_>, k: usize) -> Self {
         let here = rod.here(k);
-        Self { here, against: lanes(node(rod.v, k) - here.fluid.flow) }
+        Self { here, against: pair(node(rod.v, k) - here.fluid.flow) }
     }
 }
 
@@ -308,7 +308,7 @@ pub(crate) fn around<T: Real>(
     (Traction { along, across }, by): (Traction<T>, TractionSlopes<T>),
     direction: Direction,
 ) -> OnEdge<T> {
-    let (t, n) = (lanes(edge.t), lanes(edge.n()));
+    let (t, n) = (pair(edge.t), pair(edge.n()));
     let (tt, tn, nn) = (Block::outer(edge.t, t), Block::outer(edge.t, n), Block::outer(edge.n(), n));
     let force = edge.vectors(along * lengths, across * lengths);
     let by_velocity = lengths * edge.length.like(direction.v);
@@ -347,7 +347,7 @@ impl<L: Law> InPass for LocalDrag<L> {
         let alone = others.are_none();
         let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
         let Some(fluid) = others.rod.everywhere() else {
-            let (medium, normal) = (others.rod, lanes(others.rod.normal()));
+            let (medium, normal) = (others.rod, pair(others.rod.normal()));
             let (mut runs, mut end) = (medium.runs(0..edges.len()), 0);
             let (mut one, mut next) = (None, Place::of(&medium, 0));
             let around = edges.iter().enumerate().map(|(e, edge)| {
@@ -355,14 +355,14 @@ impl<L: Law> InPass for LocalDrag<L> {
                     && let Some((run, there)) = runs.next()
                 {
                     end = run.end;
-                    one = there.everywhere().map(|fluid| (law.in_fluids([&fluid; 2]), lanes(fluid.flow)));
+                    one = there.everywhere().map(|fluid| (law.in_fluids([&fluid; 2]), pair(fluid.flow)));
                     if one.is_none() {
                         next = Place::of(&medium, e);
                     }
                 }
                 let mut on = match &one {
                     Some((fluids, flow)) => {
-                        let w = [lanes(node(v, e)) - *flow, lanes(node(v, e + 1)) - *flow];
+                        let w = [pair(node(v, e)) - *flow, pair(node(v, e + 1)) - *flow];
                         on_edge(law, &halves[e], *fluids, edge, w, direction)
                     }
                     None => {
@@ -377,7 +377,7 @@ impl<L: Law> InPass for LocalDrag<L> {
             });
             return rod.assemble(around, residual, jacobian);
         };
-        let (flow, fluids) = (lanes(fluid.flow), law.in_fluids([&fluid; 2]));
+        let (flow, fluids) = (pair(fluid.flow), law.in_fluids([&fluid; 2]));
         let ends = v.as_chunks::<2>().0.windows(2);
         let around = edges.iter().zip(ends).enumerate().map(|(e, (edge, v))| {
             let w = [f64x2::new(v[0]) - flow, f64x2::new(v[1]) - flow];
@@ -402,11 +402,11 @@ impl<L: Law> InPass for LocalDrag<L> {
         let ends = rod.v.as_chunks::<2>().0[edges.start..=edges.end].windows(2);
         for (e, (edge, v)) in edges.clone().zip(rod.edges[edges].iter().zip(ends)) {
             let (lengths, halves) = &self.halves[e];
-            let [u, w] = edge.components([f64x2::new(v[0]) - lanes(flow), f64x2::new(v[1]) - lanes(flow)]);
+            let [u, w] = edge.components([f64x2::new(v[0]) - pair(flow), f64x2::new(v[1]) - pair(flow)]);
             let Traction { along, across } = law.traction(halves, fluids, u, w);
             let (along, across) = (along * *lengths, across * *lengths);
             against_fluid += along * u + across * w;
-            opposing += lanes(edge.t) * along.reduce_add() + lanes(edge.n()) * across.reduce_add();
+            opposing += pair(edge.t) * along.reduce_add() + pair(edge.n()) * across.reduce_add();
         }
         let opposing = Vector2::from(opposing.to_array());
         Powers { opposing, against_fluid: against_fluid.reduce_add(), of_flow: -opposing.dot(&flow) }
@@ -448,7 +448,7 @@ impl<L: Law> Force for LocalDrag<L> {
         }
         for (e, edge) in rod.edges.iter().enumerate() {
             let here = [rod.here(e), rod.here(e + 1)];
-            let (fluids, w) = ([&here[0].fluid, &here[1].fluid], [e, e + 1].map(|k| lanes(rod.against_fluid(k))));
+            let (fluids, w) = ([&here[0].fluid, &here[1].fluid], [e, e + 1].map(|k| pair(rod.against_fluid(k))));
             let forces = match property {
                 Some(property) => {
                     let by = [e, e + 1].map(|k| rod.by_property(property, k));

@@ -20,7 +20,7 @@ use nalgebra::{Matrix2, Vector2};
 use super::force::{Force, Kinematics, OnEdge, Tally, Validity, Whole};
 use super::laws::{DragLaw, Recipe};
 use super::medium::{Key, VISCOSITY};
-use crate::linear::{BandMatrix, Block, Coupling, DenseLu, lanes};
+use crate::linear::{BandMatrix, Block, Coupling, DenseLu, pair};
 use crate::rod::{Edge, Rod, add, node};
 use crate::system::Direction;
 
@@ -552,7 +552,7 @@ impl Force for Nonlocal {
         let by_position = along.map_or(0.0, |along| along.q);
         sums.each(edges, |e| {
             let (forces, edge) = (Self::on_edge(&flow, e), &rod.edges[e]);
-            let longer = lanes(edge.t * (by_position * edge.per_length));
+            let longer = pair(edge.t * (by_position * edge.per_length));
             OnEdge::new(forces, [Block::ZERO; 2], forces.map(|force| Block::outer(force, longer)))
         });
     }

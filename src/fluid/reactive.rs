@@ -18,7 +18,7 @@ use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validi
 use super::laws::{Published, Uncertainty};
 use super::local::both;
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
-use crate::linear::{Block, lanes};
+use crate::linear::{Block, pair};
 use crate::rod::{Alike, Edge, Rod, add, node};
 use crate::system::Direction;
 
@@ -77,12 +77,12 @@ impl Reactive {
         ends: &[Here; 2],
     ) -> OnEdge {
         let edge = &rod.edges[k];
-        let (t, n, length) = (lanes(edge.t), lanes(edge.n()), edge.length);
+        let (t, n, length) = (pair(edge.t), pair(edge.n()), edge.length);
         let opening = node(rod.v, k + 1) - node(rod.v, k);
         let (stretching, lambda) = (opening.dot(&edge.t), opening.dot(&edge.n()));
         let (c, [u, w]) = self.moving(rod, k, [&ends[0].fluid, &ends[1].fluid]);
         let [at, an] =
-            edge.components([lanes(rod.accelerating_against_fluid(k)), lanes(rod.accelerating_against_fluid(k + 1))]);
+            edge.components([pair(rod.accelerating_against_fluid(k)), pair(rod.accelerating_against_fluid(k + 1))]);
         // p_i over c_i, and the pair that acts with opposite signs on the two ends.
         let own = [-(w * lambda), an * length + w * stretching - u * lambda];
         let pair = [w * w * 0.5, -(u * w)];
@@ -170,7 +170,7 @@ impl Reactive {
     fn moving(&self, rod: &Kinematics<'_>, k: usize, fluids: [&Fluid; 2]) -> (f64x2, [f64x2; 2]) {
         let halves = &self.halves[k];
         let c = f64x2::new([fluids[0].density * halves[0], fluids[1].density * halves[1]]);
-        let v = [lanes(node(rod.v, k) - fluids[0].flow), lanes(node(rod.v, k + 1) - fluids[1].flow)];
+        let v = [pair(node(rod.v, k) - fluids[0].flow), pair(node(rod.v, k + 1) - fluids[1].flow)];
         (c, rod.edges[k].components(v))
     }
 }

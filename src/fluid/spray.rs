@@ -15,7 +15,7 @@ use wide::f64x2;
 use super::force::{Force, Kinematics, OnEdge, Sink, Tally, Validity};
 use super::local::both;
 use super::medium::{DENSITY, Key, Property};
-use crate::linear::{Block, lanes};
+use crate::linear::{Block, pair};
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
 use crate::system::Direction;
 
@@ -57,7 +57,7 @@ impl Spray {
         let grows = half * sign * w * (slope * v + bend * across * q) * length;
         let (own_nt, own_nn) = ((grows * nu_t).to_array(), (grows * nu_n + c * (v * length)).to_array());
         let (turned, pushed) = ((c * w * q).to_array(), (c * u * q).to_array());
-        let (t, n) = (lanes(edge.t), lanes(edge.n()));
+        let (t, n) = (pair(edge.t), pair(edge.n()));
         let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
         let on = |i: usize| (nt * own_nt[i] + nn * own_nn[i], (nt - tn) * turned[i] - nn * pushed[i]);
         // Not `map` over both ends: that is a call for each.
@@ -90,7 +90,7 @@ impl Force for Spray {
         sums.each(edges, |k| {
             let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
             let slopes = [both(&ends, |here| here.slope.density), both(&ends, |here| here.bend)];
-            let against = |i: usize| lanes(node(rod.v, k + i) - ends[i].fluid.flow);
+            let against = |i: usize| pair(node(rod.v, k + i) - ends[i].fluid.flow);
             let halves = f64x2::new(self.halves[k]);
             Self::on_edge(halves, &rod.edges[k], rod.normal(), slopes, [against(0), against(1)], along)
         });
@@ -106,7 +106,7 @@ impl Force for Spray {
             let (ends, by) = ([rod.here(k), rod.here(k + 1)], [k, k + 1].map(|k| rod.by_property(property, k)));
             // |ρ′| grows by sgn(ρ′) δρ′.
             let grows = [0, 1].map(|i| by[i].slope.density * ends[i].slope.density.signum() * halves[i]);
-            let against = [k, k + 1].map(|k| lanes(rod.against_fluid(k)));
+            let against = [k, k + 1].map(|k| pair(rod.against_fluid(k)));
             let on = Self::on_edge(f64x2::new(grows), edge, rod.normal(), [f64x2::ONE, f64x2::ZERO], against, None);
             add(out, k, on.force(0));
             add(out, k + 1, on.force(1));

@@ -1,4 +1,4 @@
-//! A 2×2 block in SIMD lanes, for assembly.
+//! A 2×2 block of pairs, for assembly.
 
 use std::ops::{Add, AddAssign, Mul, Sub};
 
@@ -14,7 +14,7 @@ pub struct Block<T: Real = f64>([T::Pair; 2]);
 
 /// A vector as a pair.
 #[inline(always)]
-pub fn lanes<T: Real>(vector: Vector2<T>) -> T::Pair {
+pub fn pair<T: Real>(vector: Vector2<T>) -> T::Pair {
     T::Pair::new(vector.into())
 }
 

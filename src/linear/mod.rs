@@ -16,7 +16,7 @@ use wide::f64x2;
 
 use crate::error::Result;
 use crate::system::Direction;
-pub use block::{Block, lanes};
+pub use block::{Block, pair};
 pub use block_band::BlockBand;
 pub use chain::{ChainMatrix, ChainRow, ChainTerms, Riccati};
 pub use choice::{Choice, Chosen, Solution};

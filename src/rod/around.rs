@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
-use crate::linear::{Block, Real, lanes};
+use crate::linear::{Block, Real, pair};
 
 /// Edges that are looked at together, before what acts on them is used: their values stay in the first cache.
 pub const TOGETHER: usize = 32;
@@ -43,7 +43,7 @@ impl OnEdge {
     /// From its parts for both ends, see [`force`](Self::force), [`own`](Self::own) and [`edge`](Self::edge).
     #[inline(always)]
     pub fn new(force: [Vector2<f64>; 2], own: [Block; 2], edge: [Block; 2]) -> Self {
-        Self { force: force.map(lanes), own, edge }
+        Self { force: force.map(pair), own, edge }
     }
 
     /// The force (N) on end `i`, 0 or 1.

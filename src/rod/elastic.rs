@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use super::around::OnEdge;
 use super::bend::Joint;
 use super::{Alike, Cell, Edge};
-use crate::linear::{Block, BlockRow, Pair, Real, lanes};
+use crate::linear::{Block, BlockRow, Pair, Real, pair};
 use crate::system::Direction;
 
 /// ∂E/∂(edge vector), N: the force that the edge carries, between joints `start` and `end`.
@@ -30,7 +30,7 @@ fn shear<T: Real>(edge: &Edge<T>, start: &Joint<T>, end: &Joint<T>) -> T {
 /// `factor` times T = ∂²E/∂(edge vector)², N/m, with the axial stiffness EA/ΔL (N/m).
 #[inline(always)]
 pub fn stiffness<T: Real>(edge: &Edge<T>, axial: T, tension: T, [start, end]: [&Joint<T>; 2], factor: T) -> Block<T> {
-    let (t, n) = (lanes(edge.t), lanes(edge.n()));
+    let (t, n) = (pair(edge.t), pair(edge.n()));
     let per_length = factor * edge.per_length;
     let along = axial * factor;
     let across = (tension + (start.stiffness + end.stiffness) * edge.per_length) * per_length;
@@ -43,7 +43,7 @@ pub fn stiffness<T: Real>(edge: &Edge<T>, axial: T, tension: T, [start, end]: [&
 #[inline(always)]
 pub fn coupling<T: Real>(before: &Edge<T>, after: &Edge<T>, joint: &Joint<T>, factor: T) -> Block<T> {
     let size = -joint.stiffness * (factor * before.per_length) * after.per_length;
-    Block::outer(before.n(), lanes(after.n()) * size)
+    Block::outer(before.n(), pair(after.n()) * size)
 }
 
 /// A rod as it is at one time.
@@ -88,7 +88,7 @@ impl<T: Real> Deformed<'_, T> {
         for (k, ((((edge, (start, end)), around), a), mass)) in here {
             let cell = &cells[k];
             let tension = cell.tension(edge);
-            let force = lanes(force(edge, tension, start, end));
+            let force = pair(force(edge, tension, start, end));
             let mut sum = T::Pair::new(*a) * *mass + before;
             before = force;
             if let Some(around) = &around {
