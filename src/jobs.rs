@@ -404,8 +404,8 @@ pub fn run<T: Send>(
 }
 
 /// Does `work` for every index of `todo`, in this order, on `threads` threads, for at most `together` of them at once; it returns as
-/// many results. `done` sees every result on the calling thread, in the order in which they come. Once it breaks or fails no more work is begun, and what is under way is dropped
-/// when it ends: `work` should look at the same sign that made `done` break.
+/// many results. `done` sees every result on the calling thread, in the order in which they come. Once it breaks or fails no more
+/// work is begun, and what is under way is dropped when it ends: `work` should look at the same sign that made `done` break.
 ///
 /// # Errors
 /// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.

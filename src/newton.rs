@@ -161,12 +161,9 @@ impl Newton {
         Progress { length, tolerance: self.tolerance * length, last: [f64::INFINITY; 2] }
     }
 
-    /// True where it solves systems in `form` by one of the `solvers`.
-    pub fn solves(&self, form: Form, solvers: &[Choice]) -> bool {
-        match &self.equations {
-            Equations::Positions { solver, .. } => form == Form::Positions && solvers.contains(&solver.choice()),
-            Equations::Chain { .. } => form == Form::Chain,
-        }
+    /// True where it solves for positions, by [`BlockBand`](crate::linear::BlockBand) first.
+    pub fn is_by_blocks(&self) -> bool {
+        matches!(&self.equations, Equations::Positions { solver, .. } if solver.is_by_blocks())
     }
 
     /// The node of the `residual` (N) that was the largest one of the last iteration.

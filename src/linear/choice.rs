@@ -28,6 +28,13 @@ pub enum Choice {
     BlockBand,
 }
 
+impl Choice {
+    /// True where it solves by [`BlockBand`] first.
+    fn is_by_blocks(self) -> bool {
+        matches!(self, Self::Auto | Self::BlockBand)
+    }
+}
+
 /// What is known of a solution.
 #[derive(Debug, Clone, Copy)]
 pub struct Solution {
@@ -67,7 +74,7 @@ impl Chosen {
     /// Those of [`LinearSolver::analyse`] and [`LinearSolver::factor`].
     pub fn solve(&mut self, matrix: &BandMatrix, rhs: &mut [f64]) -> Result<Solution> {
         self.rhs.copy_from_slice(rhs);
-        if matches!(self.choice, Choice::Auto | Choice::BlockBand) {
+        if self.choice.is_by_blocks() {
             self.band.factor_and_solve(matrix, rhs)?;
             let checked = matrix.checked(rhs, &self.rhs);
             if checked.is_solved() {
@@ -105,9 +112,9 @@ impl Chosen {
         Solution { fallback: false, sizes: None }
     }
 
-    /// What was chosen.
-    pub fn choice(&self) -> Choice {
-        self.choice
+    /// True where it tries [`BlockBand`] first.
+    pub fn is_by_blocks(&self) -> bool {
+        self.choice.is_by_blocks()
     }
 
     /// The right-hand side of the last system.

@@ -2,9 +2,8 @@
 
 use super::Stepper;
 use crate::integrator::{Pace, Rule};
-use crate::linear::Choice;
 use crate::newton::Progress;
-use crate::system::{Direction, Form, State};
+use crate::system::{Direction, State};
 
 /// A step that has set out: its guess is made.
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +37,7 @@ impl Stepper {
         let (dynamics, model) = (&self.dynamics, self.model());
         let Pace::Fixed(step) = self.pace else { return None };
         let same = self.mover.rule(step).is_some()
-            && self.newton.solves(Form::Positions, &[Choice::Auto, Choice::BlockBand])
+            && self.newton.is_by_blocks()
             && model.layers.is_none()
             && (model.forces.is_empty() || model.forces.proportional().is_some());
         let shape = ShapeInLanes {

@@ -62,8 +62,10 @@ pub fn run(
     interrupted: &AtomicBool,
     mut progress: impl FnMut(&Row),
 ) -> Result<()> {
-    // Cases that share no steps are done one by one: each is kept the moment it is done.
-    let first = todo.first().and_then(|index| Stepper::of(&scene(sweep, *index).ok()?.0).ok());
+    // Cases that share no steps are done one by one: each is kept the moment it is done. Where every thread has one case at most
+    // nobody has to be asked.
+    let asked = todo.first().filter(|_| todo.len() > threads);
+    let first = asked.and_then(|index| Stepper::of(&scene(sweep, *index).ok()?.0).ok());
     let together = if first.is_some_and(|stepper| Batch::takes(&stepper)) { WIDTH } else { 1 };
     let work = |indices: &[usize]| rows(sweep, indices, interrupted);
     jobs::run_together(todo, threads, together, work, |index, row| {
