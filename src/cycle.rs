@@ -162,6 +162,7 @@ struct Sample {
 }
 
 /// The rates of all integrals in `state`, whose reading is `reading`.
+#[inline(always)]
 fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
     let mut rates = Integrals::zeros();
     let held = dynamics.model.head.is_some();
@@ -189,6 +190,7 @@ fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
 
 impl Sample {
     /// What is known of `state` without its past: the rest of the integrals is zero.
+    #[inline(always)]
     fn of(source: Source, dynamics: &Dynamics, state: &State, meter: &Meter) -> Self {
         let (mut integrals, tip) = (Integrals::zeros(), dynamics.model.rod.nodes - 1);
         let position = if dynamics.model.head.is_some() { node(&state.q, 0) } else { meter.now.com };
@@ -205,6 +207,7 @@ impl Sample {
 
     /// Sums from `last` on what has no other record, with the rates in the `middle` of the step or, where these are not
     /// known, those `before` the last.
+    #[inline(always)]
     fn sum(&mut self, last: &Self, middle: Option<&Integrals>, before: Option<(f64, &Integrals)>) {
         let h = self.time - last.time;
         let mut by = match middle {

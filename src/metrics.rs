@@ -3,11 +3,14 @@
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
+#[cfg(all(feature = "report", target_arch = "x86_64"))]
+use crate::batch::Measured;
 use crate::error::{Error, Result};
 use crate::fluid::force::{self, Powers};
 use crate::fluid::{Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
+use crate::rod::sums::{Moving, Sums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
 
@@ -80,26 +83,33 @@ impl Power {
     fn add_forces(&mut self, forces: &Forces, rod: &Kinematics<'_>, push: &mut Push) -> (f64, Vector2<f64>) {
         let (mut stored, mut momentum) = (0.0, Vector2::zeros());
         for force in forces.iter() {
-            let Powers { opposing, against_fluid, of_flow } = force::powers(force, rod);
-            self.flow += of_flow;
-            *push.from(force.sink()) -= opposing;
-            match force.sink() {
-                Some(Sink::Drag) => self.viscous += against_fluid,
-                Some(Sink::Wake) => self.wake += against_fluid,
-                Some(Sink::Flow) => self.flow -= against_fluid,
-                Some(Sink::Spray) => self.spray += against_fluid,
-                Some(Sink::Load) => self.load -= against_fluid,
-                Some(Sink::Other) => self.other -= against_fluid,
-                None => {
-                    stored += force.energy(rod, 0.0, None);
-                    self.other += force.energy_by_time(rod, 0.0, None);
-                    let along = |axis: Vector2<f64>| force.momentum(rod, axis, 0.0, None);
-                    momentum += Vector2::new(along(Vector2::x()), along(Vector2::y()));
-                    push.other += force.pull(rod);
-                }
+            self.add_powers(force.sink(), force::powers(force, rod), push);
+            if force.sink().is_none() {
+                stored += force.energy(rod, 0.0, None);
+                self.other += force.energy_by_time(rod, 0.0, None);
+                let along = |axis: Vector2<f64>| force.momentum(rod, axis, 0.0, None);
+                momentum += Vector2::new(along(Vector2::x()), along(Vector2::y()));
+                push.other += force.pull(rod);
             }
         }
         (stored, momentum)
+    }
+
+    /// The powers of a force with that sink, and what it does, added to `self` and `push`.
+    #[inline(always)]
+    fn add_powers(&mut self, sink: Option<Sink>, powers: Powers, push: &mut Push) {
+        let Powers { opposing, against_fluid, of_flow } = powers;
+        self.flow += of_flow;
+        *push.from(sink) -= opposing;
+        match sink {
+            Some(Sink::Drag) => self.viscous += against_fluid,
+            Some(Sink::Wake) => self.wake += against_fluid,
+            Some(Sink::Flow) => self.flow -= against_fluid,
+            Some(Sink::Spray) => self.spray += against_fluid,
+            Some(Sink::Load) => self.load -= against_fluid,
+            Some(Sink::Other) => self.other -= against_fluid,
+            None => (),
+        }
     }
 }
 
@@ -238,57 +248,99 @@ impl Reading {
     /// # Errors
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
     pub fn take(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
-        self.time = state.t;
-        let mut energy = Energy::default();
-        let mut power = Power::default();
         let taken = dynamics.mechanics == Mechanics::Shape;
         let holding = if taken { Some(dynamics.balance(state, &mut self.moment)?) } else { None };
         let bent = dynamics.shape(state)?;
-        let dynamics = bent.dynamics;
+        let (dynamics, edges) = (bent.dynamics, bent.edges());
+        let rod = &dynamics.model.rod;
         self.kappa.copy_from_slice(bent.kappa());
         self.natural.copy_from_slice(if taken { &self.kappa } else { &dynamics.natural });
-        let rod = &dynamics.model.rod;
-        for k in rod.joints() {
-            if !taken {
-                let deviation = self.kappa[k] - dynamics.natural[k];
-                self.moment[k] = rod.joint[k] * deviation;
-                energy.bending += 0.5 * self.moment[k] * deviation;
-            }
-            power.actuation -= self.moment[k] * dynamics.natural_rate[k];
+        if !taken {
+            bend::moments(&rod.joint, &self.kappa, &self.natural, &mut self.moment);
         }
-        let (mut moment_of_mass, mut momentum, mut push) = (Vector2::zeros(), Momentum::default(), Push::default());
-        for ((mass, q), v) in rod.mass.iter().zip(state.q.as_chunks().0).zip(state.v.as_chunks().0) {
-            moment_of_mass += Vector2::from(*q) * *mass;
-            energy.kinetic += 0.5 * mass * Vector2::from(*v).norm_squared();
-            momentum.rod += Vector2::from(*v) * *mass;
-        }
-        self.com = moment_of_mass / rod.total_mass();
-        if dynamics.mechanics == Mechanics::Overdamped {
-            energy.kinetic = 0.0;
-            momentum.rod = Vector2::zeros();
-        }
-        if dynamics.is_loaded() {
-            (power.load, push.load) = dynamics.loads_along(|k| node(&state.v, k));
-        }
-        let edges = bent.edges();
-        let mut stretch: f64 = 0.0;
-        for ((tangent, edge), cell) in self.tangent.iter_mut().zip(edges).zip(rod.cells.iter()) {
-            *tangent = edge.t;
-            stretch = stretch.max((edge.length / cell.rest - 1.0).abs());
-            energy.stretching += cell.energy(edge);
-        }
-        self.strain = stretch;
+        self.tangent.iter_mut().zip(edges).for_each(|(tangent, edge)| *tangent = edge.t);
+        let moving = Moving {
+            cells: &rod.cells,
+            edges,
+            mass: &rod.mass,
+            q: state.q.as_chunks().0,
+            v: state.v.as_chunks().0,
+            kappa: &self.kappa,
+            natural: &self.natural,
+            natural_rate: &dynamics.natural_rate,
+            moment: &self.moment,
+        };
+        let mut sums = Sums::of(&moving, 0.0);
         if !state.links.is_empty() {
             let stored = |((edge, link), cell): ((&Edge, &Link), &Cell)| {
                 let tension = edge.t.dot(&Vector2::from(link.force));
                 0.5 * tension * tension / cell.axial
             };
-            energy.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
+            sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
-        (energy.fluid, momentum.fluid) = power.add_forces(&dynamics.model.forces, &bent.kinematics(), &mut push);
+        let held = || holding.unwrap_or_else(|| bent.reaction());
+        self.put_together(
+            dynamics,
+            state,
+            &sums,
+            |power, push| power.add_forces(&dynamics.model.forces, &bent.kinematics(), push),
+            held,
+        )
+    }
+
+    /// The same of a `state` that was `measured` beside others, where there is one force at most; `fill` writes curvatures, moments and
+    /// tangents.
+    ///
+    /// # Errors
+    /// Those of [`take`](Self::take).
+    #[cfg(all(feature = "report", target_arch = "x86_64"))]
+    pub(crate) fn take_over(
+        &mut self,
+        dynamics: &Dynamics,
+        state: &State,
+        measured: &Measured,
+        fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
+    ) -> Result<()> {
+        fill(&mut self.kappa, &mut self.moment, &mut self.tangent);
+        self.natural.copy_from_slice(&dynamics.natural);
+        let forces = |power: &mut Power, push: &mut Push| {
+            if let Some(force) = dynamics.model.forces.iter().next() {
+                power.add_powers(force.sink(), measured.drag.powers(dynamics.inputs.fluid.flow), push);
+            }
+            (0.0, Vector2::zeros())
+        };
+        self.put_together(dynamics, state, &measured.sums, forces, || measured.held)
+    }
+
+    /// Takes over the `sums` of `state`, its curvatures, moments and tangents being here already: `forces` adds what forces do, and says
+    /// what they store, J and N s; `held` is the force (N) that a held head must exert.
+    #[inline(always)]
+    fn put_together(
+        &mut self,
+        dynamics: &Dynamics,
+        state: &State,
+        sums: &Sums,
+        forces: impl FnOnce(&mut Power, &mut Push) -> (f64, Vector2<f64>),
+        held: impl FnOnce() -> Vector2<f64>,
+    ) -> Result<()> {
+        let Sums { bending, stretching, kinetic, actuation, moment_of_mass, momentum, strain } = *sums;
+        self.time = state.t;
+        self.com = Vector2::from(moment_of_mass.to_array()) / dynamics.model.rod.total_mass();
+        self.strain = strain;
+        let mut energy = Energy { bending, stretching, kinetic, fluid: 0.0 };
+        let mut momentum = Momentum { rod: momentum.to_array().into(), fluid: Vector2::zeros() };
+        if dynamics.mechanics == Mechanics::Overdamped {
+            energy.kinetic = 0.0;
+            momentum.rod = Vector2::zeros();
+        }
+        let (mut power, mut push) = (Power { actuation, ..Power::default() }, Push::default());
+        if dynamics.is_loaded() {
+            (power.load, push.load) = dynamics.loads_along(|k| node(&state.v, k));
+        }
+        (energy.fluid, momentum.fluid) = forces(&mut power, &mut push);
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
-            let held = holding.unwrap_or_else(|| bent.reaction());
+            let held = held();
             self.head_force = -held;
             push.head = held;
             self.head_moment = moment;

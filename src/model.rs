@@ -25,7 +25,7 @@ use crate::linear::{ChainMatrix, Coupling};
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
-use crate::rod::{Edge, Rod, add, node};
+use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
 use crate::system::{Direction, Form, Linearisation, State, System};
 
@@ -606,6 +606,14 @@ impl Dynamics {
     }
 }
 
+impl Dynamics {
+    /// True where a guess keeps the lengths of edges, see [`better_guess`](System::better_guess).
+    pub(crate) fn keeps_lengths(&self, direction: Direction) -> bool {
+        let rod = &self.model.rod;
+        PI * PI * rod.ea * direction.q >= rod.total_mass() * rod.length * direction.a
+    }
+}
+
 impl System for Dynamics {
     fn nodes(&self) -> usize {
         self.model.rod.nodes
@@ -665,34 +673,20 @@ impl System for Dynamics {
     /// iteration or two.
     fn better_guess(&self, from: &State, direction: Direction, to: &mut State) {
         to.guess_links(from);
-        let rod = &self.model.rod;
-        let resolved = PI * PI * rod.ea * direction.q < rod.total_mass() * rod.length * direction.a;
-        if !to.links.is_empty() || resolved {
+        if !to.links.is_empty() || !self.keeps_lengths(direction) {
             return;
         }
-        let (mut moved, mut mean) = (Vector2::zeros(), Vector2::zeros());
-        let (mut old, mut guessed) = (node(&from.q, 0), node(&to.q, 0));
-        let beyond = from.q.as_chunks().0.iter().zip(to.nodes_mut()).zip(&rod.mass).skip(1);
-        for ((next_old, next), mass) in beyond {
-            let (old_before, before) = (old, guessed);
-            (old, guessed) = (Vector2::from(*next_old), Vector2::from(*next[0]));
-            let edge = guessed - before;
-            let ratio = ((old - old_before).norm_squared() / edge.norm_squared()).sqrt();
-            if ratio.is_finite() {
-                moved += edge * (ratio - 1.0);
-            }
-            mean += moved * *mass;
-            direction.move_node(next, moved / direction.q);
-        }
-        if self.held.is_none() {
-            // The centre of mass stays.
-            let mean = mean / (rod.total_mass() * direction.q);
-            to.nodes_mut().for_each(|node| direction.move_node(node, -mean));
-        }
+        let rod = &self.model.rod;
+        let free = self.held.is_none().then(|| rod.total_mass());
+        lengths::keep(from.q.as_chunks().0, to.nodes_mut(), &rod.mass, free, direction);
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
-        let wall = self.wall().unwrap_or_default();
+        let wall = self.wall();
+        if lengths::least_turn(wall, before.q.as_chunks().0, after.q.as_chunks().0).is_some_and(|cos| cos >= 0.0) {
+            return Ok(()); // as nearly always
+        }
+        let wall = wall.unwrap_or_default();
         let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], [wall; 2]];
         let mut folded = None;
         let beyond = before.q.as_chunks().0.iter().zip(after.q.as_chunks().0).skip(1);

@@ -1,6 +1,5 @@
 //! Full Newton with the exact Jacobian: one method for every implicit step, and it counts its work.
 
-use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
@@ -213,9 +212,10 @@ impl Newton {
                 self.work.linear_fallbacks += u64::from(fallback);
                 largest(increment, 6, t, "Newton's increment")?;
                 let [mut move_size, mut turn_size] = [0.0_f64; 2];
-                for (node, of_node) in state.nodes_mut().zip(increment.chunks(6)) {
+                let [q, v, a] = state.nodes_mut();
+                for (((q, v), a), of_node) in q.iter_mut().zip(v).zip(a).zip(increment.chunks(6)) {
                     if let [x, y, ..] = *of_node {
-                        direction.move_node(node, Vector2::new(-x, -y));
+                        direction.move_node([q, v, a], [-x, -y]);
                         move_size = move_size.max(x.abs()).max(y.abs());
                     }
                     turn_size = of_node.get(5).map_or(turn_size, |turn| turn_size.max(turn.abs()));

@@ -85,6 +85,8 @@ pub struct Stepper {
     /// The next internal step, solved already.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     solved: Option<ahead::Ahead>,
+    /// What the end of the internal step is measured to be is in `reading` already.
+    measured: bool,
     /// The host's time (s), where it is ahead of the state's by steps that wait.
     ahead: Option<f64>,
     // Room to work in.
@@ -166,6 +168,7 @@ impl Stepper {
             goal: state.t,
             #[cfg(all(feature = "report", target_arch = "x86_64"))]
             solved: None,
+            measured: false,
             ahead: None,
             inputs: (dynamics.inputs.clone(), None),
             next: state.clone(),
@@ -539,6 +542,7 @@ impl Stepper {
             dense.forget();
         }
         self.next.t = end;
+        self.measured = false;
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
         if self.take_solved(end, h).is_some() {
             return Ok(StepError::default());
@@ -549,13 +553,17 @@ impl Stepper {
     /// Makes `next` the state, and counts the step.
     fn accept(&mut self) -> Result<()> {
         let middle = if self.mover.knows_between() { Some(self.middle()?) } else { None };
-        self.reading.take(&mut self.dynamics, &self.next)?;
+        if !self.measured {
+            self.reading.take(&mut self.dynamics, &self.next)?;
+        }
         let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
-        let before = self.meter.totals;
         let middle = middle.and(self.dense.as_ref()).map(Dense::last);
         let reading = middle.map(|(_, reading)| reading);
-        self.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass())?;
-        self.before = Some(before);
+        self.before = Some(self.meter.totals);
+        if let Err(error) = self.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass()) {
+            self.before = None;
+            return Err(error);
+        }
         std::mem::swap(&mut self.state, &mut self.next);
         self.cycles.follow(&self.dynamics, &self.state, &self.meter, middle);
         Ok(())

@@ -1,10 +1,9 @@
 //! What an integrator sees of a model: a second-order system f(t, q, v, a) = 0 and its linearisation.
 
-use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::linear::{BandMatrix, ChainMatrix, Coupling};
+use crate::linear::{BandMatrix, ChainMatrix, Coupling, Number};
 
 /// What Newton's method takes as unknowns. Both forms are the same discrete rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -75,10 +74,9 @@ impl State {
         }
     }
 
-    /// Position, velocity and acceleration of every node.
-    pub(crate) fn nodes_mut(&mut self) -> impl Iterator<Item = [&mut [f64; 2]; 3]> {
-        let [q, v, a] = [&mut self.q, &mut self.v, &mut self.a].map(|values| values.as_chunks_mut().0.iter_mut());
-        q.zip(v).zip(a).map(|((q, v), a)| [q, v, a])
+    /// Positions, velocities and accelerations, node by node.
+    pub(crate) fn nodes_mut(&mut self) -> [&mut [[f64; 2]]; 3] {
+        [&mut self.q, &mut self.v, &mut self.a].map(|values| values.as_chunks_mut().0)
     }
 
     /// Guesses the links from those of `from`: forces and moments stay, every edge turns as its nodes do on their way
@@ -113,12 +111,12 @@ pub struct Direction {
 
 impl Direction {
     /// Moves a node, given by position, velocity and acceleration, by `d`.
-    #[inline]
-    pub(crate) fn move_node(self, [q, v, a]: [&mut [f64; 2]; 3], d: Vector2<f64>) {
+    #[inline(always)]
+    pub(crate) fn move_node<T: Number>(self, [q, v, a]: [&mut [T; 2]; 3], d: [T; 2]) {
         for i in 0..2 {
-            q[i] += self.q * d[i];
-            v[i] += self.v * d[i];
-            a[i] += self.a * d[i];
+            q[i] += d[i].like(self.q) * d[i];
+            v[i] += d[i].like(self.v) * d[i];
+            a[i] += d[i].like(self.a) * d[i];
         }
     }
 

@@ -5,16 +5,19 @@ use std::sync::Arc;
 use fearless_simd::prelude::*;
 use fearless_simd::{Avx2, Level, mask64x4};
 use nalgebra::Vector2;
+use wide::f64x2;
 
 use super::WIDTH;
 use super::lanes::{Lanes, Two};
-use crate::fluid::local::{self, Traction};
-use crate::linear::{BlockBand, BlockRow, Number, Pair, Sizes, prescribe};
+use crate::fluid::local::{self, DragSums, Traction};
+use crate::integrator::{Rule, changes};
+use crate::linear::{BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
 use crate::rod::bend::{self, Joint};
-use crate::rod::elastic::Deformed;
-use crate::rod::{Alike, Cell, Edge};
+use crate::rod::elastic::{self, Deformed};
+use crate::rod::sums::{Moving, Sums};
+use crate::rod::{Alike, Cell, Edge, lengths};
 use crate::stepper::Stepper;
 use crate::stepper::ahead::Ahead;
 use crate::system::{Direction, State};
@@ -29,6 +32,7 @@ pub struct Kernel {
     models: [Arc<Model>; WIDTH],
     rods: Rods,
     at: Moment,
+    before: Before,
     motion: Motion,
     room: Room,
 }
@@ -47,16 +51,20 @@ struct Rods {
     drag: Vec<[Two; 3]>,
     /// The shortest and the longest that an edge may be.
     lengths: [Lanes; 2],
+    total_mass: Lanes,
 }
 
 /// What depends on the time alone.
 #[derive(Debug)]
 struct Moment {
     natural: Vec<Lanes>,
+    natural_rate: Vec<Lanes>,
     /// The tangent before the first joint of a held head.
     wall: Option<Vector2<Lanes>>,
     flow: Vector2<Lanes>,
     loads: Vec<Nodes>,
+    /// Position, velocity and acceleration of a held head.
+    head: [[Lanes; 2]; 3],
 }
 
 #[derive(Debug)]
@@ -66,11 +74,20 @@ struct Motion {
     a: Nodes,
 }
 
+/// What a step sets out from, with what its method remembers of accelerations.
+#[derive(Debug)]
+struct Before {
+    motion: Motion,
+    memory: Nodes,
+}
+
 #[derive(Debug)]
 struct Room {
     edges: Vec<Edge<Lanes>>,
     joints: Vec<Joint<Lanes>>,
     kappa: Vec<Lanes>,
+    /// Moments conjugate to the curvatures.
+    moment: Vec<Lanes>,
     rows: Vec<BlockRow<Lanes>>,
     residual: Nodes,
     solution: Nodes,
@@ -119,18 +136,23 @@ impl Kernel {
                 stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
                 drag: (0..edges).map(|e| std::array::from_fn(|part| drag(e, part))).collect(),
                 lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
+                total_mass: pack(&|lane| rod(lane).total_mass()),
             },
             at: Moment {
                 natural: vec![zero; nodes],
+                natural_rate: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
                 flow: Vector2::new(zero, zero),
                 loads: vec![vectors(); loads],
+                head: [[zero; 2]; 3],
             },
+            before: Before { motion: Motion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
             motion: Motion { q: vectors(), v: vectors(), a: vectors() },
             room: Room {
                 edges: vec![edge; nodes - 1],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
                 kappa: vec![zero; nodes],
+                moment: vec![zero; nodes],
                 rows: vec![[[zero; 4]; 5]; nodes],
                 residual: vectors(),
                 solution: vectors(),
@@ -146,20 +168,22 @@ impl Kernel {
             let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, model));
             *step = known.and_then(|stepper| stepper.set_out_ahead());
         }
-        let Some(direction) = steps.iter().flatten().map(Ahead::direction).next() else { return 0 };
+        let Some(kind) = steps.iter().flatten().map(Ahead::kind).next() else { return 0 };
         // Whoever takes another step takes it alone.
-        let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some_and(|step| step.direction() == direction));
+        let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some_and(|step| step.kind() == kind));
         let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return 0 };
         let mut progress: [Option<Progress>; WIDTH] = [None; WIDTH]; // of those that go on
         for lane in 0..WIDTH {
-            let step = steps[lane].filter(|step| step.direction() == direction);
+            let step = steps[lane].filter(|step| step.kind() == kind);
             let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| step.is_some());
             let Some(case) = own.or(steppers[first].as_deref()) else { continue };
-            let (guess, start) = case.guessed();
-            self.load(lane, dynamics(case), guess);
+            let (states, start) = case.under_way();
+            self.load(lane, dynamics(case), states);
             progress[lane] = own.map(|_| start);
         }
-        let mut solved = 0;
+        self.guess(kind);
+        let direction = kind.1.direction();
+        let mut solved: [Option<(Ahead, u32)>; WIDTH] = [None; WIDTH];
         for iterations in 1..=MAX_ITERATIONS {
             let going = progress.each_ref().map(Option::is_some);
             if going == [false; WIDTH] {
@@ -173,25 +197,56 @@ impl Kernel {
                 }
                 progress[lane] = None;
                 // Who does not converge at once, or only to the floor of rounding, goes on alone.
-                if let (Some(Verdict::Converged), Some(step), Some(Some(stepper))) =
-                    (verdict, steps[lane], steppers.get_mut(lane))
-                {
-                    stepper.solved_ahead(step, iterations, |state| self.unload(lane, state));
-                    solved += 1;
+                if verdict == Some(Verdict::Converged) {
+                    solved[lane] = steps[lane].map(|step| (step, iterations));
                 }
             }
         }
-        solved
+        let measured = self.measure();
+        for ((lane, stepper), solved) in steppers.iter_mut().enumerate().zip(solved) {
+            if let (Some(stepper), Some((step, iterations))) = (stepper, solved) {
+                let reading = measured.of(lane);
+                stepper.solved_ahead(
+                    step,
+                    iterations,
+                    |state| self.unload(lane, state),
+                    reading.as_ref(),
+                    |kappa, moment, tangent| self.unload_shape(lane, kappa, moment, tangent),
+                );
+            }
+        }
+        solved.iter().flatten().count() as u64
     }
 
-    /// Takes over the guess of a case and what depends on its time.
-    fn load(&mut self, lane: usize, dynamics: &Dynamics, guess: &State) {
-        let Self { at, motion: Motion { q, v, a }, .. } = self;
-        for (to, from) in [(q, &guess.q), (v, &guess.v), (a, &guess.a)] {
+    /// Makes the guess of steps of this [kind](Ahead::kind).
+    fn guess(&mut self, kind: (f64, Rule, bool)) {
+        let Self { simd, rods, at, before, motion, .. } = self;
+        simd.vectorize(
+            #[inline(always)]
+            || guess(rods, at, before, motion, kind),
+        );
+    }
+
+    /// Measures the cases where they are.
+    fn measure(&mut self) -> Measured<Lanes> {
+        let Self { simd, rods, at, before, motion, room, .. } = self;
+        simd.vectorize(
+            #[inline(always)]
+            || measure(rods, at, &before.motion.q, motion, room),
+        )
+    }
+
+    /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
+    fn load(&mut self, lane: usize, dynamics: &Dynamics, [from, to]: [&State; 2]) {
+        let Self { at, before: Before { motion: Motion { q, v, a }, memory }, .. } = self;
+        for (to, from) in [(q, &from.q), (v, &from.v), (a, &from.a), (memory, &from.memory)] {
             write(to, lane, from, 1.0);
         }
-        for (to, natural) in at.natural.iter_mut().zip(&dynamics.natural) {
-            to.set(lane, *natural);
+        for (head, to) in at.head.iter_mut().zip([&to.q, &to.v, &to.a]) {
+            write(std::slice::from_mut(head), lane, to, 1.0);
+        }
+        for (to, from) in [(&mut at.natural, &dynamics.natural), (&mut at.natural_rate, &dynamics.natural_rate)] {
+            to.iter_mut().zip(from).for_each(|(to, from)| to.set(lane, *from));
         }
         write_vector(&mut at.flow, lane, dynamics.inputs.fluid.flow);
         if let (Some(to), Some(wall)) = (&mut at.wall, dynamics.wall()) {
@@ -209,6 +264,16 @@ impl Kernel {
             for (from, to) in from.iter().zip(to.as_chunks_mut().0) {
                 *to = [from[0].get(lane), from[1].get(lane)];
             }
+        }
+    }
+
+    /// Writes curvatures, moments and tangents of a case.
+    fn unload_shape(&self, lane: usize, kappa: &mut [f64], moment: &mut [f64], tangent: &mut [Vector2<f64>]) {
+        for (from, to) in [(&self.room.kappa, kappa), (&self.room.moment, moment)] {
+            from.iter().zip(to).for_each(|(from, to)| *to = from.get(lane));
+        }
+        for (edge, tangent) in self.room.edges.iter().zip(tangent) {
+            *tangent = Vector2::new(edge.t.x.get(lane), edge.t.y.get(lane));
         }
     }
 
@@ -238,7 +303,7 @@ fn dynamics(case: &Stepper) -> &Dynamics {
 }
 
 /// Writes `factor` times the vectors of a case, two numbers each.
-fn write(to: &mut Nodes, lane: usize, from: &[f64], factor: f64) {
+fn write(to: &mut [[Lanes; 2]], lane: usize, from: &[f64], factor: f64) {
     for (to, from) in to.iter_mut().zip(from.as_chunks::<2>().0) {
         to[0].set(lane, factor * from[0]);
         to[1].set(lane, factor * from[1]);
@@ -250,16 +315,57 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
     to.y.set(lane, from.y);
 }
 
-/// Assembles, solves and moves; by how much edges and joints are away from what has no meaning.
+/// What is measured of rods in motion.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Measured<T: Real = f64> {
+    /// Sums over the rod.
+    pub sums: Sums<T>,
+    /// What the drag sums up to.
+    pub drag: DragSums<T>,
+    /// The force that a held head must exert, N; none of a free one.
+    pub held: Vector2<T>,
+    /// See [`lengths::least_turn`].
+    pub least_turn: T,
+    /// By how much edges and joints are away from what has no meaning.
+    least: [T; 3],
+}
+
+impl Measured<Lanes> {
+    /// Of one case; none where its rod has no meaning.
+    fn of(&self, lane: usize) -> Option<Measured> {
+        let one = |number: Lanes| number.get(lane);
+        let two = |pair: Two| f64x2::new(pair.to_array().map(one));
+        let Self { sums, drag, held, least_turn, least } = self;
+        let least = least.map(one);
+        let own = Measured {
+            sums: Sums {
+                bending: one(sums.bending),
+                stretching: one(sums.stretching),
+                kinetic: one(sums.kinetic),
+                actuation: one(sums.actuation),
+                moment_of_mass: two(sums.moment_of_mass),
+                momentum: two(sums.momentum),
+                strain: one(sums.strain),
+            },
+            drag: DragSums { opposing: two(drag.opposing), against_fluid: two(drag.against_fluid) },
+            held: Vector2::new(one(held.x), one(held.y)),
+            least_turn: one(*least_turn),
+            least,
+        };
+        least.iter().all(|least| *least > 0.0).then_some(own)
+    }
+}
+
+/// Bends the rods; by how much edges and joints are away from what has no meaning.
 #[inline(always)]
-fn iterate(
+fn bend(
     rods: &Rods,
     at: &Moment,
-    Motion { q, v, a }: &mut Motion,
-    Room { edges, joints, kappa, rows, residual, solution, band }: &mut Room,
-    direction: Direction,
-    going: mask64x4<Avx2>,
-) -> (Sizes<Two>, [Lanes; 3]) {
+    q: &Nodes,
+    edges: &mut [Edge<Lanes>],
+    joints: &mut [Joint<Lanes>],
+    kappa: &mut [Lanes],
+) -> [Lanes; 3] {
     let zero = at.flow.x.like(0.0);
     let [mut short, mut long, mut folded] = [-zero.like(f64::INFINITY); 3];
     for (edge, ends) in edges.iter_mut().zip(q.windows(2)) {
@@ -276,6 +382,91 @@ fn iterate(
         #[inline(always)]
         |_, beyond_fold| folded = folded.larger(-beyond_fold),
     );
+    let [shortest, longest] = rods.lengths;
+    [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)]
+}
+
+/// Makes the guess of a step, see [`Stage::guess`](crate::integrator).
+#[inline(always)]
+fn guess(
+    rods: &Rods,
+    at: &Moment,
+    Before { motion: before, memory }: &Before,
+    Motion { q, v, a }: &mut Motion,
+    (h, rule, keeps_lengths): (f64, Rule, bool),
+) {
+    let (zero, direction) = (at.flow.x.like(0.0), rule.direction());
+    let [change, most] = changes(h, &before.v, &before.a, zero);
+    for (k, ((q, v), a)) in q.iter_mut().zip(&mut *v).zip(&mut *a).enumerate() {
+        for i in 0..2 {
+            let foot = rule.stand(h, before.v[k][i], before.a[k][i], Some(memory[k][i]));
+            let u = Lanes::where_at_most(change, most, foot.guess, foot.staying(direction));
+            [q[i], v[i], a[i]] = foot.with(direction, before.q[k][i], u);
+        }
+    }
+    if rods.held {
+        [q[0], v[0], a[0]] = at.head;
+    }
+    if keeps_lengths {
+        let free = (!rods.held).then_some(rods.total_mass);
+        lengths::keep(&before.q, [q, v, a], &rods.mass, free, direction);
+    }
+}
+
+/// Bends and measures rods that were at `before`.
+#[inline(always)]
+fn measure(rods: &Rods, at: &Moment, before: &Nodes, Motion { q, v, a }: &Motion, room: &mut Room) -> Measured<Lanes> {
+    let Room { edges, joints, kappa, moment, .. } = room;
+    let zero = at.flow.x.like(0.0);
+    let least = bend(rods, at, q, edges, joints, kappa);
+    bend::moments(&rods.stiffness, kappa, &at.natural, moment);
+    let moving = Moving {
+        cells: &rods.cells,
+        edges,
+        mass: &rods.mass,
+        q,
+        v,
+        kappa,
+        natural: &at.natural,
+        natural_rate: &at.natural_rate,
+        moment,
+    };
+    let sums = Sums::of(&moving, zero);
+    let flow = Two::new(at.flow.into());
+    let mut drag = DragSums::none(zero);
+    let mut held = Vector2::new(zero, zero);
+    for (e, ((edge, v), [lengths, along, across])) in edges.iter().zip(v.windows(2)).zip(&rods.drag).enumerate() {
+        let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
+        let (traction, _) = Traction::linear([*along, *across], u, w);
+        drag.add(edge, *lengths, [u, w], traction);
+        if rods.held && e == 0 {
+            let [first, _] = edge.vectors(traction.along * *lengths, traction.across * *lengths);
+            held = Vector2::from(first.to_array());
+        }
+    }
+    if rods.held {
+        // M a − F of node 0.
+        let carried = elastic::force(&edges[0], rods.cells[0].tension(&edges[0]), &joints[0], &joints[1]);
+        let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
+        let push = |i: usize| a[0][i] * rods.mass[0] - load[i] - carried[i] + held[i];
+        held = Vector2::new(push(0), push(1));
+    }
+    let least_turn = lengths::least_turn(at.wall, before, q).unwrap_or(zero);
+    Measured { sums, drag, held, least_turn, least }
+}
+
+/// Assembles, solves and moves; by how much edges and joints are away from what has no meaning.
+#[inline(always)]
+fn iterate(
+    rods: &Rods,
+    at: &Moment,
+    Motion { q, v, a }: &mut Motion,
+    Room { edges, joints, kappa, rows, residual, solution, band, .. }: &mut Room,
+    direction: Direction,
+    going: mask64x4<Avx2>,
+) -> (Sizes<Two>, [Lanes; 3]) {
+    let zero = at.flow.x.like(0.0);
+    let least = bend(rods, at, q, edges, joints, kappa);
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
     let flow = Two::new(at.flow.into());
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
@@ -307,6 +498,5 @@ fn iterate(
             a[i] = a[i] - zero.like(direction.a) * d;
         }
     }
-    let [shortest, longest] = rods.lengths;
-    (sizes, [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)])
+    (sizes, least)
 }

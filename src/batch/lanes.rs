@@ -114,6 +114,11 @@ impl Real for Lanes {
     fn sqrt(self) -> Self {
         Self(self.0.sqrt())
     }
+
+    #[inline(always)]
+    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
+        Self(x.0.simd_le(limit.0).select(then.0, otherwise.0))
+    }
 }
 
 /// Two numbers of each case.

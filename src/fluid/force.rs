@@ -380,7 +380,8 @@ impl Forces {
     /// The only one, where it is in proportion to the velocity of each half of an edge, see [`InPass::coefficients`].
     pub fn proportional(&self) -> Option<&dyn InPass> {
         let [force] = &self.0[..] else { return None };
-        let plain = force.is_linear() && !force.is_inertial() && force.is_the_same_everywhere();
+        let taking = force.sink().is_some() && force.is_of_fluid();
+        let plain = taking && force.is_linear() && !force.is_inertial() && force.is_the_same_everywhere();
         force.in_pass().filter(|drag| plain && drag.coefficients(Fluid::NONE, 0).is_some())
     }
 

@@ -7,6 +7,7 @@ mod newmark;
 mod symplectic_euler;
 
 use crate::error::{Error, Result};
+use crate::linear::{Number, Real};
 use crate::newton::{Newton, Patience};
 use crate::system::{Direction, State, System};
 
@@ -237,30 +238,23 @@ impl Rule {
     fn foot(self, from: &State, h: f64) -> impl Fn(usize) -> Foot {
         let unknowns = from.q.len();
         let (v, a) = (&from.v[..unknowns], &from.a[..unknowns]);
-        let memory = self.memory.map(|memory| (memory, &from.memory[..unknowns]));
-        move |i| {
-            let (v, a) = (v[i], a[i]);
-            let (q_w, v_w) = memory.map_or((0.0, 0.0), |(memory, w)| (memory.q * w[i], memory.v * w[i]));
-            Foot { dq: h * v + self.q_old * a + q_w, v: v + self.v_old * a + v_w, guess: a }
-        }
+        let memory = self.memory.map(|_| &from.memory[..unknowns]);
+        move |i| self.stand(h, v[i], a[i], memory.map(|w| w[i]))
     }
 
-    /// Makes the first guess `to` of its step of `h` (s) from `from`, for a solve with [`Patience::WhileShrinking`].
-    pub fn guess(self, system: &mut dyn System, from: &State, h: f64, to: &mut State) {
-        Stage { new: self.direction(), h }.guess(Guess::order(from, h)[0], system, from, to, &self.foot(from, h));
+    /// What a step of `h` (s) stands on, one unknown of it, with the old velocity, acceleration and memory.
+    #[inline(always)]
+    pub(crate) fn stand<T: Number>(self, h: f64, v: T, a: T, w: Option<T>) -> Foot<T> {
+        let (q_w, v_w) = match (self.memory, w) {
+            (Some(memory), Some(w)) => (w.like(memory.q) * w, w.like(memory.v) * w),
+            _ => (v.like(0.0), v.like(0.0)),
+        };
+        let dq = v.like(h) * v + v.like(self.q_old) * a + q_w;
+        Foot { dq, v: v + v.like(self.v_old) * a + v_w, guess: a }
     }
 
-    /// Ends a step from `from` whose solution is `to`.
-    ///
-    /// # Errors
-    /// Those of [`System::check_step`].
-    pub fn finish(self, system: &dyn System, from: &State, to: &mut State) -> Result<()> {
-        system.check_step(from, to)?;
-        self.remember(from, to);
-        Ok(())
-    }
-
-    fn remember(self, from: &State, to: &mut State) {
+    /// Remembers what it has to of the step from `from` whose solution is `to`.
+    pub fn remember(self, from: &State, to: &mut State) {
         if let Some(Memory { new, old, kept, .. }) = self.memory {
             for (i, w) in to.memory.iter_mut().enumerate() {
                 *w = new * to.a[i] + old * from.a[i] + kept * from.memory[i];
@@ -281,13 +275,27 @@ pub(crate) struct Stage {
 
 /// What a stage stands on, one unknown of it.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Foot {
+pub(crate) struct Foot<T = f64> {
     /// q* less the old position, m.
-    pub dq: f64,
+    pub dq: T,
     /// v*, m/s.
-    pub v: f64,
+    pub v: T,
     /// A guess of u.
-    pub guess: f64,
+    pub guess: T,
+}
+
+impl<T: Number> Foot<T> {
+    /// The u that leaves positions as they are.
+    #[inline(always)]
+    pub fn staying(&self, new: Direction) -> T {
+        -self.dq / self.dq.like(new.q)
+    }
+
+    /// Position, velocity and acceleration with u, where the old position is `q`.
+    #[inline(always)]
+    pub fn with(&self, new: Direction, q: T, u: T) -> [T; 3] {
+        [q + self.dq + u.like(new.q) * u, self.v + u.like(new.v) * u, u.like(new.a) * u]
+    }
 }
 
 /// Where Newton starts.
@@ -306,13 +314,21 @@ impl Guess {
     const FAST: f64 = 1.0;
 
     fn order(from: &State, h: f64) -> [Self; 2] {
-        let norm = |values: &[f64]| values.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if h * norm(&from.a) <= Self::FAST * norm(&from.v) {
-            [Self::Method, Self::Positions]
-        } else {
-            [Self::Positions, Self::Method]
-        }
+        let [change, most] = changes(h, from.v.as_chunks().0, from.a.as_chunks().0, 0.0);
+        if change <= most { [Self::Method, Self::Positions] } else { [Self::Positions, Self::Method] }
     }
+}
+
+/// How much the accelerations `a` change the velocities `v` in a step of `h` (s), and up to where they are those of the next step, in
+/// numbers like `zero`, see [`Guess::FAST`].
+#[inline(always)]
+pub(crate) fn changes<T: Real>(h: f64, v: &[[T; 2]], a: &[[T; 2]], zero: T) -> [T; 2] {
+    let (mut of_v, mut of_a) = (zero, zero);
+    for ([v_x, v_y], [a_x, a_y]) in v.iter().zip(a) {
+        of_v = of_v + *v_x * *v_x + *v_y * *v_y;
+        of_a = of_a + *a_x * *a_x + *a_y * *a_y;
+    }
+    [zero.like(h) * of_a.sqrt(), zero.like(Guess::FAST) * of_v.sqrt()]
 }
 
 impl Stage {
@@ -350,14 +366,12 @@ impl Stage {
     fn guess(self, guess: Guess, system: &mut dyn System, from: &State, to: &mut State, foot: &impl Fn(usize) -> Foot) {
         let guessed = to.q.iter_mut().zip(&mut to.v).zip(&mut to.a);
         for (i, (((to_q, to_v), to_a), q)) in guessed.zip(&from.q).enumerate() {
-            let Foot { dq, v, guess: u } = foot(i);
+            let foot = foot(i);
             let u = match guess {
-                Guess::Method => u,
-                Guess::Positions => -dq / self.new.q,
+                Guess::Method => foot.guess,
+                Guess::Positions => foot.staying(self.new),
             };
-            *to_q = q + dq + self.new.q * u;
-            *to_v = v + self.new.v * u;
-            *to_a = self.new.a * u;
+            [*to_q, *to_v, *to_a] = foot.with(self.new, *q, u);
         }
         system.move_to(to.t, to);
         system.better_guess(from, self.new, to);

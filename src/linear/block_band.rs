@@ -179,20 +179,24 @@ impl<T: Real> Middle<T> {
     #[inline(always)]
     fn factor(&mut self, rows: &[BlockRow<T>], near: &Upper<T::Pair>, far: &Upper<T::Pair>) {
         let none = [rows[0][0][0].like(0.0); 4];
-        let mut left = [[none; 5]; 3];
-        left[..rows.len()].copy_from_slice(rows);
         let (last, other) = (rows.len() - 1, rows.len().saturating_sub(2));
         let (mut near, below, mut far, below_far): (Upper<T>, Upper<T>, _, Upper<T>) =
             (end(near, 0), end(near, 1), end(far, 0), end(far, 1));
-        let [e, c, d, f, g] = left[last];
-        let f = less_product(f, g, below_far.f);
-        let d = less_product(less_product(d, g, below_far.g), f, below.f);
-        left[last] = [e, less_product(c, f, below.g), d, none, none];
-        self.below = [f, g, left[other][4]];
-        let [e, c, d, f, g] = left[other];
-        left[other] = [e, c, less_product(d, g, below.g), less_product(f, g, below.f), none];
-        for (row, (lower, upper)) in left[..rows.len()].iter().zip(self.lower.iter_mut().zip(&mut self.upper)) {
-            (*lower, *upper) = eliminate(*row, &near, &far);
+        for (k, (row, (lower, upper))) in rows.iter().zip(self.lower.iter_mut().zip(&mut self.upper)).enumerate() {
+            let mut row = *row;
+            if k == last {
+                let [e, c, d, f, g] = row;
+                let f = less_product(f, g, below_far.f);
+                let d = less_product(less_product(d, g, below_far.g), f, below.f);
+                row = [e, less_product(c, f, below.g), d, none, none];
+                (self.below[0], self.below[1]) = (f, g);
+            }
+            if k == other {
+                let [e, c, d, f, g] = row;
+                row = [e, c, less_product(d, g, below.g), less_product(f, g, below.f), none];
+                self.below[2] = g;
+            }
+            (*lower, *upper) = eliminate(row, &near, &far);
             (far, near) = (near, *upper);
         }
     }

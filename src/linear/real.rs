@@ -39,6 +39,9 @@ pub trait Real: Number + Scalar {
     /// The square root.
     fn sqrt(self) -> Self;
 
+    /// `then` where `x` is at most `limit`, `otherwise` where it is not.
+    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self;
+
     /// Does what is no part of a loop beside it, whose registers it would take (a tenth of an elimination's instructions). In lanes
     /// everything has to be in one function, the one that is compiled for them.
     #[inline(always)]
@@ -55,6 +58,16 @@ pub trait Pair<T>: Number + Mul<T, Output = Self> {
 
     /// The inverse of [`new`](Self::new).
     fn to_array(self) -> [T; 2];
+
+    /// The sum of both.
+    #[inline(always)]
+    fn sum(self) -> T
+    where
+        T: Number,
+    {
+        let [first, second] = self.to_array();
+        first + second
+    }
 
     /// The first ones of two pairs, and the second ones.
     fn transpose(pairs: [Self; 2]) -> [Self; 2];
@@ -83,6 +96,11 @@ impl Real for f64 {
     #[inline(always)]
     fn sqrt(self) -> Self {
         self.sqrt()
+    }
+
+    #[inline(always)]
+    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
+        if x <= limit { then } else { otherwise }
     }
 
     #[inline(never)]

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
-use super::page::{Motion, render};
+use super::page::{Motion, Script, render};
 use super::record::Frame;
 use crate::error::Result;
 use crate::words::number;
@@ -178,7 +178,7 @@ struct Content<'a> {
     played: usize,
     text: &'a str,
     figures: &'a [Figure],
-    data: Data<'a>,
+    data: Script<Data<'a>>,
 }
 
 #[derive(Serialize)]
@@ -444,7 +444,7 @@ impl Cases {
             played: self.motions.len(),
             text: &self.text,
             figures,
-            data: Data {
+            data: Script(Data {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
                 quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
                 indices: shown,
@@ -455,7 +455,7 @@ impl Cases {
                     .collect(),
                 endings: &self.endings,
                 motions: self.motions.iter().map(|(index, frames)| (*index, Motion::of(frames))).collect(),
-            },
+            }),
         };
         render(include_str!("cases.html"), &content)
     }

@@ -6,7 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::chart::Figure;
-use super::page::{Motion, render};
+use super::page::{Motion, Script, render};
 use super::tables::{Kept, write_all};
 use crate::error::{Error, Result};
 use crate::scene::Document;
@@ -90,7 +90,7 @@ impl Findings {
             "answers": self.answers,
             "figures": self.figures,
             "tables": tables,
-            "motion": self.motion.as_ref().map(|motion| &motion.0),
+            "motion": self.motion.as_ref().map(|motion| Script(&motion.0)),
             "shown": self.motion.as_ref().map(|motion| &motion.1),
             "scene": document.text(),
             "overrides": document.overrides(),

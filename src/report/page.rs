@@ -1,8 +1,9 @@
 //! report.html: one self-contained file that plays the run and shows its figures and numbers.
 
-use minijinja::value::{Serde, Value};
-use minijinja::{AutoEscape, Environment, ErrorKind};
-use serde::Serialize;
+use minijinja::value::Serde;
+use minijinja::{AutoEscape, Environment};
+use serde::ser::Error as _;
+use serde::{Serialize, Serializer};
 
 use super::chart::Figure;
 use super::record::Frame;
@@ -36,7 +37,7 @@ struct Content<'a> {
     notes: &'a [String],
     scene: &'a str,
     overrides: &'a [String],
-    motion: Motion,
+    motion: Script<Motion>,
 }
 
 /// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
@@ -110,7 +111,6 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
     let mut environment = Environment::new();
     environment.set_auto_escape_callback(|_| AutoEscape::Html);
-    environment.add_filter("tojson", json);
     for (name, text) in [
         ("style.css", include_str!("style.css")),
         ("figures.html", include_str!("figures.html")),
@@ -123,16 +123,20 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     environment.render_str(template, Serde(content)).map_err(failed)
 }
 
-/// A value as JSON that may stand in a script: minijinja's own filter writes numbers through a formatter, digit by digit.
-fn json(value: &Value) -> std::result::Result<Value, minijinja::Error> {
-    let failed = |e: serde_json::Error| minijinja::Error::new(ErrorKind::BadSerialization, e.to_string());
-    let mut text = serde_json::to_string(value).map_err(failed)?;
-    for (sign, escape) in [('<', "\\u003c"), ('>', "\\u003e"), ('&', "\\u0026"), ('\'', "\\u0027")] {
-        if text.contains(sign) {
-            text = text.replace(sign, escape); // which stands inside a text
+/// Data that a page takes into a script: to the template it is a text, JSON that may stand there. A template that saw the data itself
+/// would make a value of its own of every number first.
+pub struct Script<T>(pub T);
+
+impl<T: Serialize> Serialize for Script<T> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
+        let mut text = serde_json::to_string(&self.0).map_err(S::Error::custom)?;
+        for (sign, escape) in [('<', "\\u003c"), ('>', "\\u003e"), ('&', "\\u0026"), ('\'', "\\u0027")] {
+            if text.contains(sign) {
+                text = text.replace(sign, escape); // which stands inside a text
+            }
         }
+        serializer.serialize_str(&text)
     }
-    Ok(Value::from_safe_string(text))
 }
 
 impl Page<'_> {
@@ -159,7 +163,7 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: Motion::of(self.frames),
+            motion: Script(Motion::of(self.frames)),
         };
         render(include_str!("page.html"), &content)
     }

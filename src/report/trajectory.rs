@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
-use super::page::{Motion, render};
+use super::page::{Motion, Script, render};
 use super::record::{Record, Times};
 use crate::error::Result;
 use crate::run::Summary;
@@ -120,8 +120,8 @@ impl Trajectory {
         #[derive(Serialize)]
         struct Content<'a> {
             summary: &'a Summary,
-            motion: Motion,
+            motion: Script<Motion>,
         }
-        render(include_str!("inline.html"), &Content { summary, motion: Motion::of(self.record.frames()) })
+        render(include_str!("inline.html"), &Content { summary, motion: Script(Motion::of(self.record.frames())) })
     }
 }

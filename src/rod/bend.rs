@@ -64,6 +64,14 @@ pub fn joints<T: Real>(
     }
 }
 
+/// Writes m = B (κ − κ̄), N m, conjugate to κ: zero where there is no joint.
+#[inline(always)]
+pub fn moments<T: Real>(stiffness: &[T], kappa: &[T], natural: &[T], moments: &mut [T]) {
+    for (((moment, stiffness), kappa), natural) in moments.iter_mut().zip(stiffness).zip(kappa).zip(natural) {
+        *moment = *stiffness * (*kappa - *natural);
+    }
+}
+
 /// dκ/dθ = 1 + κ²/4.
 #[inline(always)]
 pub fn curvature_per_turning<T: Real>(kappa: T) -> T {

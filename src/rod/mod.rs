@@ -6,9 +6,11 @@ mod alike;
 pub mod around;
 pub mod bend;
 pub mod elastic;
+pub(crate) mod lengths;
 pub mod section;
 pub mod spheroid;
 pub mod stretch;
+pub(crate) mod sums;
 
 use nalgebra::Vector2;
 use serde::Deserialize;

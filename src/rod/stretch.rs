@@ -18,15 +18,15 @@ impl<T: Real> Cell<T> {
     pub fn tension(&self, edge: &Edge<T>) -> T {
         self.axial * (edge.length - self.rest)
     }
+
+    /// Energy of `edge`, J.
+    #[inline(always)]
+    pub fn energy(&self, edge: &Edge<T>) -> T {
+        edge.length.like(0.5) * self.tension(edge) * (edge.length - self.rest)
+    }
 }
 
 impl Cell {
-    /// Energy of `edge`, J.
-    #[inline]
-    pub fn energy(&self, edge: &Edge) -> f64 {
-        0.5 * self.tension(edge) * (edge.length - self.rest)
-    }
-
     /// Length (m) under a tension of `tension` N.
     #[inline]
     pub fn length(&self, tension: f64) -> f64 {

@@ -1,9 +1,12 @@
 //! Steps that are solved ahead, beside those of other cases.
 
+use nalgebra::Vector2;
+
 use super::Stepper;
+use crate::batch::Measured;
 use crate::integrator::{Pace, Rule};
 use crate::newton::Progress;
-use crate::system::{Direction, State};
+use crate::system::{State, System};
 
 /// A step that has set out: its guess is made.
 #[derive(Debug, Clone, Copy)]
@@ -11,14 +14,20 @@ pub(crate) struct Ahead {
     end: f64,
     h: f64,
     rule: Rule,
+    /// Its guess keeps the lengths of edges.
+    keeps_lengths: bool,
     /// Iterations of Newton's method that solved it; none before it is solved.
     iterations: u32,
+    /// It went through no state without meaning.
+    checked: bool,
+    /// What its end is measured to be is in the stepper's reading.
+    measured: bool,
 }
 
 impl Ahead {
-    /// The direction that it moves along.
-    pub fn direction(&self) -> Direction {
-        self.rule.direction()
+    /// Its size (s) and rule, and whether its guess keeps the lengths of edges.
+    pub fn kind(&self) -> (f64, Rule, bool) {
+        (self.h, self.rule, self.keeps_lengths)
     }
 }
 
@@ -49,7 +58,7 @@ impl Stepper {
         same.then_some(shape)
     }
 
-    /// Makes the guess of the next internal step, where it sets out as the one before did.
+    /// Sets out on the next internal step, where it does so as on the one before: all that depends on the time alone is that of its end.
     pub(crate) fn set_out_ahead(&mut self) -> Option<Ahead> {
         let Pace::Fixed(h) = self.pace else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
@@ -60,27 +69,45 @@ impl Stepper {
         }
         let (end, rule) = (self.clock.at(1, h), self.mover.rule(h)?);
         self.next.t = end;
-        rule.guess(&mut self.dynamics, &self.state, h, &mut self.next);
-        Some(Ahead { end, h, rule, iterations: 0 })
+        self.dynamics.move_to(end, &mut self.next);
+        let keeps_lengths = self.dynamics.keeps_lengths(rule.direction());
+        Some(Ahead { end, h, rule, keeps_lengths, iterations: 0, checked: false, measured: false })
     }
 
-    /// The guess, to be solved, and Newton's method before its first iteration.
-    pub(crate) fn guessed(&self) -> (&State, Progress) {
-        (&self.next, self.newton.progress(&self.dynamics))
+    /// The state that it has set out from and the one that it goes to, of which only what the time says is known, and Newton's method
+    /// before its first iteration.
+    pub(crate) fn under_way(&self) -> ([&State; 2], Progress) {
+        ([&self.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
-    /// Takes over the solution of a step that was found in so many `iterations`; `write` writes it.
-    pub(crate) fn solved_ahead(&mut self, step: Ahead, iterations: u32, write: impl FnOnce(&mut State)) {
+    /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes, and what is `measured` of it;
+    /// `fill` writes curvatures, moments and tangents.
+    pub(crate) fn solved_ahead(
+        &mut self,
+        step: Ahead,
+        iterations: u32,
+        write: impl FnOnce(&mut State),
+        measured: Option<&Measured>,
+        fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
+    ) {
         write(&mut self.next);
-        self.solved = Some(Ahead { iterations, ..step });
+        let take = |all: &Measured| self.reading.take_over(&self.dynamics, &self.next, all, fill);
+        let checked = measured.is_some_and(|measured| measured.least_turn >= 0.0);
+        let measured = measured.is_some_and(|measured| take(measured).is_ok());
+        self.solved = Some(Ahead { iterations, checked, measured, ..step });
     }
 
     /// Ends the step of `h` (s) to `end` that was solved ahead; `None` where none was, or the solution does not do.
     pub(super) fn take_solved(&mut self, end: f64, h: f64) -> Option<()> {
-        let Ahead { rule, iterations, .. } = self.solved.take().filter(|solved| solved.end == end && solved.h == h)?;
-        rule.finish(&self.dynamics, &self.state, &mut self.next).ok()?;
+        let Ahead { rule, iterations, checked, measured, .. } =
+            self.solved.take().filter(|solved| solved.end == end && solved.h == h)?;
+        if !checked {
+            self.dynamics.check_step(&self.state, &self.next).ok()?;
+        }
+        rule.remember(&self.state, &mut self.next);
         self.newton.work.newton_iterations += u64::from(iterations);
         self.newton.work.factorisations += u64::from(iterations);
+        self.measured = measured;
         Some(())
     }
 }

@@ -118,16 +118,20 @@ fn scene(sweep: &Sweep, index: usize) -> Result<Hashed<'_>> {
 
 /// A case on its way to its row.
 struct Case<'a> {
-    sweep: &'a Sweep,
-    index: usize,
     scene: &'a Result<Hashed<'a>>,
     warnings: Vec<String>,
     row: Row,
+    /// Frames and points of the path that are wanted.
+    wanted: [usize; 2],
+    /// When the next of them is due, s.
+    due: f64,
 }
 
 impl<'a> Case<'a> {
     fn of(sweep: &'a Sweep, index: usize, scene: &'a Result<Hashed<'a>>) -> Self {
-        Self { sweep, index, scene, warnings: Vec::new(), row: Row::default() }
+        let frames = if sweep.plays(index) { sweep.record.frames } else { 0 };
+        let wanted = [frames, sweep.record.traces];
+        Self { scene, warnings: Vec::new(), row: Row::default(), wanted, due: 0.0 }
     }
 
     /// Its run at the start; where there is none the row says why.
@@ -149,16 +153,21 @@ impl<'a> Case<'a> {
 
     /// Keeps what is wanted of its motion, up to the time of `stepper`.
     fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
-        let Self { sweep, row, index, scene: Ok((scene, _)), .. } = self else { return Ok(()) };
-        let (record, duration) = (&sweep.record, scene.solver.duration_s.get());
+        let now = stepper.time();
+        let Self { row, scene: Ok((scene, _)), wanted, due, .. } = self else { return Ok(()) };
+        if now < *due {
+            return Ok(());
+        }
         // The times wanted, evenly over the run, of which so many are kept already.
-        let frames = if sweep.plays(*index) { record.frames } else { 0 };
-        while let Some(time) = even(duration, frames, row.frames.len()).filter(|time| *time <= stepper.time()) {
+        let next = |count: usize, kept: usize| even(scene.solver.duration_s.get(), count, kept);
+        while let Some(time) = next(wanted[0], row.frames.len()).filter(|time| *time <= now) {
             row.frames.push(stepper.at(time, Frame::of)?);
         }
-        while let Some(time) = even(duration, record.traces, row.trace.len()).filter(|time| *time <= stepper.time()) {
+        while let Some(time) = next(wanted[1], row.trace.len()).filter(|time| *time <= now) {
             row.trace.push(stepper.at(time, |view| [time, view.meter.now.com.x, view.meter.now.com.y])?);
         }
+        let times = [next(wanted[0], row.frames.len()), next(wanted[1], row.trace.len())];
+        *due = times.into_iter().flatten().fold(f64::INFINITY, f64::min);
         Ok(())
     }
 }

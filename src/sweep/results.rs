@@ -117,42 +117,51 @@ impl<'a> Results<'a> {
             Ok(cells)
         };
         let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
-        let mut kept = Kept::default();
         // Both tables from one reading of the rows.
-        let path = folder.path().join("table.csv");
-        let mut table = Mixed::create(&path, &columns);
-        let rows = self.read().map(cells).inspect(|cells: &Result<Vec<Value>>| {
-            let added = match (&mut table, cells) {
-                (Ok(table), Ok(cells)) => table.row(cells),
-                (_, Err(error)) => Err(Error::Journal { path: path.clone(), problem: error.to_string() }),
-                (Err(_), _) => Ok(()),
+        let tables = || {
+            let mut kept = Kept::default();
+            let path = folder.path().join("table.csv");
+            let mut table = Mixed::create(&path, &columns);
+            let rows = self.read().map(cells).inspect(|cells: &Result<Vec<Value>>| {
+                let added = match (&mut table, cells) {
+                    (Ok(table), Ok(cells)) => table.row(cells),
+                    (_, Err(error)) => Err(Error::Journal { path: path.clone(), problem: error.to_string() }),
+                    (Err(_), _) => Ok(()),
+                };
+                if let Err(error) = added {
+                    table = Err(error);
+                }
+            });
+            #[cfg(feature = "parquet")]
+            let rows = {
+                let mut rows = rows;
+                if sweep.size() >= PARQUET_FROM {
+                    let path = folder.path().join("table.parquet");
+                    let table = parquet_of(&path, &header, rows.by_ref());
+                    kept.put(path, table);
+                }
+                rows
             };
-            if let Err(error) = added {
-                table = Err(error);
-            }
-        });
-        #[cfg(feature = "parquet")]
-        let rows = {
-            let mut rows = rows;
-            if sweep.size() >= PARQUET_FROM {
-                let path = folder.path().join("table.parquet");
-                let table = parquet_of(&path, &header, rows.by_ref());
+            rows.for_each(drop);
+            kept.put(path, table.and_then(Mixed::complete));
+            if sweep.record.traces > 0 {
+                let path = folder.path().join("traces.csv");
+                let table = self.traces(&path);
                 kept.put(path, table);
             }
-            rows
+            kept
         };
-        rows.for_each(drop);
-        kept.put(path, table.and_then(Mixed::complete));
-        if sweep.record.traces > 0 {
-            let path = folder.path().join("traces.csv");
-            let table = self.traces(&path);
-            kept.put(path, table);
-        }
-        let figures = cases.figures();
+        let (mut kept, mut page) = (Kept::default(), Ok(String::new()));
+        let figures = std::thread::scope(|scope| {
+            scope.spawn(|| kept = tables());
+            let figures = cases.figures();
+            page = cases.page(&figures);
+            figures
+        });
         for Figure { file, svg, .. } in &figures {
             kept.put_file(folder.path().join(file), Ok(svg));
         }
-        kept.put_file(folder.path().join("report.html"), cases.page(&figures));
+        kept.put_file(folder.path().join("report.html"), page);
         Ok(Written { kept, failed: cases.into_endings() })
     }
 

@@ -1,0 +1,59 @@
+//! Edges on their way through a step: what keeps their lengths in a guess, and how far they turn. One source for one case and for
+//! several.
+
+use nalgebra::Vector2;
+
+use crate::linear::{Number, Pair, Real, pair};
+use crate::system::Direction;
+
+/// Moves the nodes beyond the first, given by positions, velocities and accelerations, along `direction` until every edge is as long
+/// as between the `old` positions; the centre of mass of a rod of the `free` mass (kg) stays.
+#[inline(always)]
+pub(crate) fn keep<T: Real>(
+    old: &[[T; 2]],
+    [q, v, a]: [&mut [[T; 2]]; 3],
+    mass: &[T],
+    free: Option<T>,
+    direction: Direction,
+) {
+    let ([old_first, ..], [first, ..], [some, ..]) = (old, &*q, mass) else { return };
+    let like = |x: f64| some.like(x);
+    let (mut old_before, mut before) = (T::Pair::new(*old_first), T::Pair::new(*first));
+    let (mut moved, mut mean) = (before.like(0.0), before.like(0.0));
+    let beyond = old.iter().zip(q.iter_mut()).zip(v.iter_mut()).zip(a.iter_mut()).zip(mass).skip(1);
+    for ((((old, q), v), a), mass) in beyond {
+        let (old, guessed) = (T::Pair::new(*old), T::Pair::new(*q));
+        let (was, edge) = (old - old_before, guessed - before);
+        let ratio = ((was * was).sum() / (edge * edge).sum()).sqrt();
+        // Nothing where it is not finite.
+        moved += edge * T::where_at_most(ratio, like(f64::MAX), ratio - like(1.0), like(0.0));
+        mean += moved * *mass;
+        direction.move_node([q, v, a], (moved / moved.like(direction.q)).to_array());
+        (old_before, before) = (old, guessed);
+    }
+    if let Some(mass) = free {
+        let back = (-(mean / T::Pair::new([mass * like(direction.q); 2]))).to_array();
+        for ((q, v), a) in q.iter_mut().zip(v).zip(a) {
+            direction.move_node([q, v, a], back);
+        }
+    }
+}
+
+/// The least cosine, times a positive number, of the angles by which edges turn from `old` to `new` positions, and from each to the next
+/// at both; `wall` is the tangent before the first, where there is one.
+#[inline(always)]
+pub(crate) fn least_turn<T: Real>(wall: Option<Vector2<T>>, old: &[[T; 2]], new: &[[T; 2]]) -> Option<T> {
+    let ([old_first, ..], [first, ..]) = (old, new) else { return None };
+    let (mut old_node, mut node) = (T::Pair::new(*old_first), T::Pair::new(*first));
+    let wall = wall.map_or(node.like(0.0), pair);
+    let (mut old_before, mut before) = (wall, wall);
+    let mut most = -first[0].like(f64::INFINITY);
+    for (old, new) in old.iter().zip(new).skip(1) {
+        let (old, new) = (T::Pair::new(*old), T::Pair::new(*new));
+        let (old_edge, edge) = (old - old_node, new - node);
+        let cosines = [(old_edge * edge).sum(), (old_before * old_edge).sum(), (before * edge).sum()];
+        most = most.larger(-cosines[0]).larger(-cosines[1]).larger(-cosines[2]);
+        (old_node, node, old_before, before) = (old, new, old_edge, edge);
+    }
+    Some(-most)
+}
