@@ -6,6 +6,8 @@
 //! does the step alone, from its beginning.
 
 #[cfg(target_arch = "x86_64")]
+mod forces;
+#[cfg(target_arch = "x86_64")]
 mod kernel;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
@@ -27,8 +29,9 @@ pub struct Batch {
 }
 
 impl Batch {
-    /// For at most [`WIDTH`] steppers at work on rods of as many nodes by the same method, in positions, in a uniform medium whose drag
-    /// is in proportion to the velocity, or in none. `None` for others, for fewer than two, and on a processor without AVX2.
+    /// For at most [`WIDTH`] steppers at work on rods of as many nodes by the same method, in positions, in a uniform medium or in none,
+    /// under the same drag law (in proportion to the velocity, or `cross-flow`) with the water that the rod accelerates or without.
+    /// `None` for others, for fewer than two, and on a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]
         return Some(Self { kernel: kernel::Kernel::of(steppers)?, steps: 0 });

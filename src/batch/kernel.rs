@@ -8,12 +8,16 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
+use super::forces::{Motions, Others};
 use super::lanes::{Lanes, Two};
+use crate::fluid::Fluid;
+use crate::fluid::force::OnTip;
 use crate::fluid::local::{self, DragSums, Traction};
 use crate::integrator::{Rule, changes};
-use crate::linear::{BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
+use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
+use crate::rod::around::OnEdge;
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::{self, Deformed};
 use crate::rod::sums::{Moving, Sums};
@@ -31,6 +35,7 @@ pub struct Kernel {
     simd: Avx2,
     models: [Arc<Model>; WIDTH],
     rods: Rods,
+    others: Others,
     at: Moment,
     before: Before,
     motion: Motion,
@@ -62,6 +67,8 @@ struct Moment {
     /// The tangent before the first joint of a held head.
     wall: Option<Vector2<Lanes>>,
     flow: Vector2<Lanes>,
+    /// The fluid of each case.
+    fluids: [Fluid; WIDTH],
     loads: Vec<Nodes>,
     /// Position, velocity and acceleration of a held head.
     head: [[Lanes; 2]; 3],
@@ -84,6 +91,9 @@ struct Before {
 #[derive(Debug)]
 struct Room {
     edges: Vec<Edge<Lanes>>,
+    /// What the other forces do on every edge; empty where there are none.
+    around: Vec<OnEdge<Lanes>>,
+    tips: Vec<Tip>,
     joints: Vec<Joint<Lanes>>,
     kappa: Vec<Lanes>,
     /// Moments conjugate to the curvatures.
@@ -92,6 +102,26 @@ struct Room {
     residual: Nodes,
     solution: Nodes,
     band: BlockBand<Lanes>,
+}
+
+/// What opposes the last node beyond its edge: a force, and what it adds to the first three blocks of the last row.
+#[derive(Debug, Clone, Copy)]
+struct Tip {
+    force: [Lanes; 2],
+    blocks: [[Lanes; 4]; 3],
+}
+
+impl Tip {
+    /// Takes over that of one case.
+    fn set(&mut self, lane: usize, tip: &OnTip) {
+        let [before, last] = tip.edges;
+        for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
+            to.set(lane, *from);
+        }
+        for (to, block) in self.blocks.iter_mut().zip([-before, before - last, tip.own + last]) {
+            to.iter_mut().zip(block.transpose().iter()).for_each(|(to, from)| to.set(lane, *from));
+        }
+    }
 }
 
 impl Kernel {
@@ -111,21 +141,28 @@ impl Kernel {
             rest: pack(&|lane| rod(lane).cells[e].rest),
             axial: pack(&|lane| rod(lane).cells[e].axial),
         };
-        let drag = |e: usize, part: usize| {
-            let end = |end: usize| {
-                pack(&|lane| {
-                    let model = model(lane);
-                    let of = model.forces.proportional().and_then(|drag| drag.coefficients(model.fluid, e));
-                    of.map_or(f64::NAN, |parts| parts[part].to_array()[end])
-                })
-            };
-            Two::new([end(0), end(1)])
+        let in_pass = first.model().forces.in_pass().map(|(i, _)| i);
+        let others = Others::of(simd, std::array::from_fn(model), in_pass)?;
+        let coefficients = |lane: usize, e: usize| {
+            let model = model(lane);
+            model.forces.in_pass().and_then(|(_, drag)| drag.coefficients(model.fluid, e))
+        };
+        if in_pass.is_some() && (0..WIDTH).any(|lane| coefficients(lane, 0).is_none()) {
+            return None;
+        }
+        let of_drag = |e: usize| {
+            let cases: [_; WIDTH] = std::array::from_fn(|lane| coefficients(lane, e).unwrap_or_default());
+            [0, 1, 2].map(|part| two(simd, |lane| cases[lane][part].to_array()))
         };
         let zero = pack(&|_| 0.0);
         let edge = Edge::new(Vector2::new(zero.like(1.0), zero));
         let vectors = || vec![[zero; 2]; nodes];
         let loads = dynamics(first).loads().count();
-        let edges = if first.model().forces.is_empty() { 0 } else { nodes - 1 };
+        let (dragged, around) =
+            [in_pass.is_some(), others.are_on_edges()].map(|any| if any { nodes - 1 } else { 0 }).into();
+        let none = Block::diagonal(zero);
+        let nothing = OnEdge { force: [Two::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
+        let tip = Tip { force: [zero; 2], blocks: [[zero; 4]; 3] };
         Some(Self {
             simd,
             models: std::array::from_fn(|lane| dynamics(steppers.get(lane).unwrap_or(first)).model.clone()),
@@ -134,7 +171,7 @@ impl Kernel {
                 cells: Alike::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
                 mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
                 stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
-                drag: (0..edges).map(|e| std::array::from_fn(|part| drag(e, part))).collect(),
+                drag: (0..dragged).map(of_drag).collect(),
                 lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
                 total_mass: pack(&|lane| rod(lane).total_mass()),
             },
@@ -143,6 +180,7 @@ impl Kernel {
                 natural_rate: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
                 flow: Vector2::new(zero, zero),
+                fluids: [Fluid::NONE; WIDTH],
                 loads: vec![vectors(); loads],
                 head: [[zero; 2]; 3],
             },
@@ -150,6 +188,8 @@ impl Kernel {
             motion: Motion { q: vectors(), v: vectors(), a: vectors() },
             room: Room {
                 edges: vec![edge; nodes - 1],
+                around: vec![nothing; around],
+                tips: vec![tip; others.tips()],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
                 kappa: vec![zero; nodes],
                 moment: vec![zero; nodes],
@@ -158,6 +198,7 @@ impl Kernel {
                 solution: vectors(),
                 band: BlockBand::of(nodes, zero),
             },
+            others,
         })
     }
 
@@ -229,11 +270,12 @@ impl Kernel {
 
     /// Measures the cases where they are.
     fn measure(&mut self) -> Measured<Lanes> {
-        let Self { simd, rods, at, before, motion, room, .. } = self;
-        simd.vectorize(
+        let Self { simd, rods, others, at, before, motion, room, .. } = self;
+        let measured = simd.vectorize(
             #[inline(always)]
             || measure(rods, at, &before.motion.q, motion, room),
-        )
+        );
+        Measured { with_powers: others.are_none(), ..measured }
     }
 
     /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
@@ -249,6 +291,7 @@ impl Kernel {
             to.iter_mut().zip(from).for_each(|(to, from)| to.set(lane, *from));
         }
         write_vector(&mut at.flow, lane, dynamics.inputs.fluid.flow);
+        at.fluids[lane] = dynamics.inputs.fluid;
         if let (Some(to), Some(wall)) = (&mut at.wall, dynamics.wall()) {
             write_vector(to, lane, wall);
         }
@@ -280,11 +323,28 @@ impl Kernel {
     /// One iteration of Newton's method; moves the cases that are `going`. `None` of a case whose rod has no meaning or whose system
     /// is not solved to rounding.
     fn iterate(&mut self, direction: Direction, going: [bool; WIDTH]) -> [Option<Iteration>; WIDTH] {
-        let Self { simd, rods, at, motion, room, .. } = self;
-        let going = mask64x4::simd_from(*simd, going.map(|going| if going { -1 } else { 0 }));
-        let (sizes, least) = simd.vectorize(
+        let Self { simd, models, rods, others, at, motion, room, .. } = self;
+        let least = simd.vectorize(
             #[inline(always)]
-            || iterate(rods, at, motion, room, direction, going),
+            || bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
+        );
+        if !others.are_none() {
+            let Motion { q, v, a } = &*motion;
+            let motions = Motions { edges: &room.edges, q, v, a, flow: Two::new(at.flow.into()) };
+            others.on_edges(*simd, &motions, direction, &mut room.around);
+            for lane in 0..WIDTH {
+                let mut tips = room.tips.iter_mut();
+                others.on_tip(&models[lane].forces, lane, &motions, at.fluids[lane], direction, |tip| {
+                    if let Some(to) = tips.next() {
+                        to.set(lane, &tip);
+                    }
+                });
+            }
+        }
+        let going = mask64x4::simd_from(*simd, going.map(|going| if going { -1 } else { 0 }));
+        let sizes = simd.vectorize(
+            #[inline(always)]
+            || solve(rods, at, motion, room, direction, going),
         );
         let fine = least.map(Lanes::to_array);
         let checked = sizes.in_lanes(Lanes::to_array);
@@ -300,6 +360,12 @@ impl Kernel {
 /// The model of a case in motion.
 fn dynamics(case: &Stepper) -> &Dynamics {
     case.view().dynamics
+}
+
+/// Pairs of every case.
+pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> Two {
+    let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
+    Two::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
 }
 
 /// Writes `factor` times the vectors of a case, two numbers each.
@@ -326,6 +392,8 @@ pub(crate) struct Measured<T: Real = f64> {
     pub held: Vector2<T>,
     /// See [`lengths::least_turn`].
     pub least_turn: T,
+    /// There is no force but one in proportion to the velocity.
+    pub with_powers: bool,
     /// By how much edges and joints are away from what has no meaning.
     least: [T; 3],
 }
@@ -335,7 +403,7 @@ impl Measured<Lanes> {
     fn of(&self, lane: usize) -> Option<Measured> {
         let one = |number: Lanes| number.get(lane);
         let two = |pair: Two| f64x2::new(pair.to_array().map(one));
-        let Self { sums, drag, held, least_turn, least } = self;
+        let Self { sums, drag, held, least_turn, least, with_powers } = self;
         let least = least.map(one);
         let own = Measured {
             sums: Sums {
@@ -350,6 +418,7 @@ impl Measured<Lanes> {
             drag: DragSums { opposing: two(drag.opposing), against_fluid: two(drag.against_fluid) },
             held: Vector2::new(one(held.x), one(held.y)),
             least_turn: one(*least_turn),
+            with_powers: *with_powers,
             least,
         };
         least.iter().all(|least| *least > 0.0).then_some(own)
@@ -452,32 +521,46 @@ fn measure(rods: &Rods, at: &Moment, before: &Nodes, Motion { q, v, a }: &Motion
         held = Vector2::new(push(0), push(1));
     }
     let least_turn = lengths::least_turn(at.wall, before, q).unwrap_or(zero);
-    Measured { sums, drag, held, least_turn, least }
+    Measured { sums, drag, held, least_turn, with_powers: true, least }
 }
 
-/// Assembles, solves and moves; by how much edges and joints are away from what has no meaning.
+/// Assembles, solves and moves bent rods.
 #[inline(always)]
-fn iterate(
+fn solve(
     rods: &Rods,
     at: &Moment,
     Motion { q, v, a }: &mut Motion,
-    Room { edges, joints, kappa, rows, residual, solution, band, .. }: &mut Room,
+    Room { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Room,
     direction: Direction,
     going: mask64x4<Avx2>,
-) -> (Sizes<Two>, [Lanes; 3]) {
+) -> Sizes<Two> {
     let zero = at.flow.x.like(0.0);
-    let least = bend(rods, at, q, edges, joints, kappa);
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
     let flow = Two::new(at.flow.into());
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
         |(e, (edge, v))| {
-            let [lengths, along, across] = rods.drag.get(e).copied()?;
+            let others = others.get(e);
+            let Some([lengths, along, across]) = rods.drag.get(e).copied() else { return others.copied() };
             let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
-            Some(local::around(edge, lengths, [u, w], Traction::linear([along, across], u, w), direction))
+            let mut on = local::around(edge, lengths, [u, w], Traction::linear([along, across], u, w), direction);
+            if let Some(others) = others {
+                on.add(others);
+            }
+            Some(on)
         },
     );
     deformed.assemble(around, residual, Some((rows, direction)));
+    if let ([.., r], [.., row]) = (&mut residual[..], &mut rows[..]) {
+        for tip in &*tips {
+            *r = [r[0] + tip.force[0], r[1] + tip.force[1]];
+            for (entry, block) in row.iter_mut().zip(&tip.blocks) {
+                for (x, y) in entry.iter_mut().zip(block) {
+                    *x += *y;
+                }
+            }
+        }
+    }
     for load in &at.loads {
         for (r, w) in residual.iter_mut().zip(load) {
             *r = [r[0] - w[0], r[1] - w[1]];
@@ -498,5 +581,5 @@ fn iterate(
             a[i] = a[i] - zero.like(direction.a) * d;
         }
     }
-    (sizes, least)
+    sizes
 }

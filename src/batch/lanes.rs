@@ -105,15 +105,15 @@ impl Number for Lanes {
     fn larger(self, other: Self) -> Self {
         Self(self.0.max(other.0))
     }
-}
-
-impl Real for Lanes {
-    type Pair = Two;
 
     #[inline(always)]
     fn sqrt(self) -> Self {
         Self(self.0.sqrt())
     }
+}
+
+impl Real for Lanes {
+    type Pair = Two;
 
     #[inline(always)]
     fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
@@ -168,6 +168,11 @@ impl Number for Two {
             #[inline(always)]
             |a, b| a.larger(b),
         )
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        Self([self.0[0].sqrt(), self.0[1].sqrt()])
     }
 }
 

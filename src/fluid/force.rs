@@ -6,6 +6,7 @@
 //! for either end, how the force changes where the whole edge moves with that end, and how it changes where the edge vector
 //! e = x_{k+1} − x_k changes while that end stays.
 
+use std::any::Any;
 use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
@@ -258,7 +259,7 @@ pub trait Whole: Coupling {
 }
 
 /// A force on the rod.
-pub trait Force: std::fmt::Debug + Send + Sync {
+pub trait Force: std::fmt::Debug + Send + Sync + Any {
     /// Its name.
     fn name(&self) -> &'static str;
 
@@ -377,12 +378,12 @@ impl Forces {
         self.0.iter().map(|force| &**force)
     }
 
-    /// The only one, where it is in proportion to the velocity of each half of an edge, see [`InPass::coefficients`].
-    pub fn proportional(&self) -> Option<&dyn InPass> {
-        let [force] = &self.0[..] else { return None };
-        let taking = force.sink().is_some() && force.is_of_fluid();
-        let plain = taking && force.is_linear() && !force.is_inertial() && force.is_the_same_everywhere();
-        force.in_pass().filter(|drag| plain && drag.coefficients(Fluid::NONE, 0).is_some())
+    /// The one that is compiled into the pass over the rod, and its place.
+    pub fn in_pass(&self) -> Option<(usize, &dyn InPass)> {
+        // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
+        // short: such a law takes its turn among the others.
+        let mut linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
+        linear.find_map(|(i, force)| Some((i, force.in_pass()?)))
     }
 
     /// True where one of them adds to the inertia.
@@ -428,10 +429,7 @@ impl Forces {
         }
         let along = jacobian.as_ref().map(|(_, direction)| *direction);
         let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
-        // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
-        // short: such a law takes its turn among the others.
-        let mut linear = self.iter().enumerate().filter(|(_, force)| force.is_linear());
-        let in_pass = linear.find_map(|(i, force)| Some((i, force.in_pass()?)));
+        let in_pass = self.in_pass();
         let forces = in_pass.map_or([&self.0[..], &[]], |(i, _)| [&self.0[..i], &self.0[i + 1..]]);
         let mut others = ActingOn { forces, rod: moving, along, room };
         match in_pass {

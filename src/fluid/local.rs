@@ -52,7 +52,7 @@ impl<T: Real> Traction<T> {
 }
 
 /// A local drag law.
-pub trait Law: std::fmt::Debug + Send + Sync {
+pub trait Law: std::fmt::Debug + Send + Sync + 'static {
     /// What it knows of both halves of an edge.
     type Halves: std::fmt::Debug + Copy + Default + PartialEq + Send + Sync;
     /// What it makes of the fluids at both ends of an edge, once for all edges where there is only one.
@@ -142,6 +142,16 @@ impl<L: Law> LocalDrag<L> {
         let halves: Vec<_> = rod.halves().map(|halves| (both(&halves, weighted), of(&halves))).collect();
         let depends = [VISCOSITY, DENSITY].map(|key| law.parameters().contains(&key));
         Self { law, depends, halves: halves.into() }
+    }
+
+    /// The law.
+    pub(crate) fn law(&self) -> &L {
+        &self.law
+    }
+
+    /// The weighted lengths of both halves of edge `e`, m, and what the law knows of them.
+    pub(crate) fn on_halves(&self, e: usize) -> &(f64x2, L::Halves) {
+        &self.halves[e]
     }
 
     /// The change (N) of what opposes the ends of an edge that move at `w` (m/s) against `fluids`, where those change by

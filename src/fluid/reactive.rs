@@ -18,7 +18,7 @@ use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validi
 use super::laws::{Published, Uncertainty};
 use super::local::both;
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
-use crate::linear::{Block, pair};
+use crate::linear::{Block, Number, Pair, Real, pair};
 use crate::rod::{Alike, Edge, Rod, add, node};
 use crate::system::Direction;
 
@@ -65,9 +65,7 @@ impl Reactive {
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
-    /// What opposes the ends of edge `k`, whose fluid is that of `ends`; it changes from there where it `VARIES`. Numbers are
-    /// those of both ends, an end a lane, and blocks are put together from their components along and across the edge: numbers
-    /// written apart and read as lanes would have to wait for each other.
+    /// What opposes the ends of edge `k`, whose fluid is that of `ends`; it changes from there where it `VARIES`.
     #[inline(always)]
     fn on_edge<const VARIES: bool>(
         &self,
@@ -77,46 +75,37 @@ impl Reactive {
         ends: &[Here; 2],
     ) -> OnEdge {
         let edge = &rod.edges[k];
-        let (t, n, length) = (pair(edge.t), pair(edge.n()), edge.length);
         let opening = node(rod.v, k + 1) - node(rod.v, k);
-        let (stretching, lambda) = (opening.dot(&edge.t), opening.dot(&edge.n()));
         let (c, [u, w]) = self.moving(rod, k, [&ends[0].fluid, &ends[1].fluid]);
-        let [at, an] =
-            edge.components([pair(rod.accelerating_against_fluid(k)), pair(rod.accelerating_against_fluid(k + 1))]);
-        // p_i over c_i, and the pair that acts with opposite signs on the two ends.
-        let own = [-(w * lambda), an * length + w * stretching - u * lambda];
-        let pair = [w * w * 0.5, -(u * w)];
-        let mut force =
-            [own[0] * c + opposite((pair[0] * c).reduce_add()), own[1] * c + opposite((pair[1] * c).reduce_add())];
+        let accelerations = [rod.accelerating_against_fluid(k), rod.accelerating_against_fluid(k + 1)];
+        let moving = Accelerating {
+            c,
+            velocity: [u, w],
+            acceleration: edge.components(accelerations.map(pair)),
+            opening: [opening.dot(&edge.t), opening.dot(&edge.n())],
+        };
+        let parts = moving.parts_on(edge);
+        let mut force = moving.force(&parts);
         // c changes with the place: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the fluid that becomes heavier as the rod moves and the pull
         // towards the lighter side.
         let crossing = VARIES && ends.iter().any(|here| here.slope.density != 0.0 || here.bend != 0.0);
         let halves = f64x2::new(self.halves[k]);
         let slope = halves * both(ends, |here| here.slope.density);
         let (nu_t, nu_n) = (rod.normal().dot(&edge.t), rod.normal().dot(&edge.n()));
+        let (length, Parts { own, pair }) = (edge.length, parts);
         let rising = u * nu_t + w * nu_n;
         let shape = [-(pair[0] * nu_t), rising * w - pair[0] * nu_n];
         if crossing {
             force[0] += shape[0] * slope * length;
             force[1] += shape[1] * slope * length;
         }
-        let mut on = OnEdge { force: edge.vectors(force[0], force[1]), ..OnEdge::ZERO };
-        let Some(Direction { q, v, a }) = along else { return on };
-        let (by_velocity, by_turning) = (c * v, c * (q * edge.per_length));
-        // The pair changes by (tn − nt) w − nn u with each end's velocity.
-        let (turned, pushed) = (by_velocity * w, by_velocity * u);
-        let twisted = opposite(turned.reduce_add());
-        let mixed = -(by_velocity * lambda);
-        let (mut own_tn, mut own_nt) = (mixed + twisted, mixed - twisted);
-        let mut own_nn = c * (length * a + stretching * v) - opposite(pushed.reduce_add());
-        // Where one end stays, the other moves with the edge vector.
-        let turned = turned - swapped(turned);
-        let mut edge_tn = by_turning * (u * (2.0 * lambda) - an * length) - turned;
-        let mut edge_nt = c * an * q + turned;
-        let pair_nn = (by_turning * (u * u - pair[0])).reduce_add();
-        let mut edge_nn = opposite(pair_nn) - by_turning * (at * length + w * lambda) - pushed - swapped(pushed);
-        let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
+        let Some(direction) = along else {
+            return OnEdge { force: edge.vectors(force[0], force[1]), ..OnEdge::ZERO };
+        };
+        let mut slopes = moving.slopes(edge, &parts, direction);
+        let mut along_twice = None;
         if crossing {
+            let Direction { q, v, .. } = direction;
             let (by_velocity, by_place) = (slope * (length * v), slope * q);
             let bend = halves * both(ends, |here| here.bend) * (length * q);
             let pair = [pair[0] * by_place, pair[1] * by_place];
@@ -126,29 +115,23 @@ impl Reactive {
             ];
             let turned = [swapped(pair[0]), swapped(pair[1])];
             let twisted = by_velocity * w * nu_t;
-            own_tn += moved[0] * nu_n - twisted;
-            own_nt += moved[1] * nu_t + twisted;
-            own_nn += moved[1] * nu_n + by_velocity * rising;
-            edge_tn += turned[0] * nu_n + (u * nu_t - rising) * w * by_place;
-            edge_nt += turned[1] * nu_t + shape[1] * by_place;
-            edge_nn += turned[1] * nu_n + (w * nu_n - rising) * u * by_place;
-            let tt = Block::outer(edge.t, t);
-            let own = (moved[0] * nu_t).to_array();
-            let by_edge = (turned[0] * nu_t + shape[0] * by_place).to_array();
-            for i in 0..2 {
-                on.own[i] = tt * own[i];
-                on.edge[i] = tt * by_edge[i];
-            }
+            let [[own_tn, own_nt, own_nn], [edge_tn, edge_nt, edge_nn]] = &mut slopes;
+            *own_tn += moved[0] * nu_n - twisted;
+            *own_nt += moved[1] * nu_t + twisted;
+            *own_nn += moved[1] * nu_n + by_velocity * rising;
+            *edge_tn += turned[0] * nu_n + (u * nu_t - rising) * w * by_place;
+            *edge_nt += turned[1] * nu_t + shape[1] * by_place;
+            *edge_nn += turned[1] * nu_n + (w * nu_n - rising) * u * by_place;
+            along_twice = Some([moved[0] * nu_t, turned[0] * nu_t + shape[0] * by_place]);
         }
-        let [own_tn, own_nt, own_nn] = [own_tn.to_array(), own_nt.to_array(), own_nn.to_array()];
-        let [edge_tn, edge_nt, edge_nn] = [edge_tn.to_array(), edge_nt.to_array(), edge_nn.to_array()];
-        for i in 0..2 {
-            let own = tn * own_tn[i] + nt * own_nt[i] + nn * own_nn[i];
-            let by_edge = tn * edge_tn[i] + nt * edge_nt[i] + nn * edge_nn[i];
-            // What is there already is zero where nothing is crossed.
-            (on.own[i], on.edge[i]) = if crossing { (on.own[i] + own, on.edge[i] + by_edge) } else { (own, by_edge) };
-        }
-        on
+        put_together(edge, force, slopes, along_twice)
+    }
+
+    /// c of both halves of edge `k` where the fluid has these densities.
+    #[inline(always)]
+    pub(crate) fn inertia(&self, k: usize, densities: [f64; 2]) -> f64x2 {
+        let halves = &self.halves[k];
+        f64x2::new([densities[0] * halves[0], densities[1] * halves[1]])
     }
 
     /// Visits every edge with c and the velocities against the fluid, along and across it, an end a lane.
@@ -168,24 +151,121 @@ impl Reactive {
     /// c and the velocities of the ends of edge `k` against the `fluids` there, along and across it, an end a lane.
     #[inline(always)]
     fn moving(&self, rod: &Kinematics<'_>, k: usize, fluids: [&Fluid; 2]) -> (f64x2, [f64x2; 2]) {
-        let halves = &self.halves[k];
-        let c = f64x2::new([fluids[0].density * halves[0], fluids[1].density * halves[1]]);
+        let c = self.inertia(k, [fluids[0].density, fluids[1].density]);
         let v = [pair(node(rod.v, k) - fluids[0].flow), pair(node(rod.v, k + 1) - fluids[1].flow)];
         (c, rod.edges[k].components(v))
     }
 }
 
+/// How the fluid at both ends of an edge is accelerated, a pair each in components along and across the edge.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Accelerating<T: Real> {
+    /// c of both halves, kg/m.
+    pub c: T::Pair,
+    /// Velocities u and w against the fluid, m/s.
+    pub velocity: [T::Pair; 2],
+    /// Accelerations against the fluid, m/s².
+    pub acceleration: [T::Pair; 2],
+    /// ℓ̇ and λ, m/s.
+    pub opening: [T; 2],
+}
+
+/// What the force over c is put together from, components along and across.
+#[derive(Debug, Clone, Copy)]
+struct Parts<T: Real> {
+    /// p_i over c_i.
+    own: [T::Pair; 2],
+    /// What acts with opposite signs on the two ends.
+    pair: [T::Pair; 2],
+}
+
+/// The derivatives of the force on both ends, of the components t nᵀ, n tᵀ and n nᵀ: where the whole edge moves, and where the edge
+/// vector changes while that end stays.
+type Derivatives<P> = [[P; 3]; 2];
+
+impl<T: Real> Accelerating<T> {
+    /// What opposes the ends of `edge` in one fluid, with its derivatives. Blocks are put together from components: numbers written
+    /// apart and read as lanes would have to wait for each other.
+    #[inline(always)]
+    pub fn on_edge(&self, edge: &Edge<T>, direction: Direction) -> OnEdge<T> {
+        let parts = self.parts_on(edge);
+        put_together(edge, self.force(&parts), self.slopes(edge, &parts, direction), None)
+    }
+
+    #[inline(always)]
+    fn parts_on(&self, edge: &Edge<T>) -> Parts<T> {
+        let Self { velocity: [u, w], acceleration: [_, an], opening: [stretching, lambda], .. } = *self;
+        Parts {
+            own: [-(w * lambda), an * edge.length + w * stretching - u * lambda],
+            pair: [w * w * w.like(0.5), -(u * w)],
+        }
+    }
+
+    /// The force on both ends, N.
+    #[inline(always)]
+    fn force(&self, Parts { own, pair }: &Parts<T>) -> [T::Pair; 2] {
+        [own[0] * self.c + opposite((pair[0] * self.c).sum()), own[1] * self.c + opposite((pair[1] * self.c).sum())]
+    }
+
+    #[inline(always)]
+    fn slopes(&self, edge: &Edge<T>, Parts { pair, .. }: &Parts<T>, direction: Direction) -> Derivatives<T::Pair> {
+        let Self { c, velocity: [u, w], acceleration: [at, an], opening: [stretching, lambda] } = *self;
+        let length = edge.length;
+        let (q, v, a) = (length.like(direction.q), length.like(direction.v), length.like(direction.a));
+        let (by_velocity, by_turning) = (c * v, c * (q * edge.per_length));
+        // The pair changes by (tn − nt) w − nn u with each end's velocity.
+        let (turned, pushed) = (by_velocity * w, by_velocity * u);
+        let twisted = opposite(turned.sum());
+        let mixed = -(by_velocity * lambda);
+        let own_nn = c * (length * a + stretching * v) - opposite(pushed.sum());
+        // Where one end stays, the other moves with the edge vector.
+        let turned = turned - swapped(turned);
+        let edge_tn = by_turning * (u * (length.like(2.0) * lambda) - an * length) - turned;
+        let edge_nt = c * an * q + turned;
+        let pair_nn = (by_turning * (u * u - pair[0])).sum();
+        let edge_nn = opposite(pair_nn) - by_turning * (at * length + w * lambda) - pushed - swapped(pushed);
+        [[mixed + twisted, mixed - twisted, own_nn], [edge_tn, edge_nt, edge_nn]]
+    }
+}
+
+/// The force and its derivatives in the plane; `along_twice` are those of the component t tᵀ, where there is one.
+#[inline(always)]
+fn put_together<T: Real>(
+    edge: &Edge<T>,
+    force: [T::Pair; 2],
+    slopes: Derivatives<T::Pair>,
+    along_twice: Option<[T::Pair; 2]>,
+) -> OnEdge<T> {
+    let (t, n) = (pair(edge.t), pair(edge.n()));
+    let blocks = [Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n)];
+    let (mut own, mut by_edge) = (combined(blocks, slopes[0]), combined(blocks, slopes[1]));
+    if let Some([of_own, of_edge]) = along_twice {
+        let tt = Block::outer(edge.t, t);
+        let (of_own, of_edge) = (of_own.to_array(), of_edge.to_array());
+        own = [tt * of_own[0] + own[0], tt * of_own[1] + own[1]];
+        by_edge = [tt * of_edge[0] + by_edge[0], tt * of_edge[1] + by_edge[1]];
+    }
+    OnEdge { force: edge.vectors(force[0], force[1]), own, edge: by_edge }
+}
+
+/// The sum of `blocks` times their factors, for both ends.
+#[inline(always)]
+fn combined<T: Real>([tn, nt, nn]: [Block<T>; 3], [by_tn, by_nt, by_nn]: [T::Pair; 3]) -> [Block<T>; 2] {
+    let (by_tn, by_nt, by_nn) = (by_tn.to_array(), by_nt.to_array(), by_nn.to_array());
+    [tn * by_tn[0] + nt * by_nt[0] + nn * by_nn[0], tn * by_tn[1] + nt * by_nt[1] + nn * by_nn[1]]
+}
+
 /// `value` on the first end, and the opposite on the second.
 #[inline(always)]
-fn opposite(value: f64) -> f64x2 {
-    f64x2::new([value, -value])
+fn opposite<T: Real>(value: T) -> T::Pair {
+    T::Pair::new([value, -value])
 }
 
 /// What the other end has.
 #[inline(always)]
-fn swapped(ends: f64x2) -> f64x2 {
+fn swapped<T: Real, P: Pair<T>>(ends: P) -> P {
     let [first, second] = ends.to_array();
-    f64x2::new([second, first])
+    P::new([second, first])
 }
 
 impl Wake {

@@ -29,15 +29,15 @@ pub trait Number:
 
     /// The larger one, of numbers.
     fn larger(self, other: Self) -> Self;
+
+    /// The square root.
+    fn sqrt(self) -> Self;
 }
 
 /// A real number of one case, `f64`, or of several in lanes.
 pub trait Real: Number + Scalar {
     /// Two of them.
     type Pair: Pair<Self>;
-
-    /// The square root.
-    fn sqrt(self) -> Self;
 
     /// `then` where `x` is at most `limit`, `otherwise` where it is not.
     fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self;
@@ -88,15 +88,15 @@ impl Number for f64 {
     fn larger(self, other: Self) -> Self {
         if other > self { other } else { self }
     }
-}
-
-impl Real for f64 {
-    type Pair = f64x2;
 
     #[inline(always)]
     fn sqrt(self) -> Self {
         self.sqrt()
     }
+}
+
+impl Real for f64 {
+    type Pair = f64x2;
 
     #[inline(always)]
     fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
@@ -123,6 +123,11 @@ impl Number for f64x2 {
     #[inline(always)]
     fn larger(self, other: Self) -> Self {
         self.fast_max(other)
+    }
+
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        self.sqrt()
     }
 }
 

@@ -34,6 +34,24 @@ impl<T: Real> OnEdge<T> {
     pub fn edge(&self, i: usize) -> Block<T> {
         self.edge[i]
     }
+
+    /// Adds `other`.
+    #[inline(always)]
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.add_force(other);
+        for i in 0..2 {
+            self.own[i] += other.own[i];
+            self.edge[i] += other.edge[i];
+        }
+    }
+
+    /// Adds the force of `other` alone.
+    #[inline(always)]
+    pub(crate) fn add_force(&mut self, other: &Self) {
+        for i in 0..2 {
+            self.force[i] += other.force[i];
+        }
+    }
 }
 
 impl OnEdge {
@@ -63,23 +81,5 @@ impl OnEdge {
         let mut nodes = [-edge, edge];
         nodes[i] += Matrix2::from(self.own[i]).tr_mul(&c);
         nodes
-    }
-
-    /// Adds `other`.
-    #[inline(always)]
-    pub(crate) fn add(&mut self, other: &Self) {
-        self.add_force(other);
-        for i in 0..2 {
-            self.own[i] += other.own[i];
-            self.edge[i] += other.edge[i];
-        }
-    }
-
-    /// Adds the force of `other` alone.
-    #[inline(always)]
-    pub(crate) fn add_force(&mut self, other: &Self) {
-        for i in 0..2 {
-            self.force[i] += other.force[i];
-        }
     }
 }

@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use super::Stepper;
 use crate::batch::Measured;
+use crate::fluid::{Fluid, Force};
 use crate::integrator::{Pace, Rule};
 use crate::newton::Progress;
 use crate::system::{State, System};
@@ -36,7 +37,7 @@ impl Ahead {
 pub(crate) struct ShapeInLanes {
     nodes: usize,
     held: bool,
-    drag: bool,
+    forces: Vec<&'static str>,
     loads: usize,
 }
 
@@ -48,11 +49,11 @@ impl Stepper {
         let same = self.mover.rule(step).is_some()
             && self.newton.is_by_blocks()
             && model.layers.is_none()
-            && (model.forces.is_empty() || model.forces.proportional().is_some());
+            && (model.flow.is_none() || !model.forces.are_inertial());
         let shape = ShapeInLanes {
             nodes: model.rod.nodes,
             held: model.head.is_some(),
-            drag: !model.forces.is_empty(),
+            forces: model.forces.iter().map(Force::name).collect(),
             loads: dynamics.loads().count(),
         };
         same.then_some(shape)
@@ -63,7 +64,8 @@ impl Stepper {
         let Pace::Fixed(h) = self.pace else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
         let told = self.kick.due || self.steered || self.ahead.is_some() || self.dynamics.course.is_some();
-        let hosts = inputs.head.is_some() || inputs.force.is_some() || inputs.fluid.viscosity != scenes.viscosity;
+        let fluid = |fluid: &Fluid| [fluid.viscosity, fluid.density];
+        let hosts = inputs.head.is_some() || inputs.force.is_some() || fluid(&inputs.fluid) != fluid(&scenes);
         if told || hosts || self.state.t != self.clock.at(0, h) {
             return None;
         }
@@ -80,8 +82,8 @@ impl Stepper {
         ([&self.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
-    /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes, and what is `measured` of it;
-    /// `fill` writes curvatures, moments and tangents.
+    /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes, and what is `measured` of it, where
+    /// its rod has a meaning; `fill` writes curvatures, moments and tangents.
     pub(crate) fn solved_ahead(
         &mut self,
         step: Ahead,
@@ -91,9 +93,9 @@ impl Stepper {
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
     ) {
         write(&mut self.next);
-        let take = |all: &Measured| self.reading.take_over(&self.dynamics, &self.next, all, fill);
         let checked = measured.is_some_and(|measured| measured.least_turn >= 0.0);
-        let measured = measured.is_some_and(|measured| take(measured).is_ok());
+        let whole = measured.filter(|measured| measured.with_powers);
+        let measured = whole.is_some_and(|all| self.reading.take_over(&self.dynamics, &self.next, all, fill).is_ok());
         self.solved = Some(Ahead { iterations, checked, measured, ..step });
     }
 

@@ -14,6 +14,7 @@ use super::{Causes, DragLaw, Published, Reach, Recipe, Uncertainty};
 use crate::fluid::force::{Force, Validity};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
+use crate::linear::{Number, Pair, Real};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -71,29 +72,29 @@ const BLASIUS: f64 = 1.42;
 
 /// The law.
 #[derive(Debug)]
-struct CrossFlow;
+pub(crate) struct CrossFlow;
 
-/// What does not depend on fluid and velocity, of both halves of an edge.
+/// What does not depend on fluid and velocity, of both halves of an edge, a pair each.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Coefficients {
+pub(crate) struct Coefficients<P = f64x2> {
     /// ξ∥/μ, ξ⊥/μ.
-    viscous: [f64x2; 2],
+    viscous: [P; 2],
     /// 2√D, m^½: times √(ρμ).
-    layer_across: f64x2,
+    layer_across: P,
     /// ½D C_d, m: times ρ.
-    form: f64x2,
+    form: P,
     /// The same for C_d = 1.
-    form_unit: f64x2,
+    form_unit: P,
     /// ½·3.5 (P/π)/√D, m^½: times √(ρμ).
-    layer_along: f64x2,
+    layer_along: P,
     /// The same for a factor of 1 in place of 3.5.
-    layer_along_unit: f64x2,
+    layer_along_unit: P,
     /// ½P C_f, m: times ρ.
-    turbulent: f64x2,
+    turbulent: P,
     /// τ².
-    thinning: f64x2,
+    thinning: P,
     /// (1.42 D/L)².
-    blasius: f64x2,
+    blasius: P,
 }
 
 impl Coefficients {
@@ -122,16 +123,63 @@ impl Coefficients {
         }
     }
 
+    /// The same coefficients of several rods, which `gather` makes of those of each.
+    pub(crate) fn gathered<Q>(gather: impl Fn(fn(&Self) -> f64x2) -> Q) -> Coefficients<Q> {
+        Coefficients {
+            viscous: [gather(|c| c.viscous[0]), gather(|c| c.viscous[1])],
+            layer_across: gather(|c| c.layer_across),
+            form: gather(|c| c.form),
+            form_unit: gather(|c| c.form_unit),
+            layer_along: gather(|c| c.layer_along),
+            layer_along_unit: gather(|c| c.layer_along_unit),
+            turbulent: gather(|c| c.turbulent),
+            thinning: gather(|c| c.thinning),
+            blasius: gather(|c| c.blasius),
+        }
+    }
+}
+
+impl<P: Number> Coefficients<P> {
     /// (τ²w² + (1.42 D u/L)²), and its fourth root.
     #[inline(always)]
-    fn sweep(&self, u: f64x2, w: f64x2) -> [f64x2; 2] {
+    fn sweep(&self, u: P, w: P) -> [P; 2] {
         let square = self.thinning * w * w + self.blasius * u * u;
         [square, square.sqrt().sqrt()]
+    }
+
+    /// The traction at velocities `u` along and `w` across, and its derivatives, in fluids of these μ, √(ρμ) and ρ.
+    #[inline(always)]
+    pub(crate) fn with_slopes<T: Real<Pair = P>>(
+        &self,
+        [viscosity, root, density]: [P; 3],
+        u: P,
+        w: P,
+    ) -> (Traction<T>, TractionSlopes<T>)
+    where
+        P: Pair<T>,
+    {
+        let [square, sweep] = self.sweep(u, w);
+        let speed = w.abs();
+        let (viscous, layer, form) =
+            (viscosity * self.viscous[1], root * self.layer_across * speed.sqrt(), density * self.form * speed);
+        let layer_along = root * self.layer_along * sweep;
+        let (viscous_along, turbulent) = (viscosity * self.viscous[0], density * self.turbulent * u.abs());
+        // d(sweep)/sweep = ½ (τ²w dw + (1.42 D/L)²u du)/square, which vanishes with the velocity.
+        let per_square = layer_along * (u * u.like(0.5) / square.larger(u.like(f64::MIN_POSITIVE)));
+        let along = viscous_along + layer_along + turbulent;
+        (
+            Traction { along: along * u, across: (viscous + layer + form) * w },
+            TractionSlopes {
+                along: along + turbulent + per_square * self.blasius * u,
+                across: viscous + layer * u.like(1.5) + form * u.like(2.0),
+                mixed: Some([per_square * self.thinning * w, u.like(0.0)]),
+            },
+        )
     }
 }
 
 /// μ, √(ρμ) and ρ.
-type InFluids = [f64x2; 3];
+pub(crate) type InFluids = [f64x2; 3];
 
 impl Law for CrossFlow {
     type Halves = Coefficients;
@@ -165,30 +213,8 @@ impl Law for CrossFlow {
     }
 
     #[inline(always)]
-    fn with_slopes(
-        &self,
-        c: &Coefficients,
-        [viscosity, root, density]: InFluids,
-        u: f64x2,
-        w: f64x2,
-    ) -> (Traction, TractionSlopes) {
-        let [square, sweep] = c.sweep(u, w);
-        let speed = w.abs();
-        let (viscous, layer, form) =
-            (viscosity * c.viscous[1], root * c.layer_across * speed.sqrt(), density * c.form * speed);
-        let layer_along = root * c.layer_along * sweep;
-        let (viscous_along, turbulent) = (viscosity * c.viscous[0], density * c.turbulent * u.abs());
-        // d(sweep)/sweep = ½ (τ²w dw + (1.42 D/L)²u du)/square, which vanishes with the velocity.
-        let per_square = layer_along * (u * 0.5 / square.max(f64x2::from(f64::MIN_POSITIVE)));
-        let along = viscous_along + layer_along + turbulent;
-        (
-            Traction { along: along * u, across: (viscous + layer + form) * w },
-            TractionSlopes {
-                along: along + turbulent + per_square * c.blasius * u,
-                across: viscous + layer * 1.5 + form * 2.0,
-                mixed: Some([per_square * c.thinning * w, f64x2::ZERO]),
-            },
-        )
+    fn with_slopes(&self, c: &Coefficients, fluids: InFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
+        c.with_slopes(fluids, u, w)
     }
 
     fn parameters(&self) -> &[Key] {

@@ -1,0 +1,271 @@
+//! Forces on rods in lanes: those that know each edge by itself, and what leaves the tail.
+
+use std::any::Any;
+use std::fmt::Debug;
+
+use fearless_simd::Avx2;
+use fearless_simd::prelude::*;
+use wide::f64x2;
+
+use super::WIDTH;
+use super::kernel::two;
+use super::lanes::{Lanes, Two};
+use crate::fluid::force::OnTip;
+use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
+use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
+use crate::fluid::reactive::{Accelerating, Reactive, Wake};
+use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
+use crate::linear::Pair;
+use crate::model::Model;
+use crate::rod::Edge;
+use crate::rod::around::OnEdge;
+use crate::system::Direction;
+
+/// What acts on the rods beside a drag in proportion to the velocity.
+#[derive(Debug)]
+pub struct Others {
+    forces: Vec<Box<dyn InLanes>>,
+    /// The places of those that act on the tip.
+    tips: Vec<usize>,
+}
+
+/// How rods in lanes move.
+#[derive(Debug, Clone, Copy)]
+pub struct Motions<'a> {
+    /// Edges.
+    pub edges: &'a [Edge<Lanes>],
+    /// Positions, velocities and accelerations.
+    pub q: &'a [[Lanes; 2]],
+    pub v: &'a [[Lanes; 2]],
+    pub a: &'a [[Lanes; 2]],
+    /// Velocity of the flow, which does not accelerate.
+    pub flow: Two,
+}
+
+/// A force in lanes.
+trait InLanes: Debug + Send {
+    /// Adds what opposes the edges to `sums`, where it is not the `first` that does.
+    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
+}
+
+impl Others {
+    /// The forces of `models`, in steady flows, but for the one at the place `but`; `None` where one of them cannot be in lanes.
+    pub fn of(simd: Avx2, models: [&Model; WIDTH], but: Option<usize>) -> Option<Self> {
+        let mut others = Self { forces: Vec::new(), tips: Vec::new() };
+        for i in (0..models[0].forces.0.len()).filter(|i| but != Some(*i)) {
+            let cases = each(|lane| models[lane].forces.0.get(i).map(|force| &**force))?;
+            if all::<FroudeKrylov>(cases).is_some() {
+                // It pushes where the flow accelerates, which it does not.
+            } else if all::<Wake>(cases).is_some() {
+                others.tips.push(i);
+            } else {
+                let edges = models[0].rod.nodes - 1;
+                let fluids = models.map(|model| model.fluid);
+                let force =
+                    drag::<CrossFlow>(simd, cases, fluids, edges).or_else(|| water(simd, cases, fluids, edges))?;
+                others.forces.push(force);
+            }
+        }
+        Some(others)
+    }
+
+    /// True where there are none.
+    pub fn are_none(&self) -> bool {
+        self.forces.is_empty() && self.tips.is_empty()
+    }
+
+    /// How many act on the tip.
+    pub fn tips(&self) -> usize {
+        self.tips.len()
+    }
+
+    /// True where any act on edges.
+    pub fn are_on_edges(&self) -> bool {
+        !self.forces.is_empty()
+    }
+
+    /// Writes what opposes the edges to `sums`.
+    pub fn on_edges(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
+        for (i, force) in self.forces.iter().enumerate() {
+            force.add(simd, rods, direction, i == 0, sums);
+        }
+    }
+
+    /// Visits what of the `forces` of the case in `lane`, which is in `fluid`, opposes the last node.
+    pub fn on_tip(
+        &self,
+        forces: &Forces,
+        lane: usize,
+        rods: &Motions<'_>,
+        fluid: Fluid,
+        direction: Direction,
+        visit: impl FnMut(OnTip),
+    ) {
+        let Motions {
+            edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
+        } = *rods
+        else {
+            return;
+        };
+        let edges = [before.of_case(lane), last.of_case(lane)];
+        let nodes = |nodes: [&[Lanes; 2]; 3]| {
+            let [a, b, c] = nodes.map(|node| node.map(|x| x.get(lane)));
+            [a[0], a[1], b[0], b[1], c[0], c[1]]
+        };
+        let (q, v, a) = (nodes([q0, q1, q2]), nodes([v0, v1, v2]), nodes([a0, a1, a2]));
+        // The end of the rod is all that a tip may depend on.
+        let end = Kinematics::within(fluid, &edges, [&q, &v, &a]);
+        self.tips.iter().filter_map(|i| forces.0.get(*i)?.tip(&end, Some(direction))).for_each(visit);
+    }
+}
+
+impl Edge<Lanes> {
+    /// That of one case.
+    fn of_case(&self, lane: usize) -> Edge {
+        let Self { t, length, per_length } = self;
+        Edge { t: t.map(|x| x.get(lane)), length: length.get(lane), per_length: per_length.get(lane) }
+    }
+}
+
+/// What `of` has of every case; none where one has none.
+fn each<T: Copy>(of: impl Fn(usize) -> Option<T>) -> Option<[T; WIDTH]> {
+    let first = of(0)?;
+    let mut all = [first; WIDTH];
+    for (lane, one) in all.iter_mut().enumerate() {
+        *one = of(lane)?;
+    }
+    Some(all)
+}
+
+/// The forces as what they are, if all are that.
+fn all<F: Force>(cases: [&dyn Force; WIDTH]) -> Option<[&F; WIDTH]> {
+    each(|lane| (cases[lane] as &dyn Any).downcast_ref())
+}
+
+/// A local law in lanes.
+trait LawInLanes: Law {
+    /// What it knows of both halves of an edge.
+    type Numbers: Debug + Copy + Send;
+    /// What it makes of the fluids.
+    type InFluids: Debug + Copy + Send;
+
+    /// From what each case knows: `gather` puts pairs into lanes.
+    fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> Two) -> Self::Numbers;
+
+    /// The same of fluids.
+    fn fluids(gather: impl Fn(&dyn Fn(&Self::Fluids) -> f64x2) -> Two) -> Self::InFluids;
+
+    /// See [`Law::with_slopes`].
+    fn slopes(
+        numbers: &Self::Numbers,
+        fluids: Self::InFluids,
+        u: Two,
+        w: Two,
+    ) -> (Traction<Lanes>, TractionSlopes<Lanes>);
+}
+
+impl LawInLanes for CrossFlow {
+    type Numbers = Coefficients<Two>;
+    type InFluids = [Two; 3];
+
+    fn numbers(gather: impl Fn(fn(&Coefficients) -> f64x2) -> Two) -> Coefficients<Two> {
+        Coefficients::gathered(gather)
+    }
+
+    fn fluids(gather: impl Fn(&dyn Fn(&[f64x2; 3]) -> f64x2) -> Two) -> [Two; 3] {
+        [gather(&|fluid| fluid[0]), gather(&|fluid| fluid[1]), gather(&|fluid| fluid[2])]
+    }
+
+    #[inline(always)]
+    fn slopes(
+        numbers: &Coefficients<Two>,
+        fluids: [Two; 3],
+        u: Two,
+        w: Two,
+    ) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
+        numbers.with_slopes(fluids, u, w)
+    }
+}
+
+/// A local law on every half of every edge of the rods.
+#[derive(Debug)]
+struct Drag<L: LawInLanes> {
+    /// Lengths of the halves and what the law knows of them.
+    halves: Vec<(Two, L::Numbers)>,
+    fluids: L::InFluids,
+}
+
+/// Drag by the law `L`, if that is what the forces are.
+fn drag<L: LawInLanes>(
+    simd: Avx2,
+    cases: [&dyn Force; WIDTH],
+    fluids: [Fluid; WIDTH],
+    edges: usize,
+) -> Option<Box<dyn InLanes>> {
+    let drags = all::<LocalDrag<L>>(cases)?;
+    let of_edge = |e: usize| {
+        let halves = drags.map(|drag| drag.on_halves(e));
+        let numbers = L::numbers(|of| two(simd, |lane| of(&halves[lane].1).to_array()));
+        (two(simd, |lane| halves[lane].0.to_array()), numbers)
+    };
+    let in_fluids: [L::Fluids; WIDTH] = std::array::from_fn(|lane| drags[lane].law().in_fluids([&fluids[lane]; 2]));
+    let fluids = L::fluids(|of| two(simd, |lane| of(&in_fluids[lane]).to_array()));
+    Some(Box::new(Drag::<L> { halves: (0..edges).map(of_edge).collect(), fluids }))
+}
+
+impl<L: LawInLanes> InLanes for Drag<L> {
+    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+        let Motions { edges, v, flow, .. } = *rods;
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                for (((edge, v), (lengths, numbers)), sum) in edges.iter().zip(v.windows(2)).zip(&self.halves).zip(sums)
+                {
+                    let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
+                    let traction = L::slopes(numbers, self.fluids, u, w);
+                    put(sum, first, local::around(edge, *lengths, [u, w], traction, direction));
+                }
+            },
+        );
+    }
+}
+
+/// The inertia of the water around the rods: c of both halves of every edge.
+#[derive(Debug)]
+struct Water(Vec<Two>);
+
+/// That of [`Reactive`], if that is what the forces are.
+fn water(simd: Avx2, cases: [&dyn Force; WIDTH], fluids: [Fluid; WIDTH], edges: usize) -> Option<Box<dyn InLanes>> {
+    let cases = all::<Reactive>(cases)?;
+    let c = |e: usize| two(simd, |lane| cases[lane].inertia(e, [fluids[lane].density; 2]).to_array());
+    Some(Box::new(Water((0..edges).map(c).collect())))
+}
+
+impl InLanes for Water {
+    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+        let Motions { edges, v, a, flow, .. } = *rods;
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let ends = v.windows(2).zip(a.windows(2));
+                for (((edge, (v, a)), c), sum) in edges.iter().zip(ends).zip(&self.0).zip(sums) {
+                    let opening = [v[1][0] - v[0][0], v[1][1] - v[0][1]];
+                    let (t, n) = (edge.t, edge.n());
+                    let moving = Accelerating {
+                        c: *c,
+                        velocity: edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]),
+                        acceleration: edge.components([Two::new(a[0]), Two::new(a[1])]),
+                        opening: [opening[0] * t.x + opening[1] * t.y, opening[0] * n.x + opening[1] * n.y],
+                    };
+                    put(sum, first, moving.on_edge(edge, direction));
+                }
+            },
+        );
+    }
+}
+
+/// Makes `sum` what acts `first`, or adds to it.
+#[inline(always)]
+fn put(sum: &mut OnEdge<Lanes>, first: bool, on: OnEdge<Lanes>) {
+    if first { *sum = on } else { sum.add(&on) }
+}
