@@ -30,7 +30,7 @@ pub struct Batch {
 
 impl Batch {
     /// For at most [`WIDTH`] steppers at work on rods of as many nodes by the same method, in positions, in a uniform medium or in none,
-    /// under the same drag law (in proportion to the velocity, or `cross-flow`) with the water that the rod accelerates or without.
+    /// under the same local drag law, with the water that the rod accelerates or without.
     /// `None` for others, for fewer than two, and on a processor without AVX2.
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         #[cfg(target_arch = "x86_64")]

@@ -7,6 +7,7 @@ use std::ops::ControlFlow;
 use std::path::Path;
 
 use caudal::batch::{Batch, WIDTH};
+use caudal::fluid::laws::{LAWS, Reach};
 use caudal::integrator::METHODS;
 use caudal::run::{Beside, Ending, run, run_beside};
 use caudal::scene::{Document, Scene};
@@ -17,16 +18,21 @@ use common::{all_scene_files, scene, scene_of, time_step};
 /// The study's tail in a fluid whose drag is in proportion to the velocity.
 const IN_FLUID: &[&str] = &["medium.viscosity_pa_s=1.0", "medium.density_kg_m3=1260.0"];
 
+/// A wave for a tail that has none.
+const WAVE: &[&str] = &[
+    "actuation.kind=travelling-wave",
+    "actuation.kappa_amp=0.6",
+    "actuation.frequency_hz=2.0",
+    "actuation.wavelength_m=1.0",
+];
+
 /// What acts on a tail in no fluid.
 const NO_FLUID: &[&str] = &["loads.gravity_m_s2=[0.0, -9.81]"];
 
 /// The study's tail, in no fluid where the `changes` say nothing of one.
 fn baseline(changes: &[&str]) -> Scene {
     if !changes.iter().any(|change| change.starts_with("medium")) {
-        let wave = ["kind=travelling-wave", "kappa_amp=0.6", "frequency_hz=2.0", "wavelength_m=1.0"];
-        let wave = wave.map(|key| format!("actuation.{key}"));
-        let wave: Vec<&str> = wave.iter().map(String::as_str).collect();
-        return scene(&[&wave, changes].concat());
+        return scene(&[WAVE, changes].concat());
     }
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/baseline.toml");
     scene_of(&std::fs::read_to_string(path).unwrap(), changes)
@@ -115,6 +121,30 @@ fn every_method_head_and_load_has_the_same_bits_beside_others_as_alone() {
             for width in 2..=WIDTH {
                 compare(&scenes[..width], &format!("{method} {head:?} {around:?}, {width} cases"));
             }
+        }
+    }
+}
+
+#[test]
+fn every_local_law_is_taken_with_the_water_around_and_without_and_has_the_same_bits() {
+    let heads: [&[&str]; 2] = [&[], &["head.kind=\"clamped\""]];
+    let local = LAWS.iter().filter(|law| matches!(law.reach, Reach::Edge) && law.name != "auto");
+    for (law, head) in local.flat_map(|law| heads.iter().map(move |head| (law, head))) {
+        let named = format!("drag.law=\"{}\"", law.name);
+        let values = [("along_n_s_m2", "0.4"), ("across_n_s_m2", "0.9"), ("ratio", "2.0"), ("height_m", "0.05")];
+        let needed = |key: &&str| values.iter().find(|(name, _)| name == key).map(|(_, value)| value);
+        let needs: Vec<String> = law.needs.iter().map(|key| format!("drag.{key}={}", needed(key).unwrap())).collect();
+        let needs: Vec<&str> = needs.iter().map(String::as_str).collect();
+        for reactive in [&[][..], &["reactive.shedding=1.0"]] {
+            let water = ["medium.viscosity_pa_s=0.1", "medium.density_kg_m3=1000.0", "medium.flow_m_s=[0.05, 0.02]"];
+            let common = ["solver.duration_s=0.05", "solver.time_step_s=1e-3", &named];
+            let changes = [&water[..], &common, &needs, reactive, head].concat();
+            let scenes = ["0.4", "0.5", "0.6", "0.7"].map(|amplitude| {
+                let amplitude = format!("actuation.kappa_amp={amplitude}");
+                scene(&[WAVE, &changes, &[&amplitude]].concat())
+            });
+            let (_, taken) = compare(&scenes, &format!("{} {reactive:?} {head:?}", law.name));
+            assert_eq!(taken, lanes(), "{} {reactive:?} {head:?}", law.name);
         }
     }
 }

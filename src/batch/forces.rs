@@ -12,6 +12,7 @@ use super::kernel::two;
 use super::lanes::{Lanes, Two};
 use crate::fluid::force::OnTip;
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
+use crate::fluid::laws::weak_inertia::WeakInertia;
 use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
 use crate::fluid::reactive::{Accelerating, Reactive, Wake};
 use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
@@ -61,8 +62,9 @@ impl Others {
             } else {
                 let edges = models[0].rod.nodes - 1;
                 let fluids = models.map(|model| model.fluid);
-                let force =
-                    drag::<CrossFlow>(simd, cases, fluids, edges).or_else(|| water(simd, cases, fluids, edges))?;
+                let force = drag::<CrossFlow>(simd, cases, fluids, edges)
+                    .or_else(|| drag::<WeakInertia>(simd, cases, fluids, edges))
+                    .or_else(|| water(simd, cases, fluids, edges))?;
                 others.forces.push(force);
             }
         }
@@ -143,37 +145,22 @@ fn all<F: Force>(cases: [&dyn Force; WIDTH]) -> Option<[&F; WIDTH]> {
 }
 
 /// A local law in lanes.
-trait LawInLanes: Law {
+trait LawInLanes: Law<Fluids = [f64x2; 3]> {
     /// What it knows of both halves of an edge.
     type Numbers: Debug + Copy + Send;
-    /// What it makes of the fluids.
-    type InFluids: Debug + Copy + Send;
 
     /// From what each case knows: `gather` puts pairs into lanes.
     fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> Two) -> Self::Numbers;
 
-    /// The same of fluids.
-    fn fluids(gather: impl Fn(&dyn Fn(&Self::Fluids) -> f64x2) -> Two) -> Self::InFluids;
-
     /// See [`Law::with_slopes`].
-    fn slopes(
-        numbers: &Self::Numbers,
-        fluids: Self::InFluids,
-        u: Two,
-        w: Two,
-    ) -> (Traction<Lanes>, TractionSlopes<Lanes>);
+    fn slopes(numbers: &Self::Numbers, fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>);
 }
 
 impl LawInLanes for CrossFlow {
     type Numbers = Coefficients<Two>;
-    type InFluids = [Two; 3];
 
     fn numbers(gather: impl Fn(fn(&Coefficients) -> f64x2) -> Two) -> Coefficients<Two> {
         Coefficients::gathered(gather)
-    }
-
-    fn fluids(gather: impl Fn(&dyn Fn(&[f64x2; 3]) -> f64x2) -> Two) -> [Two; 3] {
-        [gather(&|fluid| fluid[0]), gather(&|fluid| fluid[1]), gather(&|fluid| fluid[2])]
     }
 
     #[inline(always)]
@@ -187,12 +174,25 @@ impl LawInLanes for CrossFlow {
     }
 }
 
+impl LawInLanes for WeakInertia {
+    type Numbers = Two;
+
+    fn numbers(gather: impl Fn(fn(&f64x2) -> f64x2) -> Two) -> Two {
+        gather(|radius| *radius)
+    }
+
+    #[inline(always)]
+    fn slopes(radius: &Two, fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
+        Self::slopes(*radius, fluids, u, w)
+    }
+}
+
 /// A local law on every half of every edge of the rods.
 #[derive(Debug)]
 struct Drag<L: LawInLanes> {
     /// Lengths of the halves and what the law knows of them.
     halves: Vec<(Two, L::Numbers)>,
-    fluids: L::InFluids,
+    fluids: [Two; 3],
 }
 
 /// Drag by the law `L`, if that is what the forces are.
@@ -208,8 +208,8 @@ fn drag<L: LawInLanes>(
         let numbers = L::numbers(|of| two(simd, |lane| of(&halves[lane].1).to_array()));
         (two(simd, |lane| halves[lane].0.to_array()), numbers)
     };
-    let in_fluids: [L::Fluids; WIDTH] = std::array::from_fn(|lane| drags[lane].law().in_fluids([&fluids[lane]; 2]));
-    let fluids = L::fluids(|of| two(simd, |lane| of(&in_fluids[lane]).to_array()));
+    let in_fluids: [[f64x2; 3]; WIDTH] = std::array::from_fn(|lane| drags[lane].law().in_fluids([&fluids[lane]; 2]));
+    let fluids = [0, 1, 2].map(|i| two(simd, |lane| in_fluids[lane][i].to_array()));
     Some(Box::new(Drag::<L> { halves: (0..edges).map(of_edge).collect(), fluids }))
 }
 

@@ -110,15 +110,22 @@ impl Number for Lanes {
     fn sqrt(self) -> Self {
         Self(self.0.sqrt())
     }
-}
 
-impl Real for Lanes {
-    type Pair = Two;
+    /// Case by case, that of one number.
+    #[inline(always)]
+    fn ln(self) -> Self {
+        let [a, b, c, d] = *self.0;
+        Self(f64x4::simd_from(self.0.simd, [a.ln(), b.ln(), c.ln(), d.ln()]))
+    }
 
     #[inline(always)]
     fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
         Self(x.0.simd_le(limit.0).select(then.0, otherwise.0))
     }
+}
+
+impl Real for Lanes {
+    type Pair = Two;
 }
 
 /// Two numbers of each case.
@@ -173,6 +180,17 @@ impl Number for Two {
     #[inline(always)]
     fn sqrt(self) -> Self {
         Self([self.0[0].sqrt(), self.0[1].sqrt()])
+    }
+
+    #[inline(always)]
+    fn ln(self) -> Self {
+        Self([self.0[0].ln(), self.0[1].ln()])
+    }
+
+    #[inline(always)]
+    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
+        let ([x, y], [limit, of_y], [then, of_then], [otherwise, of_otherwise]) = (x.0, limit.0, then.0, otherwise.0);
+        Self([Lanes::where_at_most(x, limit, then, otherwise), Lanes::where_at_most(y, of_y, of_then, of_otherwise)])
     }
 }
 

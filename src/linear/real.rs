@@ -32,15 +32,18 @@ pub trait Number:
 
     /// The square root.
     fn sqrt(self) -> Self;
+
+    /// The natural logarithm.
+    fn ln(self) -> Self;
+
+    /// `then` where `x` is at most `limit`, `otherwise` where it is not.
+    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self;
 }
 
 /// A real number of one case, `f64`, or of several in lanes.
 pub trait Real: Number + Scalar {
     /// Two of them.
     type Pair: Pair<Self>;
-
-    /// `then` where `x` is at most `limit`, `otherwise` where it is not.
-    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self;
 
     /// Does what is no part of a loop beside it, whose registers it would take (a tenth of an elimination's instructions). In lanes
     /// everything has to be in one function, the one that is compiled for them.
@@ -93,15 +96,20 @@ impl Number for f64 {
     fn sqrt(self) -> Self {
         self.sqrt()
     }
-}
 
-impl Real for f64 {
-    type Pair = f64x2;
+    #[inline(always)]
+    fn ln(self) -> Self {
+        self.ln()
+    }
 
     #[inline(always)]
     fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
         if x <= limit { then } else { otherwise }
     }
+}
+
+impl Real for f64 {
+    type Pair = f64x2;
 
     #[inline(never)]
     fn apart<R>(work: impl FnOnce() -> R) -> R {
@@ -128,6 +136,18 @@ impl Number for f64x2 {
     #[inline(always)]
     fn sqrt(self) -> Self {
         self.sqrt()
+    }
+
+    /// Digit by digit that of one number.
+    #[inline(always)]
+    fn ln(self) -> Self {
+        let [first, second] = self.to_array();
+        Self::new([first.ln(), second.ln()])
+    }
+
+    #[inline(always)]
+    fn where_at_most(x: Self, limit: Self, then: Self, otherwise: Self) -> Self {
+        x.simd_le(limit).bitselect(then, otherwise)
     }
 }
 

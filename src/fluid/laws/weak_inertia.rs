@@ -12,6 +12,7 @@ use super::{DragLaw, Published, Reach, SLENDER, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
+use crate::linear::{Number, Real};
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
@@ -49,7 +50,7 @@ const KAPLUN: f64 = 0.87;
 
 /// The law of a rod.
 #[derive(Debug)]
-struct WeakInertia {
+pub(crate) struct WeakInertia {
     /// 1/ℒ₀, 1/m.
     per_length: f64,
     /// √ω, (rad/s)^½.
@@ -60,42 +61,68 @@ struct WeakInertia {
 type InFluids = [f64x2; 3];
 
 /// ξ∥ and ξ⊥, and their derivatives by 1/ℒ and by the part of it at rest.
-struct Resistances {
-    xi: [f64x2; 2],
-    by_inverse: [f64x2; 2],
-    by_rest: f64x2,
+struct Resistances<P> {
+    xi: [P; 2],
+    by_inverse: [P; 2],
+    by_rest: P,
 }
 
 impl WeakInertia {
     /// ξ for 1/ℒ = `inverse`, `rest` of it at rest. Beyond the range of slender bodies 1/ℒ stays at its limit.
-    #[inline]
-    fn resistances(radius: f64x2, viscosity: f64x2, rest: f64x2, inverse: f64x2) -> Resistances {
-        let most = f64x2::from((-SLENDER).exp()) / radius;
-        let inside = inverse.simd_lt(most).bitselect(f64x2::ONE, f64x2::ZERO);
-        let inverse = inverse.min(most);
-        let slender = -f64x2::new((inverse * radius).to_array().map(f64::ln));
-        let (lt, ln) = (slender - 1.5 + LN_2, slender - 0.5 + LN_2);
-        let (along, plain) = (viscosity * (2.0 * PI) / lt, viscosity * (4.0 * PI) / ln);
-        let (epsilon, share) = (f64x2::ONE / ln, (f64x2::ONE - rest / inverse).max(f64x2::ZERO));
+    #[inline(always)]
+    fn resistances<P: Number>(radius: P, viscosity: P, rest: P, inverse: P) -> Resistances<P> {
+        let (none, one) = (radius.like(0.0), radius.like(1.0));
+        let most = radius.like((-SLENDER).exp()) / radius;
+        let inside = P::where_at_most(most, inverse, none, one);
+        let inverse = P::where_at_most(inverse, most, inverse, most);
+        let slender = -(inverse * radius).ln();
+        let lt = slender - radius.like(1.5) + radius.like(LN_2);
+        let ln = slender - radius.like(0.5) + radius.like(LN_2);
+        let (along, plain) = (viscosity * radius.like(2.0 * PI) / lt, viscosity * radius.like(4.0 * PI) / ln);
+        let (epsilon, share) = (one / ln, (one - rest / inverse).larger(none));
         // Kaplun's factor holds where the fluid's inertia has a share.
-        let kaplun = epsilon * epsilon * share.simd_gt(f64x2::ZERO).bitselect(f64x2::from(KAPLUN), f64x2::ZERO);
-        let factor = f64x2::ONE - kaplun * share;
+        let kaplun = epsilon * epsilon * P::where_at_most(share, none, none, radius.like(KAPLUN));
+        let factor = one - kaplun * share;
         let by = inside / inverse;
         let share_by = inside * rest / (inverse * inverse);
         Resistances {
             xi: [along, plain * factor],
             by_inverse: [
                 along / lt * by,
-                plain * (epsilon * by * factor - kaplun * (epsilon * by * share * 2.0 + share_by)),
+                plain * (epsilon * by * factor - kaplun * (epsilon * by * share * radius.like(2.0) + share_by)),
             ],
             by_rest: plain * kaplun / inverse,
         }
+    }
+
+    /// The traction on halves of that `radius` at velocities `u` along and `w` across, and its derivatives.
+    #[inline(always)]
+    pub(crate) fn slopes<T: Real>(
+        radius: T::Pair,
+        [viscosity, rest, growth]: [T::Pair; 3],
+        u: T::Pair,
+        w: T::Pair,
+    ) -> (Traction<T>, TractionSlopes<T>) {
+        let speed = speed(u, w);
+        let Resistances { xi: [along, across], by_inverse, .. } =
+            Self::resistances(radius, viscosity, rest, rest + growth * speed);
+        // |V| grows by V·δV/|V|.
+        let some = speed.larger(u.like(f64::MIN_POSITIVE));
+        let (su, sw) = (u / some * growth, w / some * growth);
+        (
+            Traction { along: along * u, across: across * w },
+            TractionSlopes {
+                along: along + by_inverse[0] * su * u,
+                across: across + by_inverse[1] * sw * w,
+                mixed: Some([by_inverse[0] * sw * u, by_inverse[1] * su * w]),
+            },
+        )
     }
 }
 
 /// |V|.
 #[inline(always)]
-fn speed(u: f64x2, w: f64x2) -> f64x2 {
+fn speed<P: Number>(u: P, w: P) -> P {
     (u * u + w * w).sqrt()
 }
 
@@ -129,27 +156,8 @@ impl Law for WeakInertia {
     }
 
     #[inline]
-    fn with_slopes(
-        &self,
-        radius: &f64x2,
-        [viscosity, rest, growth]: InFluids,
-        u: f64x2,
-        w: f64x2,
-    ) -> (Traction, TractionSlopes) {
-        let speed = speed(u, w);
-        let Resistances { xi: [along, across], by_inverse, .. } =
-            Self::resistances(*radius, viscosity, rest, rest + growth * speed);
-        // |V| grows by V·δV/|V|.
-        let some = speed.max(f64x2::from(f64::MIN_POSITIVE));
-        let [su, sw] = [u / some * growth, w / some * growth];
-        (
-            Traction { along: along * u, across: across * w },
-            TractionSlopes {
-                along: along + by_inverse[0] * su * u,
-                across: across + by_inverse[1] * sw * w,
-                mixed: Some([by_inverse[0] * sw * u, by_inverse[1] * su * w]),
-            },
-        )
+    fn with_slopes(&self, radius: &f64x2, fluids: InFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
+        Self::slopes(*radius, fluids, u, w)
     }
 
     fn parameters(&self) -> &[Key] {
