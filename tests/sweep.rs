@@ -33,7 +33,7 @@ fn swept(file: &str, set: &[&str]) -> Vec<Row> {
     let job = sweep.job(cores()).unwrap();
     let mut journal = Journal::open(&folder.path().join("cases.journal"), &job).unwrap();
     let todo: Vec<usize> = (0..sweep.size()).collect();
-    run(&sweep, &mut journal, &todo, cores(), &AtomicBool::new(false), |_| {}).unwrap();
+    run(&sweep, &mut journal, &todo, cores(), &AtomicBool::new(false), |_, _| {}).unwrap();
     Results::new(&sweep, &job, vec![journal]).unwrap().write(folder.path()).unwrap();
     table(folder.path())
 }
@@ -504,7 +504,7 @@ fn where_heads_are_held_a_sweep_shows_their_thrust_and_no_displacement() {
         let job = sweep.job(1).unwrap();
         let out = tempfile::tempdir().unwrap();
         let mut journal = Journal::open(&out.path().join("cases.journal"), &job).unwrap();
-        run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_| {}).unwrap();
+        run(&sweep, &mut journal, &[0, 1], 1, &AtomicBool::new(false), |_, _| {}).unwrap();
         let kept = Results::new(&sweep, &job, vec![journal]).unwrap().write(out.path()).unwrap().kept;
         let names: Vec<String> =
             kept.files.iter().map(|path| path.file_name().unwrap().to_string_lossy().into_owned()).collect();

@@ -332,9 +332,9 @@ impl Kernel {
             let Motion { q, v, a } = &*motion;
             let motions = Motions { edges: &room.edges, q, v, a, flow: Two::new(at.flow.into()) };
             others.on_edges(*simd, &motions, direction, &mut room.around);
-            for lane in 0..WIDTH {
+            for (lane, model) in models.iter().enumerate() {
                 let mut tips = room.tips.iter_mut();
-                others.on_tip(&models[lane].forces, lane, &motions, at.fluids[lane], direction, |tip| {
+                others.on_tip(&model.forces, lane, &motions, at.fluids[lane], direction, |tip| {
                     if let Some(to) = tips.next() {
                         to.set(lane, &tip);
                     }

@@ -8,7 +8,7 @@ use std::time::Duration;
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
 use caudal::report::Folder;
-use caudal::sweep::{Results, Sweep, Written, run as run_sweep};
+use caudal::sweep::{Fresh, Results, Sweep, Written, run as run_sweep};
 use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
@@ -136,13 +136,14 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
 
     let interrupted = watch_for_interrupts();
     let bar = progress_bar(cases.len());
-    let mut failures = 0;
-    let outcome = run_sweep(&sweep, &mut journal, &cases, threads(arguments), &interrupted, |row| {
+    let (mut failures, mut fresh) = (0, Fresh::default());
+    let outcome = run_sweep(&sweep, &mut journal, &cases, threads(arguments), &interrupted, |index, row| {
         if !row.complete() {
             failures += 1;
             bar.set_message(format!("{failures} failed"));
         }
         bar.inc(1);
+        fresh.keep(index, row);
     });
     let (done, elapsed) = (bar.position(), bar.elapsed());
     bar.finish_and_clear();
@@ -160,7 +161,7 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
         say(&format!("{}: when all shards are there, `caudal sweep merge` makes table and report", path.display()));
         return Ok(ExitCode::SUCCESS);
     }
-    finish(&Results::new(&sweep, &job, vec![journal])?, &folder)
+    finish(&Results::new(&sweep, &job, vec![journal])?.with(fresh), &folder)
 }
 
 /// Table, figures and report, and a word on what failed.

@@ -145,12 +145,12 @@ impl<L: Law> LocalDrag<L> {
     }
 
     /// The law.
-    pub(crate) fn law(&self) -> &L {
+    pub fn law(&self) -> &L {
         &self.law
     }
 
     /// The weighted lengths of both halves of edge `e`, m, and what the law knows of them.
-    pub(crate) fn on_halves(&self, e: usize) -> &(f64x2, L::Halves) {
+    pub fn on_halves(&self, e: usize) -> &(f64x2, L::Halves) {
         &self.halves[e]
     }
 

@@ -84,6 +84,9 @@ impl Reactive {
             acceleration: edge.components(accelerations.map(pair)),
             opening: [opening.dot(&edge.t), opening.dot(&edge.n())],
         };
+        if let (false, Some(direction)) = (VARIES, along) {
+            return moving.on_edge(edge, direction);
+        }
         let parts = moving.parts_on(edge);
         let mut force = moving.force(&parts);
         // c changes with the place: g ℓ w [ρ′(ν·V) n − ½ w ρ′ν], the fluid that becomes heavier as the rod moves and the pull

@@ -49,8 +49,8 @@ impl Row {
     }
 }
 
-/// Runs the cases of `todo` on `threads` threads and adds each to `journal` the moment it is done; `progress` sees it
-/// then. Raising `interrupted` ends all at once: cases under way are dropped.
+/// Runs the cases of `todo` on `threads` threads and adds each to `journal` the moment it is done; `progress` gets its index and
+/// row then. Raising `interrupted` ends all at once: cases under way are dropped.
 ///
 /// # Errors
 /// Those of [`Journal::add`]. A case that fails is a row.
@@ -60,7 +60,7 @@ pub fn run(
     todo: &[usize],
     threads: usize,
     interrupted: &AtomicBool,
-    mut progress: impl FnMut(&Row),
+    mut progress: impl FnMut(usize, Row),
 ) -> Result<()> {
     // Cases that share no steps are done one by one: each is kept the moment it is done. Where every thread has one case at most
     // nobody has to be asked.
@@ -71,7 +71,7 @@ pub fn run(
     jobs::run_together(todo, threads, together, work, |index, row| {
         let Some(row) = row else { return Ok(ControlFlow::Break(())) };
         journal.add(index, &row)?;
-        progress(&row);
+        progress(index, row);
         Ok(ControlFlow::Continue(()))
     })?;
     journal.sync()

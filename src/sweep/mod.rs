@@ -23,7 +23,7 @@ use crate::scene::{Document, Fault, Files, Scene};
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, rows, run};
 pub use parcel::Unpacked;
-pub use results::{Results, Written};
+pub use results::{Fresh, Results, Written};
 
 /// Most cases of a sweep.
 const MOST_CASES: usize = 1_000_000;

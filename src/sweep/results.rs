@@ -1,5 +1,6 @@
 //! What a sweep's journals hold, as table, figures and report.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -20,11 +21,28 @@ use crate::report::tables::{ColumnType, Folder, Kept, Mixed};
 #[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
 
+/// Rows that are still in memory: what is written at the end need not be read again. Only so many are kept.
+#[derive(Debug, Default)]
+pub struct Fresh(BTreeMap<usize, Row>);
+
+impl Fresh {
+    /// Some 20 MB.
+    const MOST: usize = 2000;
+
+    /// Keeps the row of a case, while there is room.
+    pub fn keep(&mut self, index: usize, row: Row) {
+        if self.0.len() < Self::MOST {
+            self.0.insert(index, row);
+        }
+    }
+}
+
 /// The results of a sweep, in one journal or in those of its shards.
 #[derive(Debug)]
 pub struct Results<'a> {
     sweep: &'a Sweep,
     journals: Vec<Journal>,
+    fresh: Fresh,
     /// Which journal has each case.
     holder: Vec<Option<usize>>,
 }
@@ -45,7 +63,13 @@ impl<'a> Results<'a> {
                 holder[index].get_or_insert(i);
             }
         }
-        Ok(Self { sweep, journals, holder })
+        Ok(Self { sweep, journals, fresh: Fresh::default(), holder })
+    }
+
+    /// The same, of whose rows some are in memory.
+    #[must_use]
+    pub fn with(self, fresh: Fresh) -> Self {
+        Self { fresh, ..self }
     }
 
     /// The cases that no journal has.
@@ -54,14 +78,22 @@ impl<'a> Results<'a> {
     }
 
     /// The rows, in the order of the cases; what is missing is left out.
-    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Row)>> {
-        self.read()
+    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Cow<'_, Row>)>> {
+        self.read(Cow::Borrowed, Cow::Owned)
     }
 
-    /// What `T` has of the rows.
-    fn read<T: DeserializeOwned>(&self) -> impl Iterator<Item = Result<(usize, T)>> {
-        let row = |(index, holder): (usize, &Option<usize>)| {
-            let row = self.journals[(*holder)?].get::<T>(index).transpose()?;
+    /// The rows: `kept` of one that is in memory, `read` of what `T` has of one that is not.
+    fn read<'b, T: DeserializeOwned, R>(
+        &'b self,
+        kept: impl Fn(&'b Row) -> R,
+        read: impl Fn(T) -> R,
+    ) -> impl Iterator<Item = Result<(usize, R)>> {
+        let row = move |(index, holder): (usize, &Option<usize>)| {
+            let journal = &self.journals[(*holder)?];
+            let row = match self.fresh.0.get(&index) {
+                Some(row) => Ok(kept(row)),
+                None => journal.get(index).transpose()?.map(&read),
+            };
             Some(row.map(|row| (index, row)))
         };
         self.holder.iter().enumerate().filter_map(row)
@@ -90,7 +122,10 @@ impl<'a> Results<'a> {
             for (kind, value) in own.iter_mut().zip(sweep.values(&case)) {
                 *kind = ColumnType::widened(*kind, &json(&value));
             }
-            cases.add(index, &case.levels, &row.quantities, row.frames);
+            match row {
+                Cow::Borrowed(row) => cases.add(index, &case.levels, &row.quantities, row.frames.clone()),
+                Cow::Owned(row) => cases.add(index, &case.levels, &row.quantities, row.frames),
+            }
         }
         // A quantity that is a list in some cases and null in others is a list.
         let lists: Vec<String> =
@@ -105,14 +140,12 @@ impl<'a> Results<'a> {
             .chain([text("scene_hash"), text("caudal_version")])
             .chain(names.iter().cloned().map(kind))
             .collect();
-        let cells = |row: Result<(usize, Numbers)>| {
+        let cells = |row: Result<(usize, Numbers<'_>)>| {
             let (index, row) = row?;
             let mut cells = vec![Value::from(index)];
             cells.extend(sweep.values(&sweep.case(index)?).iter().map(json));
-            cells.extend([row.scene_hash.into(), env!("CARGO_PKG_VERSION").into()]);
-            let found = |(i, (name, _)): (usize, &(String, _))| {
-                place(&row.quantities, i, name).map_or(Value::Null, |at| row.quantities[at].1.clone())
-            };
+            cells.extend([row.scene_hash().into(), env!("CARGO_PKG_VERSION").into()]);
+            let found = |(i, (name, _)): (usize, &(String, _))| row.quantity(i, name).cloned().unwrap_or(Value::Null);
             cells.extend(names.iter().enumerate().map(found));
             Ok(cells)
         };
@@ -122,7 +155,7 @@ impl<'a> Results<'a> {
             let mut kept = Kept::default();
             let path = folder.path().join("table.csv");
             let mut table = Mixed::create(&path, &columns);
-            let rows = self.read().map(cells).inspect(|cells: &Result<Vec<Value>>| {
+            let rows = self.read(Numbers::Kept, Numbers::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
                 let added = match (&mut table, cells) {
                     (Ok(table), Ok(cells)) => table.row(cells),
                     (_, Err(error)) => Err(Error::Journal { path: path.clone(), problem: error.to_string() }),
@@ -171,8 +204,8 @@ impl<'a> Results<'a> {
         let mut table = Mixed::create(path, &header)?;
         for row in self.rows() {
             let (index, row) = row?;
-            for [t, x, y] in row.trace {
-                table.row(&[index.into(), t.into(), x.into(), y.into()])?;
+            for [t, x, y] in &row.trace {
+                table.row(&[index.into(), (*t).into(), (*x).into(), (*y).into()])?;
             }
         }
         table.complete()
@@ -202,8 +235,32 @@ pub struct Written {
 }
 
 /// What a table needs of a [`Row`].
+enum Numbers<'a> {
+    /// It is in memory.
+    Kept(&'a Row),
+    /// It was read.
+    Read(NumbersRead),
+}
+
+impl Numbers<'_> {
+    fn scene_hash(&self) -> &str {
+        match self {
+            Self::Kept(row) => &row.scene_hash,
+            Self::Read(row) => &row.scene_hash,
+        }
+    }
+
+    /// The quantity `name`, which most rows have at the place `near`.
+    fn quantity(&self, near: usize, name: &str) -> Option<&Value> {
+        match self {
+            Self::Kept(row) => row.quantities.get(name),
+            Self::Read(row) => place(&row.quantities, near, name).map(|at| &row.quantities[at].1),
+        }
+    }
+}
+
 #[derive(Deserialize)]
-struct Numbers {
+struct NumbersRead {
     scene_hash: String,
     #[serde(deserialize_with = "in_order")]
     quantities: Vec<(String, Value)>,

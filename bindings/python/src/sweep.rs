@@ -5,7 +5,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use caudal::Error;
 use caudal::jobs::{Job, Journal, cores};
-use caudal::sweep::{Results, Sweep, Unpacked, run as run_cases};
+use caudal::sweep::{Fresh, Results, Sweep, Unpacked, run as run_cases};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -24,6 +24,8 @@ pub struct SweepAtWork {
     threads: usize,
     /// None once the results are made of it.
     journal: Mutex<Option<Journal>>,
+    /// Rows of cases that ran here.
+    fresh: Mutex<Fresh>,
 }
 
 impl SweepAtWork {
@@ -64,7 +66,7 @@ impl SweepAtWork {
                 Journal::clear(&journal)?;
             }
             let journal = Mutex::new(Some(sweep.journal(&journal, &job)?));
-            Ok(Self { sweep, job, folder, threads, journal })
+            Ok(Self { sweep, job, folder, threads, journal, fresh: Mutex::default() })
         });
         prepared.or_raise(py)
     }
@@ -135,8 +137,12 @@ impl SweepAtWork {
         told.reach(self.sweep.size() - todo.len(), self.sweep.size());
         let cases = || {
             let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut fresh = self.fresh.lock().unwrap_or_else(PoisonError::into_inner);
             journal.as_mut().map_or(Ok(()), |journal| {
-                run_cases(&self.sweep, journal, &todo, self.threads, &told.interrupted, |_| told.advance())
+                run_cases(&self.sweep, journal, &todo, self.threads, &told.interrupted, |index, row| {
+                    told.advance();
+                    fresh.keep(index, row);
+                })
             })
         };
         told.watch(py, progress.as_ref(), cases)?.or_raise(py)?;
@@ -155,7 +161,8 @@ impl SweepAtWork {
         let mut journal = journal.take().ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
         let results = py.detach(|| {
             journal.sync()?;
-            let results = Results::new(&self.sweep, &self.job, vec![journal])?;
+            let fresh = std::mem::take(&mut *self.fresh.lock().unwrap_or_else(PoisonError::into_inner));
+            let results = Results::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
             results.write(&self.folder)?.kept.complete()?;
             Ok(results)
         });

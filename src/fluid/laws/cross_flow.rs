@@ -124,6 +124,7 @@ impl Coefficients {
     }
 
     /// The same coefficients of several rods, which `gather` makes of those of each.
+    #[cfg(all(feature = "report", target_arch = "x86_64"))]
     pub(crate) fn gathered<Q>(gather: impl Fn(fn(&Self) -> f64x2) -> Q) -> Coefficients<Q> {
         Coefficients {
             viscous: [gather(|c| c.viscous[0]), gather(|c| c.viscous[1])],
