@@ -74,7 +74,7 @@ impl Reactive {
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         k: usize,
-        ends: &[Here; 2],
+        ends: [&Here; 2],
     ) -> OnEdge {
         let edge = &rod.edges[k];
         let (t, n, length) = (pair(edge.t), pair(edge.n()), edge.length);
@@ -92,7 +92,7 @@ impl Reactive {
         // towards the lighter side.
         let crossing = VARIES && ends.iter().any(|here| here.slope.density != 0.0 || here.bend != 0.0);
         let halves = f64x2::new(self.halves[k]);
-        let slope = halves * both(ends, |here| here.slope.density);
+        let slope = halves * both(&ends, |here| here.slope.density);
         let (nu_t, nu_n) = (rod.normal().dot(&edge.t), rod.normal().dot(&edge.n()));
         let rising = u * nu_t + w * nu_n;
         let shape = [-(pair[0] * nu_t), rising * w - pair[0] * nu_n];
@@ -118,7 +118,7 @@ impl Reactive {
         let (tn, nt, nn) = (Block::outer(edge.t, n), Block::outer(edge.n(), t), Block::outer(edge.n(), n));
         if crossing {
             let (by_velocity, by_place) = (slope * (length * v), slope * q);
-            let bend = halves * both(ends, |here| here.bend) * (length * q);
+            let bend = halves * both(&ends, |here| here.bend) * (length * q);
             let pair = [pair[0] * by_place, pair[1] * by_place];
             let moved = [
                 shape[0] * bend + own[0] * by_place + opposite(pair[0].reduce_add()),
@@ -154,14 +154,16 @@ impl Reactive {
     /// Visits every edge with c and the velocities against the fluid, along and across it, an end a lane.
     #[inline(always)]
     fn each_edge(&self, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, &Edge, f64x2, [f64x2; 2])) {
-        let everywhere = rod.everywhere();
-        for (k, edge) in rod.edges.iter().enumerate() {
-            let fluids = match everywhere {
-                Some(fluid) => [fluid; 2],
-                None => [rod.here(k).fluid, rod.here(k + 1).fluid],
-            };
-            let (c, components) = self.moving(rod, k, [&fluids[0], &fluids[1]]);
-            visit(k, edge, c, components);
+        for (run, rod) in rod.runs(0..rod.edges.len()) {
+            let everywhere = rod.everywhere();
+            for k in run {
+                let fluids = match everywhere {
+                    Some(fluid) => [fluid; 2],
+                    None => [rod.here(k).fluid, rod.here(k + 1).fluid],
+                };
+                let (c, components) = self.moving(&rod, k, [&fluids[0], &fluids[1]]);
+                visit(k, &rod.edges[k], c, components);
+            }
         }
     }
 
@@ -221,15 +223,12 @@ impl Force for Reactive {
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
         match rod.everywhere() {
             Some(fluid) => {
-                let ends = [fluid.into(); 2];
-                sums.each(edges, |k| self.on_edge::<false>(rod, along, k, &ends));
+                let here = fluid.into();
+                sums.each(edges, |k| self.on_edge::<false>(rod, along, k, [&here; 2]));
             }
             None => {
-                let mut next = rod.here(edges.start);
-                sums.each(edges, |k| {
-                    let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
-                    self.on_edge::<true>(rod, along, k, &ends)
-                });
+                let ends = rod.around.along(edges.clone()).windows(2);
+                sums.each(edges.zip(ends), |(k, ends)| self.on_edge::<true>(rod, along, k, [&ends[0], &ends[1]]));
             }
         }
     }
@@ -319,7 +318,7 @@ impl Force for Reactive {
                 let by = rod.by_property(property, k + i);
                 Here { fluid: Fluid { flow: rod.flow(k + i), ..by.fluid }, ..by }
             });
-            let on = self.on_edge::<true>(rod, None, k, &ends);
+            let on = self.on_edge::<true>(rod, None, k, ends.each_ref());
             for i in 0..2 {
                 add(out, k + i, on.force(i));
                 let w = rod.against_fluid(k + i).dot(&edge.n());
@@ -385,6 +384,10 @@ impl Force for Wake {
 
     fn sink(&self) -> Option<Sink> {
         Some(Sink::Wake)
+    }
+
+    fn is_on_edges(&self, _: &Kinematics<'_>) -> bool {
+        false
     }
 
     /// Nothing: all of it acts on the tip.
