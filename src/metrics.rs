@@ -85,10 +85,10 @@ impl Power {
         for force in forces.iter() {
             self.add_powers(force.sink(), force::powers(force, rod), push);
             if force.sink().is_none() {
-                stored += force.energy(rod, 0.0, None);
+                let (energy, own) = force.stored(rod);
+                stored += energy;
+                momentum += own;
                 self.other += force.energy_by_time(rod, 0.0, None);
-                let along = |axis: Vector2<f64>| force.momentum(rod, axis, 0.0, None);
-                momentum += Vector2::new(along(Vector2::x()), along(Vector2::y()));
                 push.other += force.pull(rod);
             }
         }

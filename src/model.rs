@@ -18,8 +18,7 @@ pub use course::Course;
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
-use crate::fluid::medium::Here;
-use crate::fluid::{Fluid, Force, Forces, Kinematics, Layers, Sink};
+use crate::fluid::{Around, Fluid, Force, Forces, Kinematics, Layers, Runs, Sink};
 use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
 use crate::linear::{ChainMatrix, Coupling};
 use crate::rod::around::{OnEdge, TOGETHER};
@@ -211,8 +210,8 @@ pub struct Dynamics {
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
-    /// The fluid along the rod as it was last bent, see [`Kinematics::here`]; empty in a uniform medium.
-    here: Vec<Here>,
+    /// The fluid along the rod as it was last bent; nothing in a uniform medium.
+    runs: Runs,
     /// Room for forces and loads.
     applied: Vec<f64>,
     room: Vec<OnEdge>,
@@ -232,7 +231,7 @@ impl Dynamics {
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
-            here: Vec::with_capacity(if model.layers.is_some() { nodes } else { 0 }),
+            runs: Runs::with_room(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
             room: vec![OnEdge::ZERO; TOGETHER],
             model,
@@ -393,14 +392,9 @@ impl Dynamics {
 
     /// Finds the fluid along a rod at `q`.
     fn look_around(&mut self, q: &[f64]) {
-        self.here.clear();
-        let Inputs { layers: Some(layers), fluid, .. } = &self.inputs else { return };
-        match layers.throughout(*fluid, q) {
-            Some(everywhere) => self.here.push(everywhere.into()),
-            None => {
-                let places = q.as_chunks().0.iter().map(|x| layers.height(Vector2::from(*x)));
-                self.here.extend(places.map(|h| layers.at(*fluid, h)));
-            }
+        match &self.inputs {
+            Inputs { layers: Some(layers), fluid, .. } => _ = self.runs.find(layers, *fluid, q),
+            _ => self.runs.clear(),
         }
     }
 
@@ -507,12 +501,21 @@ impl Dynamics {
 
     /// How a rod of these `edges` moves at time `t` (s) with positions, velocities and accelerations `motion`.
     pub fn kinematics_of<'a>(&'a self, t: f64, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Kinematics<'a> {
-        Kinematics { t, edges, q, v, a, fluid: self.inputs.fluid, layers: self.inputs.layers.as_ref(), here: &[] }
+        Kinematics {
+            t,
+            edges,
+            q,
+            v,
+            a,
+            fluid: self.inputs.fluid,
+            layers: self.inputs.layers.as_ref(),
+            around: Around::default(),
+        }
     }
 
     /// How the rod moves in `state`, as which it was bent last.
     fn moving<'a>(&'a self, State { t, q, v, a, .. }: &'a State) -> Kinematics<'a> {
-        Kinematics { here: &self.here, ..self.kinematics_of(*t, &self.edges, [q, v, a]) }
+        Kinematics { around: (&self.runs).into(), ..self.kinematics_of(*t, &self.edges, [q, v, a]) }
     }
 
     /// The flow (m/s) at the place `x`.
@@ -594,10 +597,19 @@ impl Dynamics {
         jacobian: Option<Linearisation<'_>>,
     ) -> Result<()> {
         self.bend(state)?;
-        let Self { model, edges, joints, inputs, room, here, .. } = self;
+        let Self { model, edges, joints, inputs, room, runs, .. } = self;
         let Model { rod, forces, .. } = &**model;
         let State { t, q, v, a, .. } = state;
-        let moving = Kinematics { t: *t, edges, q, v, a, fluid: inputs.fluid, layers: inputs.layers.as_ref(), here };
+        let moving = Kinematics {
+            t: *t,
+            edges,
+            q,
+            v,
+            a,
+            fluid: inputs.fluid,
+            layers: inputs.layers.as_ref(),
+            around: (&*runs).into(),
+        };
         let deformed = Deformed { cells: &rod.cells, mass: &rod.mass, edges, joints, a: a.as_chunks().0 };
         let jacobian = jacobian.map(|Linearisation { matrix, direction }| (matrix.rows_mut(), direction));
         forces.assemble(deformed, moving, room, residual.as_chunks_mut().0, jacobian);

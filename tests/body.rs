@@ -118,7 +118,7 @@ fn what_the_body_s_inertia_takes_is_the_momentum_of_the_fluid() {
             let half: Vec<f64> = v.iter().zip(&a).map(|(v, a)| v + 0.5 * t * a).collect();
             let (q, v) = (at(&q, &half, t), at(&v, &a, t));
             let edges: Vec<Edge> = (0..2).map(|k| Edge::new(node(&q, k + 1) - node(&q, k))).collect();
-            look(&Kinematics { t, edges: &edges, q: &q, v: &v, a: &a, fluid, layers: None, here: &[] });
+            look(&Kinematics { t, ..Kinematics::within(fluid, &edges, [&q, &v, &a]) });
         };
         // Linear and angular momentum, ∂T/∂v.
         let momentum = |t: f64| {

@@ -66,16 +66,7 @@ fn on_the_study_s_mesh_the_head_s_weight_is_all_on_the_head_node() {
         let edges = [Edge::new(Vector2::new(0.125, 0.0)); 8];
         let (v, zeros) = ([0.2, -0.1].repeat(9), [0.0; 18]);
         let mut force = vec![0.0; 18];
-        let rod = Kinematics {
-            t: 0.0,
-            edges: &edges,
-            q: &zeros,
-            v: &v,
-            a: &zeros,
-            fluid: model.fluid,
-            layers: None,
-            here: &[],
-        };
+        let rod = Kinematics::within(model.fluid, &edges, [&zeros, &v, &zeros]);
         model.forces.add(&rod, &mut force);
         force
     };
@@ -108,7 +99,7 @@ fn viscous_power_is_never_negative_whatever_the_shape_motion_and_flow() {
         let v: Vec<f64> = (0..9).flat_map(|k| <[f64; 2]>::from(turn(3 * k + 2) * Vector2::new(0.3, 0.0))).collect();
         let flow = turn(5) * Vector2::new(0.2, 0.0);
         let (fluid, zeros) = (Fluid { flow, viscosity: 0.3, density: 1000.0, ..Fluid::NONE }, [0.0; 18]);
-        let rod = Kinematics { t: 0.0, edges: &edges, q: &zeros, v: &v, a: &zeros, fluid, layers: None, here: &[] };
+        let rod = Kinematics::within(fluid, &edges, [&zeros, &v, &zeros]);
         let powers = force::powers(&**drag, &rod);
         // The least possible: every node's relative velocity along its edge.
         let least = along(0.3) * 0.0625 * (0..9).map(|k| (node(&v, k) - flow).norm_squared()).sum::<f64>();

@@ -137,7 +137,8 @@ impl Case {
 
     fn with<T>(&self, look: impl FnOnce(&Kinematics<'_>) -> T) -> T {
         let ([q, v, a], edges) = (&self.parts, self.edges());
-        look(&Kinematics { t: 0.3, edges: &edges, q, v, a, fluid: self.fluid, layers: self.layers.as_ref(), here: &[] })
+        let uniform = Kinematics::within(self.fluid, &edges, [q, v, a]);
+        look(&Kinematics { t: 0.3, layers: self.layers.as_ref(), ..uniform })
     }
 
     /// What a force opposes every node with.

@@ -4,8 +4,8 @@ mod common;
 
 use std::sync::Arc;
 
-use caudal::fluid::medium::BEYOND;
-use caudal::fluid::{DENSITY, VISCOSITY};
+use caudal::fluid::medium::{BEYOND, Here};
+use caudal::fluid::{DENSITY, Fluid, Layer, Layers, Runs, VISCOSITY};
 use caudal::integrator::METHODS;
 use caudal::linear_stability::SteadyState;
 use caudal::model::Dynamics;
@@ -17,6 +17,7 @@ use caudal::stepper::Stepper;
 use caudal::system::{Direction, State, System};
 use caudal::variable::VARIABLES;
 use common::{Dice, SOFT, largest, order, run, scene_of};
+use nalgebra::Vector2;
 
 /// A bar that falls flat, without gravity, from next to nothing into water: its added mass is 0.83776 of its own, M/(M + m) is 0.54414.
 const FALL: &str = r#"
@@ -197,6 +198,83 @@ fn sensitivities_to_the_properties_on_either_side_and_the_place_of_the_interface
     println!("differences {worst:e}, adjoint {apart:e}");
     assert!(worst < 1e-6, "{worst:e}");
     assert!(apart < 1e-9, "{apart:e}");
+}
+
+#[test]
+fn along_any_rod_runs_of_edges_are_in_one_fluid_or_change_along_every_edge() {
+    let mut found = Runs::default();
+    let mut kinds = [0; 3];
+    for seed in 0..400 {
+        let mut dice = Dice(seed);
+        let nodes = dice.between(2.0, 40.0) as usize;
+        let mut q = dice.chain(nodes, 0.1);
+        let fluid = Fluid { viscosity: 1.0, density: 2.0, ..Fluid::NONE };
+        let layer = |offset: f64, dice: &mut Dice| Layer {
+            offset,
+            thickness: dice.between(0.01, 0.4),
+            fluid: Fluid { viscosity: dice.between(1.0, 9.0), density: dice.between(1.0, 9.0), ..Fluid::NONE },
+        };
+        let [first, second] = [-0.25, 0.25].map(|offset| layer(offset, &mut dice));
+        let shear = if seed % 20 == 0 { 0.5 } else { 0.0 };
+        let layers = Layers::new(Vector2::new(0.6, 0.8), shear, [first, second]);
+        // A node on the very side of an interface, but for rounding.
+        let on_side = seed % 7 == 0;
+        if on_side {
+            let h = layers.height(Vector2::new(q[2], q[3]));
+            q[2] += 0.6 * (first.offset + 0.5 * first.thickness - h);
+            q[3] += 0.8 * (first.offset + 0.5 * first.thickness - h);
+        }
+        let here = |k: usize| layers.at(fluid, layers.height(Vector2::new(q[2 * k], q[2 * k + 1])));
+        let around = found.find(&layers, fluid, &q);
+        let still = |here: &Here| here.slope == Fluid::NONE && here.bend == 0.0;
+        let (mut next, mut before) = (0, None);
+        for (edges, run) in around.over(0..nodes - 1) {
+            assert!(edges.start == next && edges.end > next);
+            next = edges.end;
+            let one = run.everywhere();
+            assert!(before != Some(None) || one.is_some(), "one run that changes after the other");
+            before = Some(one);
+            (edges.start..=edges.end).for_each(|k| assert_eq!(run.at(k), Some(&here(k))));
+            match one {
+                Some(fluid) => {
+                    kinds[0] += edges.len();
+                    assert!((edges.start..=edges.end).all(|k| here(k).fluid == *fluid && still(&here(k))));
+                }
+                None => {
+                    kinds[1] += edges.len();
+                    for e in edges.clone() {
+                        let ends = [here(e), here(e + 1)];
+                        kinds[2] += usize::from(ends.iter().all(still));
+                        assert!(on_side || !ends.iter().all(still) || ends[0].fluid != ends[1].fluid);
+                    }
+                    let along: Vec<_> = (edges.start..=edges.end).map(here).collect();
+                    assert_eq!(run.along(edges), along);
+                }
+            }
+        }
+        assert_eq!(next, nodes - 1);
+        (0..nodes).for_each(|k| assert_eq!(around.at(k), Some(&here(k))));
+        let part = around.over(nodes / 3..nodes / 2).map(|(edges, _)| edges.len()).sum::<usize>();
+        assert_eq!(part, nodes / 2 - nodes / 3);
+    }
+    // Edges in one fluid, that change, and of these such as pass over an interface.
+    println!("{kinds:?}");
+    assert!(kinds.iter().all(|count| *count > 50));
+}
+
+#[test]
+fn a_rod_that_is_nowhere_has_runs_too() {
+    let layer = Layer { offset: 0.0, thickness: 0.1, fluid: Fluid::NONE };
+    let layers = Layers::new(Vector2::y(), 0.0, [layer]);
+    for nodes in 2..6 {
+        for nowhere in 0..nodes {
+            let mut q = vec![1.0; 2 * nodes];
+            q[2 * nowhere] = f64::NAN;
+            let mut found = Runs::default();
+            let edges = found.find(&layers, Fluid::NONE, &q).over(0..nodes - 1).map(|(edges, _)| edges.len());
+            assert_eq!(edges.sum::<usize>(), nodes - 1);
+        }
+    }
 }
 
 #[test]

@@ -29,7 +29,7 @@ fn visit(force: &dyn Force, q: &[f64], v: &[f64], look: impl FnMut(usize, Vector
     let edges: Vec<Edge> = (1..q.len() / 2).map(|k| Edge::new(node(q, k) - node(q, k - 1))).collect();
     let a = vec![0.0; q.len()];
     let fluid = Fluid { viscosity: 1.0, ..Fluid::NONE };
-    let rod = Kinematics { t: 0.0, edges: &edges, q, v, a: &a, fluid, layers: None, here: &[] };
+    let rod = Kinematics::within(fluid, &edges, [q, v, &a]);
     force::visit_alone(force, &rod, look);
     force::powers(force, &rod).against_fluid
 }

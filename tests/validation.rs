@@ -59,8 +59,7 @@ impl Motion {
     fn forces(&self, forces: &Forces, fluid: Fluid) -> Vec<Vector2<f64>> {
         let nodes = self.q.len() / 2;
         let edges: Vec<Edge> = (0..nodes - 1).map(|k| Edge::new(node(&self.q, k + 1) - node(&self.q, k))).collect();
-        let rod =
-            Kinematics { t: 0.0, edges: &edges, q: &self.q, v: &self.v, a: &self.a, fluid, layers: None, here: &[] };
+        let rod = Kinematics::within(fluid, &edges, [&self.q, &self.v, &self.a]);
         let mut out = vec![0.0; self.q.len()];
         forces.add(&rod, &mut out);
         (0..nodes).map(|k| node(&out, k)).collect()

@@ -345,7 +345,7 @@ impl Force for BodyInertia {
             return [0.0; 2];
         }
         // All but the body's own share is linear in the density.
-        let unit = Kinematics { fluid: super::Fluid { density: 1.0, ..rod.fluid }, here: &[], ..*rod };
+        let unit = Kinematics { fluid: super::Fluid { density: 1.0, ..rod.fluid }, around: Default::default(), ..*rod };
         let of_fluid = Self { own: 0.0, ..*self };
         super::force::visit_alone(&of_fluid, &unit, |k, force| add(out, k, force));
         [of_fluid.energy(&unit, 0.0, None), 0.0]

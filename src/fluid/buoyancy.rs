@@ -7,7 +7,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 
 use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally, Validity};
-use super::medium::{DENSITY, Key, Property};
+use super::medium::{DENSITY, Here, Key, Property};
 use crate::linear::{Block, pair};
 use crate::rod::{Alike, Rod, add, node};
 use crate::system::Direction;
@@ -53,16 +53,24 @@ impl Force for Buoyancy {
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
         let (normal, by_place) = (pair(rod.normal()), along.map_or(0.0, |direction| direction.q));
-        let mut next = rod.here(edges.start);
-        sums.each(edges, |k| {
-            let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
+        let on_edge = |k: usize, ends: [&Here; 2]| {
             let volumes = &self.halves[k];
             OnEdge::new(
                 [0, 1].map(|i| self.gravity * (volumes[i] * ends[i].fluid.density)),
                 [0, 1].map(|i| Block::outer(self.gravity * (volumes[i] * ends[i].slope.density * by_place), normal)),
                 [Block::ZERO; 2],
             )
-        });
+        };
+        match rod.everywhere() {
+            Some(fluid) => {
+                let here = fluid.into();
+                sums.each(edges, |k| on_edge(k, [&here; 2]));
+            }
+            None => {
+                let ends = rod.around.along(edges.clone()).windows(2);
+                sums.each(edges.zip(ends), |(k, ends)| on_edge(k, [&ends[0], &ends[1]]));
+            }
+        }
     }
 
     fn energy(&self, rod: &Kinematics<'_>, factor: f64, mut by: Option<Slopes<'_>>) -> f64 {

@@ -13,6 +13,7 @@ use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
+use super::runs::{Around, Runs};
 use crate::linear::{BlockRow, Coupling, pair};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
@@ -36,24 +37,23 @@ pub struct Kinematics<'a> {
     pub fluid: Fluid,
     /// What lies beyond it; `None` where the medium is uniform.
     pub layers: Option<&'a Layers>,
-    /// The fluid at every node, or one entry where it is the same at all of them; none where nobody has looked yet.
-    pub here: &'a [Here],
+    /// The fluid found along it; nothing where nobody has looked yet.
+    pub around: Around<'a>,
 }
 
 impl<'a> Kinematics<'a> {
     /// The motion `q`, `v`, `a` of a rod of `edges` in one and the same fluid, at time 0.
     pub fn within(fluid: Fluid, edges: &'a [Edge], [q, v, a]: [&'a [f64]; 3]) -> Self {
-        Self { t: 0.0, edges, q, v, a, fluid, layers: None, here: &[] }
+        Self { t: 0.0, edges, q, v, a, fluid, layers: None, around: Around::default() }
     }
 
     /// The fluid at node `k`, and how it changes from there.
     #[inline(always)]
     pub fn here(&self, k: usize) -> Here {
-        match (self.here, self.layers) {
-            ([], None) => self.fluid.into(),
-            ([], Some(layers)) => layers.at(self.fluid, layers.height(node(self.q, k))),
-            ([everywhere], _) => *everywhere,
-            (all, _) => all[k],
+        match (self.layers, self.around.at(k)) {
+            (None, _) => self.fluid.into(),
+            (_, Some(here)) => *here,
+            (Some(layers), None) => layers.at(self.fluid, layers.height(node(self.q, k))),
         }
     }
 
@@ -65,7 +65,8 @@ impl<'a> Kinematics<'a> {
 
     /// The flow (m/s) where it is known to be the same along the whole rod.
     pub fn flow_everywhere(&self) -> Option<Vector2<f64>> {
-        self.layers.is_none_or(Layers::flow_together).then_some(self.fluid.flow)
+        let one = self.everywhere().map(|fluid| fluid.flow);
+        one.or_else(|| self.layers.is_none_or(Layers::flow_together).then_some(self.fluid.flow))
     }
 
     /// Velocity (m/s) of node `k` against the fluid.
@@ -77,33 +78,35 @@ impl<'a> Kinematics<'a> {
     /// The fluid where it is known to be the same along the whole rod.
     #[inline(always)]
     pub fn everywhere(&self) -> Option<Fluid> {
-        match (self.here, self.layers) {
-            ([everywhere], _) => Some(everywhere.fluid),
-            (_, None) => Some(self.fluid),
-            _ => None,
+        match self.layers {
+            None => Some(self.fluid),
+            Some(_) => self.around.everywhere().copied(),
         }
+    }
+
+    /// True where the fluid is known to be the same at every node, or to change along every edge.
+    #[inline(always)]
+    fn is_one_run(&self) -> bool {
+        self.layers.is_none() || self.around.is_one()
     }
 
     /// The runs of `edges` along each of which the fluid is the same, or changes along every edge, with the rod as it is to be looked
     /// at there: in one fluid [`everywhere`](Self::everywhere), or not.
     #[inline(always)]
     pub fn runs(self, edges: Range<usize>) -> impl Iterator<Item = (Range<usize>, Self)> {
-        let mut next = edges.start;
-        std::iter::from_fn(move || {
-            let first = next;
-            if first >= edges.end {
-                return None;
-            }
-            if self.here.len() <= 1 {
-                next = edges.end;
-                return Some((first..next, self));
-            }
-            let within = |e: usize| self.here[e].within.filter(|_| self.here[e].within == self.here[e + 1].within);
-            let one = within(first);
-            next = (first + 1..edges.end).find(|e| within(*e) != one).unwrap_or(edges.end);
-            let here = if one.is_some() { &self.here[first..=first] } else { self.here };
-            Some((first..next, Self { here, ..self }))
-        })
+        self.around.over(edges).map(move |(run, around)| (run, Self { around, ..self }))
+    }
+
+    /// The same with the fluid along it found, in `runs` where nobody has looked yet.
+    pub fn found<'b>(&self, runs: &'b mut Runs) -> Kinematics<'b>
+    where
+        'a: 'b,
+    {
+        let around = match self.layers {
+            Some(layers) if self.around.is_unknown() => runs.find(layers, self.fluid, self.q),
+            _ => self.around,
+        };
+        Kinematics { around, ..*self }
     }
 
     /// The change of the fluid at node `k`, and of its slope, with a property of the medium.
@@ -181,14 +184,6 @@ impl Tally<'_> {
             self.sums[i].add_force(on);
         }
     }
-
-    /// Nothing at all where no force has said anything. True where one has.
-    fn finish(self) -> bool {
-        if self.fresh {
-            self.sums.fill(OnEdge::ZERO);
-        }
-        !self.fresh
-    }
 }
 
 /// Where the power that a force takes goes.
@@ -231,10 +226,12 @@ pub struct Validity {
 /// A force that knows every edge by itself: the share of a linear one is computed where the rod's own is, in the pass compiled
 /// for it.
 pub trait InPass {
-    /// Assembles `rod` with this force and with what `others` say, see [`Deformed::assemble`].
+    /// Assembles `rod`, which moves through `fluid`, the same along all of it, with this force and with what `others` say, see
+    /// [`Deformed::assemble`].
     fn assemble(
         &self,
         rod: Deformed<'_>,
+        fluid: Fluid,
         others: ActingOn<'_>,
         residual: &mut [[f64; 2]],
         jacobian: Option<(&mut [BlockRow], Direction)>,
@@ -266,12 +263,18 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
     /// Where it holds, and its source.
     fn validity(&self) -> Validity;
 
-    /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one.
+    /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one. The fluid
+    /// is known: the same [`everywhere`](Kinematics::everywhere), or what was found [`along`](Around::along) `edges`.
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>);
 
     /// The same compiled into the pass over the rod, of a force that most scenes have.
     fn in_pass(&self) -> Option<&dyn InPass> {
         None
+    }
+
+    /// False where it does nothing on any edge of `rod`.
+    fn is_on_edges(&self, _rod: &Kinematics<'_>) -> bool {
+        true
     }
 
     /// What opposes the last node beyond that.
@@ -316,6 +319,12 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         0.0
     }
 
+    /// Its [`energy`](Self::energy) and its [`momentum`](Self::momentum), of a force that finds both in one pass.
+    fn stored(&self, rod: &Kinematics<'_>) -> (f64, Vector2<f64>) {
+        let along = |axis| self.momentum(rod, axis, 0.0, None);
+        (self.energy(rod, 0.0, None), Vector2::new(along(Vector2::x()), along(Vector2::y())))
+    }
+
     /// What it gives to its momentum and the rod's together (N), beside being the rate of that: where the medium changes from
     /// place to place.
     fn pull(&self, _rod: &Kinematics<'_>) -> Vector2<f64> {
@@ -327,7 +336,12 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         if key != DENSITY || !self.parameters().contains(&DENSITY) {
             return 0.0;
         }
-        self.momentum(&Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, here: &[], ..*rod }, axis, 0.0, None)
+        self.momentum(
+            &Kinematics { fluid: Fluid { density: 1.0, ..rod.fluid }, around: Around::default(), ..*rod },
+            axis,
+            0.0,
+            None,
+        )
     }
 
     /// ∂(energy)/∂t where the rod stays, W: what it puts in by itself; adds `factor` times its derivatives to `by`.
@@ -378,7 +392,7 @@ impl Forces {
         self.0.iter().map(|force| &**force)
     }
 
-    /// The one that is compiled into the pass over the rod, and its place.
+    /// The one that is compiled into the pass over a rod in one fluid, and its place.
     pub fn in_pass(&self) -> Option<(usize, &dyn InPass)> {
         // Roots and quotients of a law that is not linear take long, but pass while the next edges are looked at, in a loop that is
         // short: such a law takes its turn among the others.
@@ -429,11 +443,11 @@ impl Forces {
         }
         let along = jacobian.as_ref().map(|(_, direction)| *direction);
         let part = jacobian.as_mut().map(|(rows, direction)| (&mut **rows, *direction));
-        let in_pass = self.in_pass();
-        let forces = in_pass.map_or([&self.0[..], &[]], |(i, _)| [&self.0[..i], &self.0[i + 1..]]);
+        let in_pass = moving.everywhere().and_then(|fluid| self.in_pass().map(|(i, force)| (i, force, fluid)));
+        let forces = in_pass.map_or([&self.0[..], &[]], |(i, ..)| [&self.0[..i], &self.0[i + 1..]]);
         let mut others = ActingOn { forces, rod: moving, along, room };
         match in_pass {
-            Some((_, force)) => force.assemble(rod, others, residual, part),
+            Some((_, force, fluid)) => force.assemble(rod, fluid, others, residual, part),
             None => rod.assemble((0..moving.edges.len()).map(|e| Some(others.on(e))), residual, part),
         }
         for tip in self.on_tip(&moving, along) {
@@ -530,11 +544,19 @@ impl ActingOn<'_> {
     pub fn on(&mut self, e: usize) -> OnEdge {
         let place = e % TOGETHER;
         if place == 0 {
-            let forces = self.forces.into_iter().flatten().map(|force| &**force);
-            let edges = e..self.rod.edges.len().min(e + TOGETHER);
-            sum(forces, &self.rod, self.along, edges, self.room);
+            self.look_ahead(e);
         }
         self.room[place]
+    }
+
+    /// Sums what they do on the edges from `e` on.
+    #[inline(never)] // where edges are assembled there are no registers to spare
+    fn look_ahead(&mut self, e: usize) {
+        let forces = self.forces[0].iter().chain(self.forces[1]).map(|force| &**force);
+        let edges = e..self.rod.edges.len().min(e + TOGETHER);
+        if !sum(forces, &self.rod, self.along, edges, self.room) {
+            self.room.fill(OnEdge::ZERO);
+        }
     }
 }
 
@@ -547,7 +569,7 @@ pub(crate) fn straight<T>(rod: &Rod, fluid: Fluid, velocity: [f64; 2], look: imp
     look(&Kinematics::within(fluid, &edges, [&q, &v, &a]))
 }
 
-/// Sums what `forces` do on `edges` in `room`. True where they do anything.
+/// Sums what `forces` do on `edges` in `room`. False where they do nothing; there may be anything in `room` then.
 #[inline(always)]
 fn sum<'a>(
     forces: impl Iterator<Item = &'a dyn Force> + Clone,
@@ -561,16 +583,21 @@ fn sum<'a>(
         for force in forces.clone() {
             force.evaluate(rod, along, run.clone(), &mut tally);
         }
-        tally.finish()
+        !tally.fresh
     };
     // One run, without what it takes to look for more (2 % of a step).
-    if rod.here.len() <= 1 {
+    if rod.is_one_run() {
         return on_run(rod, edges.clone(), &mut room[..edges.len()]);
     }
-    let mut any = false;
-    for (run, rod) in rod.runs(edges.clone()) {
+    let (mut any, mut runs) = (false, Runs::default());
+    for (run, rod) in rod.found(&mut runs).runs(edges.clone()) {
         let place = run.start - edges.start..run.end - edges.start;
-        any |= on_run(&rod, run, &mut room[place]);
+        let sums = &mut room[place];
+        if on_run(&rod, run, sums) {
+            any = true;
+        } else {
+            sums.fill(OnEdge::ZERO);
+        }
     }
     any
 }
@@ -608,9 +635,11 @@ fn visit_run(
     visit: &mut impl FnMut(usize, Vector2<f64>),
 ) {
     let last = edges.end == rod.edges.len();
-    let on_edge = |e: usize, on: &OnEdge| (0..2).for_each(|i| visit(e + i, on.force(i)));
-    on_edges(std::iter::once(force), rod, None, edges, on_edge);
-    if let Some(tip) = force.tip(rod, None).filter(|_| last) {
+    if force.is_on_edges(rod) {
+        let on_edge = |e: usize, on: &OnEdge| (0..2).for_each(|i| visit(e + i, on.force(i)));
+        on_edges(std::iter::once(force), rod, None, edges, on_edge);
+    }
+    if last && let Some(tip) = force.tip(rod, None) {
         visit(rod.edges.len(), tip.force);
     }
 }
@@ -624,16 +653,14 @@ pub fn resultant(force: &dyn Force, rod: &Kinematics<'_>) -> Vector2<f64> {
 
 /// The powers of `force`, W; those of one that is not a fluid's are against the ground.
 pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
+    let edges = 0..rod.edges.len();
     // One run, without what it takes to look for more.
-    if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
-        return force.powers(rod, fluid, 0..rod.edges.len());
+    if rod.is_one_run() || !force.is_on_edges(rod) {
+        return powers_on(force, rod, edges);
     }
     let mut powers = Powers::default();
-    for (run, rod) in rod.runs(0..rod.edges.len()) {
-        let Powers { opposing, against_fluid, of_flow } = match (force.in_pass(), rod.everywhere()) {
-            (Some(force), Some(fluid)) => force.powers(&rod, fluid, run),
-            _ => powers_on(force, &rod, run),
-        };
+    for (run, rod) in rod.runs(edges) {
+        let Powers { opposing, against_fluid, of_flow } = powers_on(force, &rod, run);
         powers.opposing += opposing;
         powers.against_fluid += against_fluid;
         powers.of_flow += of_flow;
@@ -642,12 +669,28 @@ pub fn powers(force: &dyn Force, rod: &Kinematics<'_>) -> Powers {
 }
 
 /// The same of what acts on `edges`, and with the last of them on the tip.
-#[inline(always)]
 fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Powers {
-    let everywhere = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
+    if let (Some(force), Some(fluid)) = (force.in_pass(), rod.everywhere()) {
+        return force.powers(rod, fluid, edges);
+    }
+    let one = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
+    match one {
+        Some(flow) => powers_against(force, rod, edges, |_| flow),
+        None => powers_against(force, rod, edges, |k| rod.flow(k)),
+    }
+}
+
+/// The same, where the velocity of the ground or of the `flow` (m/s) is known at every node.
+#[inline(always)]
+fn powers_against(
+    force: &dyn Force,
+    rod: &Kinematics<'_>,
+    edges: Range<usize>,
+    flow: impl Fn(usize) -> Vector2<f64>,
+) -> Powers {
     let (mut sum, mut against_fluid, mut of_flow) = (f64x2::ZERO, f64x2::ZERO, f64x2::ZERO);
     visit_run(force, rod, edges, &mut |k, opposing| {
-        let (opposing, flow) = (pair(opposing), pair(everywhere.unwrap_or_else(|| rod.flow(k))));
+        let (opposing, flow) = (pair(opposing), pair(flow(k)));
         sum += opposing;
         against_fluid += opposing * (pair(node(rod.v, k)) - flow);
         of_flow -= opposing * flow;

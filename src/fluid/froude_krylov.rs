@@ -46,7 +46,7 @@ impl Force for FroudeKrylov {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        if rod.fluid.acceleration == Vector2::zeros() {
+        if !self.is_on_edges(rod) {
             return;
         }
         let along = along.map_or(0.0, |direction| direction.q);
@@ -59,6 +59,10 @@ impl Force for FroudeKrylov {
             });
             OnEdge::new(ends.map(|(force, _)| force), ends.map(|(_, own)| own), [Block::ZERO; 2])
         });
+    }
+
+    fn is_on_edges(&self, rod: &Kinematics<'_>) -> bool {
+        rod.fluid.acceleration != Vector2::zeros()
     }
 
     fn is_linear(&self) -> bool {

@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
-use super::medium::{DENSITY, Fluid, Here, Key, Property, VISCOSITY};
+use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
 use crate::linear::{Block, BlockRow, Pair, Real, pair};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Alike, Edge, Half, Rod, add, node};
@@ -223,60 +223,25 @@ impl<L: Law> LocalDrag<L> {
         sums: &mut Tally<'_>,
     ) {
         let normal = pair(rod.normal());
-        let mut next = Place::of(rod, edges.start);
-        sums.each(edges, |e| {
-            let ends = [std::mem::replace(&mut next, Place::of(rod, e + 1)), next];
+        let ends = rod.around.along(edges.clone()).windows(2);
+        sums.each(edges.zip(ends), |(e, ends)| {
             let (halves, edge) = (&self.halves[e], &rod.edges[e]);
-            match along {
-                Some(direction) => self.on_edge_at([&ends[0], &ends[1]], halves, edge, normal, direction),
-                None => {
-                    let fluids = self.law.in_fluids([&ends[0].here.fluid, &ends[1].here.fluid]);
-                    let force = push(&self.law, halves, fluids, edge, [ends[0].against, ends[1].against]);
-                    OnEdge { force, ..OnEdge::ZERO }
+            let fluids = [&ends[0].fluid, &ends[1].fluid];
+            // Not `map` over both ends: that is a call for each.
+            let against = [pair(node(rod.v, e) - fluids[0].flow), pair(node(rod.v, e + 1) - fluids[1].flow)];
+            let Some(direction) = along else {
+                let force = push(&self.law, halves, self.law.in_fluids(fluids), edge, against);
+                return OnEdge { force, ..OnEdge::ZERO };
+            };
+            let mut on = on_edge(&self.law, halves, self.law.in_fluids(fluids), edge, against, direction);
+            if direction.q != 0.0 {
+                let by_height = self.by_fluids(halves, fluids, edge, against, [&ends[0].slope, &ends[1].slope]);
+                for (own, by_height) in on.own.iter_mut().zip(by_height) {
+                    *own += Block::outer(Vector2::from(by_height.to_array()) * direction.q, normal);
                 }
             }
+            on
         });
-    }
-
-    /// What opposes both ends of `edge`, which are at different `places`.
-    #[inline(always)]
-    fn on_edge_at(
-        &self,
-        places: [&Place; 2],
-        halves: &(f64x2, L::Halves),
-        edge: &Edge,
-        normal: f64x2,
-        direction: Direction,
-    ) -> OnEdge {
-        let [first, second] = places;
-        let (fluids, against) = ([&first.here.fluid, &second.here.fluid], [first.against, second.against]);
-        let mut on = on_edge(&self.law, halves, self.law.in_fluids(fluids), edge, against, direction);
-        let changing = first.here.within.is_none() || second.here.within.is_none();
-        if direction.q != 0.0 && changing {
-            let slopes = [&first.here.slope, &second.here.slope];
-            let by_height = self.by_fluids(halves, fluids, edge, against, slopes);
-            for (own, by_height) in on.own.iter_mut().zip(by_height) {
-                *own += Block::outer(Vector2::from(by_height.to_array()) * direction.q, normal);
-            }
-        }
-        on
-    }
-}
-
-/// A node of the rod in a medium that is not the same everywhere.
-#[derive(Debug, Clone, Copy)]
-struct Place {
-    here: Here,
-    /// The node's velocity against the fluid there, m/s.
-    against: f64x2,
-}
-
-impl Place {
-    /// The place where node `k` is.
-    #[inline(always)]
-    fn of(rod: &Kinematics<'_>, k: usize) -> Self {
-        let here = rod.here(k);
-        Self { here, against: pair(node(rod.v, k) - here.fluid.flow) }
     }
 }
 
@@ -382,6 +347,7 @@ impl<L: Law> InPass for LocalDrag<L> {
     fn assemble(
         &self,
         rod: Deformed<'_>,
+        fluid: Fluid,
         mut others: ActingOn<'_>,
         residual: &mut [[f64; 2]],
         jacobian: Option<(&mut [BlockRow], Direction)>,
@@ -389,37 +355,6 @@ impl<L: Law> InPass for LocalDrag<L> {
         let (Self { law, halves, .. }, Kinematics { edges, v, .. }) = (self, others.rod);
         let alone = others.are_none();
         let direction = others.along.unwrap_or(Direction { q: 0.0, v: 0.0, a: 0.0 });
-        let Some(fluid) = others.rod.everywhere() else {
-            let (medium, normal) = (others.rod, pair(others.rod.normal()));
-            let (mut runs, mut end) = (medium.runs(0..edges.len()), 0);
-            let (mut one, mut next) = (None, Place::of(&medium, 0));
-            let around = edges.iter().enumerate().map(|(e, edge)| {
-                if e == end
-                    && let Some((run, there)) = runs.next()
-                {
-                    end = run.end;
-                    one = there.everywhere().map(|fluid| (law.in_fluids([&fluid; 2]), pair(fluid.flow)));
-                    if one.is_none() {
-                        next = Place::of(&medium, e);
-                    }
-                }
-                let mut on = match &one {
-                    Some((fluids, flow)) => {
-                        let w = [pair(node(v, e)) - *flow, pair(node(v, e + 1)) - *flow];
-                        on_edge(law, &halves[e], *fluids, edge, w, direction)
-                    }
-                    None => {
-                        let ends = [std::mem::replace(&mut next, Place::of(&medium, e + 1)), next];
-                        self.on_edge_at([&ends[0], &ends[1]], &halves[e], edge, normal, direction)
-                    }
-                };
-                if !alone {
-                    on.add(&others.on(e));
-                }
-                Some(on)
-            });
-            return rod.assemble(around, residual, jacobian);
-        };
         let (flow, fluids) = (pair(fluid.flow), law.in_fluids([&fluid; 2]));
         let ends = v.as_chunks::<2>().0.windows(2);
         let around = edges.iter().zip(ends).enumerate().map(|(e, (edge, v))| {

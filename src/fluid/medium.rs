@@ -7,6 +7,9 @@
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
+use wide::f64x2;
+
+use crate::linear::pair;
 
 /// A uniform fluid, or the fluid at a place.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -102,6 +105,15 @@ pub struct Layer {
     pub fluid: Fluid,
 }
 
+impl Layer {
+    /// Heights of both sides of the interface, m.
+    #[inline(always)]
+    fn ends(&self) -> [f64; 2] {
+        let half = 0.5 * self.thickness;
+        [self.offset - half, self.offset + half]
+    }
+}
+
 /// The layers of a medium beyond its first fluid, and the shear of its flow.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Layers {
@@ -122,15 +134,22 @@ pub struct Here {
     pub slope: Fluid,
     /// The second derivative of its density, kg/m⁵.
     pub bend: f64,
-    /// The layer that the place lies in, by its number, where nothing changes around it.
-    pub within: Option<usize>,
+}
+
+/// Heights between which the medium is the same everywhere, or changes everywhere.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    low: f64,
+    high: f64,
+    /// True where it changes.
+    pub changes: bool,
 }
 
 impl From<Fluid> for Here {
     /// The same everywhere.
     #[inline(always)]
     fn from(fluid: Fluid) -> Self {
-        Self { fluid, slope: Fluid::NONE, bend: 0.0, within: Some(0) }
+        Self { fluid, slope: Fluid::NONE, bend: 0.0 }
     }
 }
 
@@ -204,21 +223,18 @@ impl Layers {
     pub fn at(&self, first: Fluid, h: f64) -> Here {
         let mut here = Here::from(first);
         for (layer, jump) in self.jumps(first) {
-            let per_thickness = 1.0 / layer.thickness;
-            let z = (h - layer.offset) * per_thickness + 0.5;
-            if z >= 1.0 {
+            let [low, high] = layer.ends();
+            if h >= high {
                 here.fluid.add(&jump, 1.0);
-                here.within = here.within.map(|layer| layer + 1);
-            } else if z > 0.0 {
-                let [r, slope, bend] = blend(z);
-                here.within = None;
+            } else if h > low {
+                let per_thickness = 1.0 / layer.thickness;
+                let [r, slope, bend] = blend((h - layer.offset) * per_thickness + 0.5);
                 here.fluid.add(&jump, r);
                 here.slope.add(&jump, slope * per_thickness);
                 here.bend += jump.density * bend * per_thickness * per_thickness;
             }
         }
         if self.shear != 0.0 {
-            here.within = None;
             here.fluid.flow += self.along() * (self.shear * h);
             here.slope.flow += self.along() * self.shear;
         }
@@ -246,24 +262,37 @@ impl Layers {
         first.density * (h - start) + self.jumps(first).map(beyond).sum::<f64>()
     }
 
-    /// The fluid where it is the same at every one of the places of `q`, two entries each.
-    #[inline]
-    pub fn throughout(&self, first: Fluid, q: &[f64]) -> Option<Fluid> {
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for x in q.as_chunks().0 {
-            let h = self.height(Vector2::from(*x));
-            (low, high) = (low.min(h), high.max(h));
-        }
-        let mut fluid = first;
-        for (layer, jump) in self.jumps(first) {
-            let half = 0.5 * layer.thickness;
-            if low >= layer.offset + half {
-                fluid.add(&jump, 1.0);
-            } else if high > layer.offset - half {
-                return None;
+    /// The heights around `h` (m) between which the medium is as there: uniform, or changing.
+    pub fn span(&self, h: f64) -> Span {
+        let mut span = Span { low: f64::NEG_INFINITY, high: f64::INFINITY, changes: self.shear != 0.0 };
+        for [low, high] in self.iter().map(Layer::ends).filter(|_| self.shear == 0.0) {
+            if h >= high {
+                span.low = span.low.max(high);
+            } else if h > low {
+                return Span { low, high, changes: true };
+            } else {
+                span.high = span.high.min(low);
             }
         }
-        (self.shear == 0.0).then_some(fluid)
+        span
+    }
+
+    /// How many of the `places` are within `span` before the first that is not; the first of all is one of them.
+    #[inline]
+    pub fn within(&self, span: &Span, places: &[[f64; 2]]) -> usize {
+        // Two places at a time, for speed.
+        let (normal, low, high) = (pair(self.normal), f64x2::from(span.low), f64x2::from(span.high));
+        let inside = |[one, other]: &[[f64; 2]; 2]| {
+            let [x, y] = f64x2::transpose([f64x2::new(*one) * normal, f64x2::new(*other) * normal]);
+            let h = x + y;
+            (h.simd_ge(low) & h.simd_le(high)).to_bitmask()
+        };
+        let (pairs, rest) = places.as_chunks();
+        let count = match pairs.iter().position(|pair| inside(pair) != 0b11) {
+            Some(i) => 2 * i + usize::from(inside(&pairs[i]) == 0b01),
+            None => 2 * pairs.len() + rest.iter().filter(|x| inside(&[**x; 2]) != 0).count(),
+        };
+        count.max(1)
     }
 
     /// Adds `factor` times offsets and fluids of `other`.

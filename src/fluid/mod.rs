@@ -10,6 +10,7 @@ pub mod medium;
 #[cfg(feature = "faer")]
 pub mod nonlocal;
 pub mod reactive;
+pub mod runs;
 pub mod spray;
 
 pub use buoyancy::Buoyancy;
@@ -18,4 +19,5 @@ pub use froude_krylov::FroudeKrylov;
 pub use local::{HeadWeight, LocalDrag};
 pub use medium::{DENSITY, Fluid, Key, Layer, Layers, VISCOSITY};
 pub use reactive::Reactive;
+pub use runs::{Around, Runs};
 pub use spray::Spray;

@@ -72,7 +72,7 @@ impl Reactive {
         rod: &Kinematics<'_>,
         along: Option<Direction>,
         k: usize,
-        ends: &[Here; 2],
+        ends: [&Here; 2],
     ) -> OnEdge {
         let edge = &rod.edges[k];
         let opening = node(rod.v, k + 1) - node(rod.v, k);
@@ -93,7 +93,7 @@ impl Reactive {
         // towards the lighter side.
         let crossing = VARIES && ends.iter().any(|here| here.slope.density != 0.0 || here.bend != 0.0);
         let halves = f64x2::new(self.halves[k]);
-        let slope = halves * both(ends, |here| here.slope.density);
+        let slope = halves * both(&ends, |here| here.slope.density);
         let (nu_t, nu_n) = (rod.normal().dot(&edge.t), rod.normal().dot(&edge.n()));
         let (length, Parts { own, pair }) = (edge.length, parts);
         let rising = u * nu_t + w * nu_n;
@@ -110,7 +110,7 @@ impl Reactive {
         if crossing {
             let Direction { q, v, .. } = direction;
             let (by_velocity, by_place) = (slope * (length * v), slope * q);
-            let bend = halves * both(ends, |here| here.bend) * (length * q);
+            let bend = halves * both(&ends, |here| here.bend) * (length * q);
             let pair = [pair[0] * by_place, pair[1] * by_place];
             let moved = [
                 shape[0] * bend + own[0] * by_place + opposite(pair[0].reduce_add()),
@@ -140,14 +140,16 @@ impl Reactive {
     /// Visits every edge with c and the velocities against the fluid, along and across it, an end a lane.
     #[inline(always)]
     fn each_edge(&self, rod: &Kinematics<'_>, mut visit: impl FnMut(usize, &Edge, f64x2, [f64x2; 2])) {
-        let everywhere = rod.everywhere();
-        for (k, edge) in rod.edges.iter().enumerate() {
-            let fluids = match everywhere {
-                Some(fluid) => [fluid; 2],
-                None => [rod.here(k).fluid, rod.here(k + 1).fluid],
-            };
-            let (c, components) = self.moving(rod, k, [&fluids[0], &fluids[1]]);
-            visit(k, edge, c, components);
+        for (run, rod) in rod.runs(0..rod.edges.len()) {
+            let everywhere = rod.everywhere();
+            for k in run {
+                let fluids = match everywhere {
+                    Some(fluid) => [fluid; 2],
+                    None => [rod.here(k).fluid, rod.here(k + 1).fluid],
+                };
+                let (c, components) = self.moving(&rod, k, [&fluids[0], &fluids[1]]);
+                visit(k, &rod.edges[k], c, components);
+            }
         }
     }
 
@@ -304,15 +306,12 @@ impl Force for Reactive {
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
         match rod.everywhere() {
             Some(fluid) => {
-                let ends = [fluid.into(); 2];
-                sums.each(edges, |k| self.on_edge::<false>(rod, along, k, &ends));
+                let here = fluid.into();
+                sums.each(edges, |k| self.on_edge::<false>(rod, along, k, [&here; 2]));
             }
             None => {
-                let mut next = rod.here(edges.start);
-                sums.each(edges, |k| {
-                    let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
-                    self.on_edge::<true>(rod, along, k, &ends)
-                });
+                let ends = rod.around.along(edges.clone()).windows(2);
+                sums.each(edges.zip(ends), |(k, ends)| self.on_edge::<true>(rod, along, k, [&ends[0], &ends[1]]));
             }
         }
     }
@@ -361,6 +360,17 @@ impl Force for Reactive {
         momentum.reduce_add()
     }
 
+    fn stored(&self, rod: &Kinematics<'_>) -> (f64, Vector2<f64>) {
+        let [mut energy, mut x, mut y] = [f64x2::ZERO; 3];
+        self.each_edge(rod, |_, edge, c, [_, w]| {
+            let (n, across) = (edge.n(), c * w);
+            energy += across * w * 0.5 * edge.length;
+            x += across * (edge.length * n.x);
+            y += across * (edge.length * n.y);
+        });
+        (energy.reduce_add(), Vector2::new(x.reduce_add(), y.reduce_add()))
+    }
+
     /// ½ g ℓ w² ∇ρ of every end.
     fn pull(&self, rod: &Kinematics<'_>) -> Vector2<f64> {
         let mut pull = Vector2::zeros();
@@ -402,7 +412,7 @@ impl Force for Reactive {
                 let by = rod.by_property(property, k + i);
                 Here { fluid: Fluid { flow: rod.flow(k + i), ..by.fluid }, ..by }
             });
-            let on = self.on_edge::<true>(rod, None, k, &ends);
+            let on = self.on_edge::<true>(rod, None, k, ends.each_ref());
             for i in 0..2 {
                 add(out, k + i, on.force(i));
                 let w = rod.against_fluid(k + i).dot(&edge.n());
@@ -468,6 +478,10 @@ impl Force for Wake {
 
     fn sink(&self) -> Option<Sink> {
         Some(Sink::Wake)
+    }
+
+    fn is_on_edges(&self, _: &Kinematics<'_>) -> bool {
+        false
     }
 
     /// Nothing: all of it acts on the tip.

@@ -83,17 +83,21 @@ impl Force for Spray {
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {
-        if rod.everywhere().is_some() {
+        if !self.is_on_edges(rod) {
             return;
         }
-        let mut next = rod.here(edges.start);
-        sums.each(edges, |k| {
-            let ends = [std::mem::replace(&mut next, rod.here(k + 1)), next];
+        let ends = rod.around.along(edges.clone()).windows(2);
+        sums.each(edges.zip(ends), |(k, ends)| {
+            let ends = [&ends[0], &ends[1]];
             let slopes = [both(&ends, |here| here.slope.density), both(&ends, |here| here.bend)];
             let against = |i: usize| pair(node(rod.v, k + i) - ends[i].fluid.flow);
             let halves = f64x2::new(self.halves[k]);
             Self::on_edge(halves, &rod.edges[k], rod.normal(), slopes, [against(0), against(1)], along)
         });
+    }
+
+    fn is_on_edges(&self, rod: &Kinematics<'_>) -> bool {
+        rod.everywhere().is_none()
     }
 
     fn parameters(&self) -> &[Key] {

@@ -10,6 +10,7 @@
 use nalgebra::Vector2;
 
 use crate::error::Result;
+use crate::fluid::Runs;
 use crate::model::{Dynamics, Mechanics};
 use crate::rod::{Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -58,6 +59,7 @@ struct Forces {
     /// F·n, to the left of the edge.
     shear: Vec<f64>,
     moment: Vec<f64>,
+    runs: Runs,
 }
 
 impl Forces {
@@ -66,7 +68,7 @@ impl Forces {
         let rod = &dynamics.model.rod;
         applied.resize(state.q.len(), 0.0);
         let State { t, q, v, a, .. } = state;
-        dynamics.write_applied(&dynamics.kinematics_of(*t, edges, [q, v, a]), applied);
+        dynamics.write_applied(&dynamics.kinematics_of(*t, edges, [q, v, a]).found(&mut self.runs), applied);
         self.tension.resize(edges.len(), 0.0);
         self.shear.resize(edges.len(), 0.0);
         self.moment.resize(rod.nodes, 0.0);

@@ -1,0 +1,139 @@
+//! The fluid along a rod: runs of edges that are all in one fluid, or along all of which it changes.
+
+use std::ops::Range;
+use std::{iter, slice};
+
+use super::medium::{Fluid, Here, Layers};
+
+/// Edges that follow each other, in one fluid or in fluids that change along each of them.
+#[derive(Debug)]
+struct Run {
+    edges: Range<usize>,
+    changes: bool,
+    /// The place of what is found at its first node; the only one where nothing changes, else one per node from there on.
+    first: usize,
+}
+
+/// What is found along a rod, with room to find it again.
+#[derive(Debug, Default)]
+pub struct Runs {
+    runs: Vec<Run>,
+    found: Vec<Here>,
+}
+
+impl Runs {
+    /// Nothing yet, with room for a rod of `nodes` nodes.
+    pub fn with_room(nodes: usize) -> Self {
+        // At most a run per edge, and an entry per edge and one for the last node of every run that changes.
+        Self { runs: Vec::with_capacity(nodes), found: Vec::with_capacity(2 * nodes) }
+    }
+
+    /// Forgets what was found.
+    pub fn clear(&mut self) {
+        self.runs.clear();
+        self.found.clear();
+    }
+
+    /// Finds the fluid at all nodes of a rod at `q`, two entries each, where it is `fluid` before the first of `layers`.
+    pub fn find(&mut self, layers: &Layers, fluid: Fluid, q: &[f64]) -> Around<'_> {
+        self.clear();
+        let height = |x: &[f64; 2]| layers.height((*x).into());
+        let places = q.as_chunks().0;
+        let mut k = 0;
+        while let Some(x) = places.get(k) {
+            let span = layers.span(height(x));
+            let next = k + layers.within(&span, &places[k..]);
+            self.push(k..next - 1, span.changes);
+            // The edge that leaves it, if there is one.
+            self.push(next - 1..next.min(places.len() - 1), true);
+            k = next;
+        }
+        for run in &mut self.runs {
+            run.first = self.found.len();
+            let nodes = run.edges.start..=if run.changes { run.edges.end } else { run.edges.start };
+            self.found.extend(places[nodes].iter().map(|x| layers.at(fluid, height(x))));
+        }
+        (&*self).into()
+    }
+
+    /// Adds `edges`, if there are any, to the last run, or as a run of their own.
+    fn push(&mut self, edges: Range<usize>, changes: bool) {
+        match self.runs.last_mut() {
+            _ if edges.is_empty() => {}
+            Some(last) if last.changes && changes => last.edges.end = edges.end,
+            _ => self.runs.push(Run { edges, changes, first: 0 }),
+        }
+    }
+}
+
+/// What was found along a rod, or a part of it; nothing where nobody has looked yet.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Around<'a> {
+    runs: &'a [Run],
+    found: &'a [Here],
+}
+
+impl<'a> From<&'a Runs> for Around<'a> {
+    fn from(Runs { runs, found }: &'a Runs) -> Self {
+        Self { runs, found }
+    }
+}
+
+impl<'a> Around<'a> {
+    /// True where nobody has looked yet.
+    #[inline(always)]
+    pub fn is_unknown(self) -> bool {
+        self.runs.is_empty()
+    }
+
+    /// True for one run.
+    #[inline(always)]
+    pub fn is_one(self) -> bool {
+        self.runs.len() == 1
+    }
+
+    /// The fluid where it is known to be the same at every node.
+    #[inline(always)]
+    pub fn everywhere(self) -> Option<&'a Fluid> {
+        match self.runs {
+            [Run { changes: false, first, .. }] => Some(&self.found[*first].fluid),
+            _ => None,
+        }
+    }
+
+    /// What was found at node `k`, if anybody has looked there.
+    #[inline(always)]
+    pub fn at(self, k: usize) -> Option<&'a Here> {
+        let run = self.runs.iter().find(|run| run.edges.start <= k && k <= run.edges.end)?;
+        Some(&self.found[run.first + if run.changes { k - run.edges.start } else { 0 }])
+    }
+
+    /// What was found at the nodes of `edges`, which are of one run along which the fluid changes.
+    #[inline(always)]
+    pub fn along(self, edges: Range<usize>) -> &'a [Here] {
+        match self.runs {
+            [run] if run.changes => {
+                &self.found[run.first..][edges.start - run.edges.start..=edges.end - run.edges.start]
+            }
+            _ => &[],
+        }
+    }
+
+    /// The runs of `edges`, each as if there were no other; all of them where nobody has looked yet.
+    #[inline(always)]
+    pub fn over(self, edges: Range<usize>) -> impl Iterator<Item = (Range<usize>, Self)> {
+        let (mut next, mut ahead) = (edges.start, self.runs.iter());
+        iter::from_fn(move || {
+            let first = next;
+            if first >= edges.end {
+                return None;
+            }
+            let Some(run) = ahead.find(|run| run.edges.end > first) else {
+                next = edges.end;
+                return Some((first..next, self));
+            };
+            next = edges.end.min(run.edges.end);
+            Some((first..next, Self { runs: slice::from_ref(run), ..self }))
+        })
+    }
+}
