@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
@@ -65,9 +66,14 @@ pub fn run(
     // Cases that share no steps are done one by one: each is kept the moment it is done. Where every thread has one case at most
     // nobody has to be asked.
     let asked = todo.first().filter(|_| todo.len() > threads);
-    let first = asked.and_then(|index| Stepper::of(&scene(sweep, *index).ok()?.0).ok());
-    let together = if first.is_some_and(|stepper| Batch::takes(&stepper)) { WIDTH } else { 1 };
-    let work = |indices: &[usize]| rows(sweep, indices, interrupted);
+    let first = asked.and_then(|index| Some((*index, Stepper::of(&scene(sweep, *index).ok()?.0).ok()?)));
+    let together = if first.as_ref().is_some_and(|(_, stepper)| Batch::takes(stepper)) { WIDTH } else { 1 };
+    let first = Mutex::new(first); // which is not made again: a scene's estimates may take long
+    let made = |index: usize| {
+        let mut first = first.lock().unwrap_or_else(PoisonError::into_inner);
+        first.take_if(|(own, _)| *own == index).map(|(_, stepper)| stepper)
+    };
+    let work = |indices: &[usize]| rows_of(sweep, indices, interrupted, made);
     jobs::run_together(todo, threads, together, work, |index, row| {
         let Some(row) = row else { return Ok(ControlFlow::Break(())) };
         journal.add(index, &row)?;
@@ -80,13 +86,23 @@ pub fn run(
 /// The rows of some cases, which share their steps where they can; none of a case that was interrupted. The time that a row says it
 /// took is its part of the time of all.
 pub fn rows(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<Row>> {
+    rows_of(sweep, indices, interrupted, |_| None)
+}
+
+/// The same, some of whose steppers are `made` already.
+fn rows_of(
+    sweep: &Sweep,
+    indices: &[usize],
+    interrupted: &AtomicBool,
+    made: impl Fn(usize) -> Option<Stepper>,
+) -> Vec<Option<Row>> {
     let start = Instant::now();
     let scenes: Vec<_> = indices.iter().map(|index| scene(sweep, *index)).collect();
     let mut cases: Vec<Case<'_>> =
         indices.iter().zip(&scenes).map(|(index, scene)| Case::of(sweep, *index, scene)).collect();
     let (mut own, mut runs) = (Vec::new(), Vec::new());
-    for case in &mut cases {
-        if let Some(run) = case.begin() {
+    for (case, index) in cases.iter_mut().zip(indices) {
+        if let Some(run) = case.begin(made(*index)) {
             runs.push(run);
             own.push(case);
         }
@@ -134,11 +150,11 @@ impl<'a> Case<'a> {
         Self { scene, warnings: Vec::new(), row: Row::default(), wanted, due: 0.0 }
     }
 
-    /// Its run at the start; where there is none the row says why.
-    fn begin(&mut self) -> Option<Beside<'a>> {
+    /// Its run at the start, whose stepper may be `made` already; where there is none the row says why.
+    fn begin(&mut self, made: Option<Stepper>) -> Option<Beside<'a>> {
         let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
             self.row.scene_hash = hash.to_string();
-            let mut stepper = Stepper::of(scene)?;
+            let mut stepper = made.map_or_else(|| Stepper::of(scene), Ok)?;
             self.warnings = Assessment::of(scene, &stepper)?.warnings;
             self.keep(&mut stepper)?;
             Ok(Beside { scene, stepper })
