@@ -26,8 +26,8 @@ const PARQUET_FROM: usize = 1000;
 pub struct Fresh(BTreeMap<usize, Row>);
 
 impl Fresh {
-    /// Some 20 MB.
-    const MOST: usize = 2000;
+    /// Some 15 MB.
+    const MOST: usize = 500;
 
     /// Keeps the row of a case, while there is room.
     pub fn keep(&mut self, index: usize, row: Row) {
