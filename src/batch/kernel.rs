@@ -243,17 +243,18 @@ impl Kernel {
                 }
             }
         }
-        let measured = self.measure();
+        let (ended, measured) = (self.end(), self.measure());
         for ((lane, stepper), solved) in steppers.iter_mut().enumerate().zip(solved) {
             if let (Some(stepper), Some((step, iterations))) = (stepper, solved) {
-                let reading = measured.of(lane);
-                stepper.solved_ahead(
-                    step,
-                    iterations,
-                    |state| self.unload(lane, state),
-                    reading.as_ref(),
-                    |kappa, moment, tangent| self.unload_shape(lane, kappa, moment, tangent),
-                );
+                // What is wrong with a rod without meaning is found alone.
+                let [meaningful, checked] = ended.of(lane);
+                let measured = measured.as_ref().filter(|_| meaningful).map(|measured| measured.of(lane));
+                stepper.solved_ahead(step, iterations, checked, |state| self.unload(lane, state));
+                if let Some(measured) = measured {
+                    stepper.measured_ahead(&measured, |kappa, moment, tangent| {
+                        self.unload_shape(lane, kappa, moment, tangent);
+                    });
+                }
             }
         }
         solved.iter().flatten().count() as u64
@@ -268,14 +269,28 @@ impl Kernel {
         );
     }
 
-    /// Measures the cases where they are.
-    fn measure(&mut self) -> Measured<Lanes> {
-        let Self { simd, rods, others, at, before, motion, room, .. } = self;
-        let measured = simd.vectorize(
+    /// Bends the rods where their steps end.
+    fn end(&mut self) -> Ended {
+        let Self { simd, rods, at, before, motion, room, .. } = self;
+        simd.vectorize(
             #[inline(always)]
-            || measure(rods, at, &before.motion.q, motion, room),
-        );
-        Measured { with_powers: others.are_none(), ..measured }
+            || Ended {
+                least: bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
+                least_turn: lengths::least_turn(at.wall, &before.motion.q, &motion.q).unwrap_or(at.flow.x.like(0.0)),
+            },
+        )
+    }
+
+    /// Measures the bent rods, where there is no force but one in proportion to the velocity.
+    fn measure(&mut self) -> Option<Measured<Lanes>> {
+        let Self { simd, rods, others, at, motion, room, .. } = self;
+        let measured = || {
+            simd.vectorize(
+                #[inline(always)]
+                || measure(rods, at, motion, room),
+            )
+        };
+        others.are_none().then(measured)
     }
 
     /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
@@ -390,22 +405,30 @@ pub(crate) struct Measured<T: Real = f64> {
     pub drag: DragSums<T>,
     /// The force that a held head must exert, N; none of a free one.
     pub held: Vector2<T>,
-    /// See [`lengths::least_turn`].
-    pub least_turn: T,
-    /// There is no force but one in proportion to the velocity.
-    pub with_powers: bool,
+}
+
+/// How steps end.
+struct Ended {
     /// By how much edges and joints are away from what has no meaning.
-    least: [T; 3],
+    least: [Lanes; 3],
+    /// See [`lengths::least_turn`].
+    least_turn: Lanes,
+}
+
+impl Ended {
+    /// Of one case, whether its rod has a meaning, and whether it went through no state without.
+    fn of(&self, lane: usize) -> [bool; 2] {
+        [self.least.iter().all(|least| least.get(lane) > 0.0), self.least_turn.get(lane) >= 0.0]
+    }
 }
 
 impl Measured<Lanes> {
-    /// Of one case; none where its rod has no meaning.
-    fn of(&self, lane: usize) -> Option<Measured> {
+    /// Of one case.
+    fn of(&self, lane: usize) -> Measured {
         let one = |number: Lanes| number.get(lane);
         let two = |pair: Two| f64x2::new(pair.to_array().map(one));
-        let Self { sums, drag, held, least_turn, least, with_powers } = self;
-        let least = least.map(one);
-        let own = Measured {
+        let Self { sums, drag, held } = self;
+        Measured {
             sums: Sums {
                 bending: one(sums.bending),
                 stretching: one(sums.stretching),
@@ -417,11 +440,7 @@ impl Measured<Lanes> {
             },
             drag: DragSums { opposing: two(drag.opposing), against_fluid: two(drag.against_fluid) },
             held: Vector2::new(one(held.x), one(held.y)),
-            least_turn: one(*least_turn),
-            with_powers: *with_powers,
-            least,
-        };
-        least.iter().all(|least| *least > 0.0).then_some(own)
+        }
     }
 }
 
@@ -482,12 +501,11 @@ fn guess(
     }
 }
 
-/// Bends and measures rods that were at `before`.
+/// Measures bent rods.
 #[inline(always)]
-fn measure(rods: &Rods, at: &Moment, before: &Nodes, Motion { q, v, a }: &Motion, room: &mut Room) -> Measured<Lanes> {
+fn measure(rods: &Rods, at: &Moment, Motion { q, v, a }: &Motion, room: &mut Room) -> Measured<Lanes> {
     let Room { edges, joints, kappa, moment, .. } = room;
     let zero = at.flow.x.like(0.0);
-    let least = bend(rods, at, q, edges, joints, kappa);
     bend::moments(&rods.stiffness, kappa, &at.natural, moment);
     let moving = Moving {
         cells: &rods.cells,
@@ -520,8 +538,7 @@ fn measure(rods: &Rods, at: &Moment, before: &Nodes, Motion { q, v, a }: &Motion
         let push = |i: usize| a[0][i] * rods.mass[0] - load[i] - carried[i] + held[i];
         held = Vector2::new(push(0), push(1));
     }
-    let least_turn = lengths::least_turn(at.wall, before, q).unwrap_or(zero);
-    Measured { sums, drag, held, least_turn, with_powers: true, least }
+    Measured { sums, drag, held }
 }
 
 /// Assembles, solves and moves bent rods.

@@ -82,21 +82,22 @@ impl Stepper {
         ([&self.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
-    /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes, and what is `measured` of it, where
-    /// its rod has a meaning; `fill` writes curvatures, moments and tangents.
-    pub(crate) fn solved_ahead(
+    /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes; it is `checked` that it went
+    /// through no state without meaning, or not yet.
+    pub(crate) fn solved_ahead(&mut self, step: Ahead, iterations: u32, checked: bool, write: impl FnOnce(&mut State)) {
+        write(&mut self.next);
+        self.solved = Some(Ahead { iterations, checked, ..step });
+    }
+
+    /// Takes over what is `measured` of the step that was solved; `fill` writes curvatures, moments and tangents.
+    pub(crate) fn measured_ahead(
         &mut self,
-        step: Ahead,
-        iterations: u32,
-        write: impl FnOnce(&mut State),
-        measured: Option<&Measured>,
+        measured: &Measured,
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
     ) {
-        write(&mut self.next);
-        let checked = measured.is_some_and(|measured| measured.least_turn >= 0.0);
-        let whole = measured.filter(|measured| measured.with_powers);
-        let measured = whole.is_some_and(|all| self.reading.take_over(&self.dynamics, &self.next, all, fill).is_ok());
-        self.solved = Some(Ahead { iterations, checked, measured, ..step });
+        if let Some(solved) = &mut self.solved {
+            solved.measured = self.reading.take_over(&self.dynamics, &self.next, measured, fill).is_ok();
+        }
     }
 
     /// Ends the step of `h` (s) to `end` that was solved ahead; `None` where none was, or the solution does not do.
