@@ -492,6 +492,8 @@ STUDIES = {
 }
 #: What the findings of a study tell of times, which no two runs share.
 TIMES = ("wall_s", "processor_s")
+#: The table of the cheapest step to each target: where two take about the same time, either may be it.
+CHOSEN_BY_TIME = "targets"
 
 
 def without_times(findings):
@@ -499,6 +501,7 @@ def without_times(findings):
     tables = {
         name: {column: values for column, values in table.items() if not column.endswith(TIMES)}
         for name, table in findings.tables.items()
+        if name != CHOSEN_BY_TIME
     }
     return tables, sorted(findings.figures)
 
