@@ -145,7 +145,10 @@ impl Kernel {
         let others = Others::of(simd, std::array::from_fn(model), in_pass)?;
         let coefficients = |lane: usize, e: usize| {
             let model = model(lane);
-            model.forces.in_pass().and_then(|(_, drag)| drag.coefficients(model.fluid, e))
+            let (i, drag) = model.forces.in_pass()?;
+            // Its powers are those of a drag.
+            let takes = model.forces.0[i].sink().is_some() && model.forces.0[i].is_of_fluid();
+            drag.coefficients(model.fluid, e).filter(|_| takes)
         };
         if in_pass.is_some() && (0..WIDTH).any(|lane| coefficients(lane, 0).is_none()) {
             return None;
