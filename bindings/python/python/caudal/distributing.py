@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import os
 import queue
+import signal
 import socket
+import threading
 import time
 import warnings
 from collections import deque
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Callable, Optional, Protocol
+from typing import Any, Callable, Iterator, Optional, Protocol
 
 from . import _caudal
 from ._caudal import __version__
@@ -117,6 +119,31 @@ def lost_error(job: Job, lost: list[int]) -> LostCasesError:
     return error
 
 
+@contextmanager
+def interrupts() -> Iterator[Callable[[], None]]:
+    """Gives what raises an interrupt that came and was lost: Python drops exceptions where it clears objects away, such as futures."""
+    came = False
+
+    def note(number: int, frame: Any) -> None:
+        nonlocal came
+        came = True
+        signal.default_int_handler(number, frame)
+
+    def check() -> None:
+        if came:
+            raise KeyboardInterrupt
+
+    own = threading.current_thread() is threading.main_thread()
+    if not (own and signal.getsignal(signal.SIGINT) is signal.default_int_handler):
+        yield check
+        return
+    signal.signal(signal.SIGINT, note)
+    try:
+        yield check
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 class Engine:
     """An executor, and how many workers it has."""
 
@@ -202,25 +229,32 @@ class Distribution:
         """Do all parts; the numbers of those that cannot be done, as they end their workers."""
         last, patience = time.monotonic(), self.engine.patience_s
         self.tell()
-        try:
-            while self.send():
-                try:
-                    self.take(self.landed.get(timeout=LOOK_S))
-                    last, patience = time.monotonic(), max(self.engine.patience_s, 10 * BATCH_S)
-                except queue.Empty:
-                    waited = time.monotonic() - last
-                    if waited > patience:
-                        parts = sum(len(indices) for indices, _ in self.flying.values())
-                        warnings.warn(
-                            f"nothing came back for {waited:.0f} s: {parts} {self.job.noun}s are on their way; {self.engine.state()}",
-                            RuntimeWarning,
-                            stacklevel=4,
-                        )
-                        patience *= 2
-        finally:
-            for future in self.flying:
-                future.cancel()
+        with interrupts() as check:
+            try:
+                while self.send():
+                    check()
+                    try:
+                        self.take(self.landed.get(timeout=LOOK_S))
+                        last, patience = time.monotonic(), max(self.engine.patience_s, 10 * BATCH_S)
+                    except queue.Empty:
+                        waited = time.monotonic() - last
+                        if waited > patience:
+                            self.warn_of(waited)
+                            patience *= 2
+                check()
+            finally:
+                for future in self.flying:
+                    future.cancel()
         return sorted(self.lost)
+
+    def warn_of(self, waited: float) -> None:
+        """Say that nothing came back for so long, s."""
+        parts = sum(len(indices) for indices, _ in self.flying.values())
+        warnings.warn(
+            f"nothing came back for {waited:.0f} s: {parts} {self.job.noun}s are on their way; {self.engine.state()}",
+            RuntimeWarning,
+            stacklevel=5,
+        )
 
     def tell(self) -> None:
         """Say how far it is."""
