@@ -1,8 +1,7 @@
 //! Several cases at once: the equations of motion of four rods, each in a SIMD lane, solved by one Newton's method.
 //!
-//! A [`Batch`] solves the next step of each stepper ahead, from the guess that the stepper makes; the stepper then goes on as it
-//! always does, and finds the step solved. What is assembled and eliminated is the same source as for one rod, generic over its
-//! number, so the results have the same bits. A case whose step does not converge at once is not solved ahead: its stepper
+//! A [`Batch`] makes the next step of each stepper ahead, from guess to reading; the stepper then goes on as it always does, and
+//! finds the step made. What does it is the same source as for one rod, generic over its number, so the results have the same bits. A case whose step does not converge at once is not solved ahead: its stepper
 //! does the step alone, from its beginning.
 
 #[cfg(target_arch = "x86_64")]

@@ -13,6 +13,7 @@ use std::str::FromStr;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::mpsc::sync_channel;
+use std::thread::Scope;
 use std::time::{Duration, Instant};
 
 use serde::de::{DeserializeOwned, IgnoredAny};
@@ -403,6 +404,17 @@ pub fn run<T: Send>(
     run_together(todo, threads, 1, |indices| indices.iter().map(|index| work(*index)).collect(), done)
 }
 
+/// Begins `work` on a thread of its own; `Err` says why the system gives none.
+pub(crate) fn spawn<'scope>(
+    scope: &'scope Scope<'scope, '_>,
+    work: impl FnOnce() + Send + 'scope,
+) -> std::result::Result<(), String> {
+    // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
+    Vec::<u8>::new().try_reserve_exact(ROOM).map_err(|error| error.to_string())?;
+    let builder = std::thread::Builder::new().stack_size(STACK);
+    builder.spawn_scoped(scope, work).map(drop).map_err(|error| error.to_string())
+}
+
 /// Does `work` for every index of `todo`, in this order, on `threads` threads, for at most `together` of them at once; it returns as
 /// many results. `done` sees every result on the calling thread, in the order in which they come. Once it breaks or fails no more
 /// work is begun, and what is under way is dropped when it ends: `work` should look at the same sign that made `done` break.
@@ -441,13 +453,7 @@ pub fn run_together<T: Send>(
                     }
                 }
             };
-            // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
-            let room = Vec::<u8>::new().try_reserve_exact(ROOM).map_err(|error| error.to_string());
-            let spawned = room.and_then(|()| {
-                let builder = std::thread::Builder::new().stack_size(STACK);
-                builder.spawn_scoped(scope, worker).map_err(|error| error.to_string())
-            });
-            if let Err(reason) = spawned {
+            if let Err(reason) = spawn(scope, worker) {
                 ended.store(true, Ordering::Relaxed);
                 return Err(Error::Threads { wanted: threads, started, reason });
             }

@@ -8,7 +8,7 @@ use fearless_simd::prelude::*;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::kernel::two;
+use super::kernel::{against, two};
 use super::lanes::{Lanes, Two};
 use crate::fluid::force::OnTip;
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
@@ -103,6 +103,9 @@ impl Others {
         direction: Direction,
         visit: impl FnMut(OnTip),
     ) {
+        if self.tips.is_empty() {
+            return;
+        }
         let Motions {
             edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
         } = *rods
@@ -221,7 +224,7 @@ impl<L: LawInLanes> InLanes for Drag<L> {
             || {
                 for (((edge, v), (lengths, numbers)), sum) in edges.iter().zip(v.windows(2)).zip(&self.halves).zip(sums)
                 {
-                    let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
+                    let [u, w] = against(edge, v, flow);
                     let traction = L::slopes(numbers, self.fluids, u, w);
                     put(sum, first, local::around(edge, *lengths, [u, w], traction, direction));
                 }
@@ -253,7 +256,7 @@ impl InLanes for Water {
                     let (t, n) = (edge.t, edge.n());
                     let moving = Accelerating {
                         c: *c,
-                        velocity: edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]),
+                        velocity: against(edge, v, flow),
                         acceleration: edge.components([Two::new(a[0]), Two::new(a[1])]),
                         opening: [opening[0] * t.x + opening[1] * t.y, opening[0] * n.x + opening[1] * n.y],
                     };

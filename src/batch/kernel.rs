@@ -114,11 +114,10 @@ struct Tip {
 impl Tip {
     /// Takes over that of one case.
     fn set(&mut self, lane: usize, tip: &OnTip) {
-        let [before, last] = tip.edges;
         for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
             to.set(lane, *from);
         }
-        for (to, block) in self.blocks.iter_mut().zip([-before, before - last, tip.own + last]) {
+        for (to, block) in self.blocks.iter_mut().zip(tip.blocks()) {
             to.iter_mut().zip(block.transpose().iter()).for_each(|(to, from)| to.set(lane, *from));
         }
     }
@@ -380,6 +379,12 @@ fn dynamics(case: &Stepper) -> &Dynamics {
     case.view().dynamics
 }
 
+/// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
+#[inline(always)]
+pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: Two) -> [Two; 2] {
+    edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow])
+}
+
 /// Pairs of every case.
 pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> Two {
     let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
@@ -526,7 +531,7 @@ fn measure(rods: &Rods, at: &Moment, Motion { q, v, a }: &Motion, room: &mut Roo
     let mut drag = DragSums::none(zero);
     let mut held = Vector2::new(zero, zero);
     for (e, ((edge, v), [lengths, along, across])) in edges.iter().zip(v.windows(2)).zip(&rods.drag).enumerate() {
-        let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
+        let [u, w] = against(edge, v, flow);
         let (traction, _) = Traction::linear([*along, *across], u, w);
         drag.add(edge, *lengths, [u, w], traction);
         if rods.held && e == 0 {
@@ -562,7 +567,7 @@ fn solve(
         |(e, (edge, v))| {
             let others = others.get(e);
             let Some([lengths, along, across]) = rods.drag.get(e).copied() else { return others.copied() };
-            let [u, w] = edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow]);
+            let [u, w] = against(edge, v, flow);
             let mut on = local::around(edge, lengths, [u, w], Traction::linear([along, across], u, w), direction);
             if let Some(others) = others {
                 on.add(others);

@@ -143,6 +143,14 @@ pub struct OnTip {
     pub edges: [Matrix2<f64>; 2],
 }
 
+impl OnTip {
+    /// What it adds to the first three blocks of the last row of a matrix.
+    pub(crate) fn blocks(&self) -> [Matrix2<f64>; 3] {
+        let [before, last] = self.edges;
+        [-before, before - last, self.own + last]
+    }
+}
+
 /// Where forces on some edges are summed.
 #[derive(Debug)]
 pub struct Tally<'a> {
@@ -455,9 +463,7 @@ impl Forces {
                 *last = (Vector2::from(*last) + tip.force).into();
             }
             if let Some([.., row]) = jacobian.as_mut().map(|(rows, _)| &mut **rows) {
-                let [before, last] = tip.edges;
-                let blocks = [-before, before - last, tip.own + last];
-                for (entry, block) in row.iter_mut().zip(blocks) {
+                for (entry, block) in row.iter_mut().zip(tip.blocks()) {
                     for (x, y) in entry.iter_mut().zip(block.transpose().iter()) {
                         *x += y;
                     }

@@ -9,7 +9,7 @@ use crate::integrator::{Pace, Rule};
 use crate::newton::Progress;
 use crate::system::{State, System};
 
-/// A step that has set out: its guess is made.
+/// A step that has set out.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Ahead {
     end: f64,

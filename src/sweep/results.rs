@@ -10,7 +10,7 @@ use serde_json::Value;
 
 use super::{Row, Sweep};
 use crate::error::{Error, Result};
-use crate::jobs::{Job, Journal};
+use crate::jobs::{self, Job, Journal};
 use crate::report::Figure;
 use crate::report::cases::{Axis, Cases};
 #[cfg(feature = "parquet")]
@@ -184,13 +184,15 @@ impl<'a> Results<'a> {
             }
             kept
         };
-        let (mut kept, mut page) = (Kept::default(), Ok(String::new()));
-        let figures = std::thread::scope(|scope| {
-            scope.spawn(|| kept = tables());
+        let mut kept = None;
+        let (figures, page) = std::thread::scope(|scope| {
+            // Where no thread is to be had the tables come after the page.
+            let _ = jobs::spawn(scope, || kept = Some(tables()));
             let figures = cases.figures();
-            page = cases.page(&figures);
-            figures
+            let page = cases.page(&figures);
+            (figures, page)
         });
+        let mut kept = kept.unwrap_or_else(tables);
         for Figure { file, svg, .. } in &figures {
             kept.put_file(folder.path().join(file), Ok(svg));
         }
