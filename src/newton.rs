@@ -24,6 +24,38 @@ const FLOOR_INCREMENT: f64 = 1e-6;
 /// In the chain form the floor is the rounding of the positions themselves: this part of how far they reach.
 const CHAIN_FLOOR: f64 = 64.0 * f64::EPSILON;
 
+/// A foreseen increment counts as this many times as large.
+const CAUTION: f64 = 4.0;
+
+/// How the solves of one step converge: e₂ = C e₁² for the first two increments of each. Once it is measured, the second increment of the
+/// next solve is foreseen from its first.
+#[derive(Debug, Clone, Copy)]
+pub struct Convergence {
+    /// The largest C so far, 1/m; infinite before there is one.
+    constant: f64,
+}
+
+impl Default for Convergence {
+    fn default() -> Self {
+        Self { constant: f64::INFINITY }
+    }
+}
+
+impl Convergence {
+    /// Takes in the `increments` of a solve.
+    fn learn(&mut self, increments: &Increments) {
+        if let [first, second, ..] = *increments.as_slice() {
+            let (constant, known) = (second / (first * first), self.constant.is_finite());
+            self.constant = if known { self.constant.max(constant) } else { constant };
+        }
+    }
+
+    /// The second increment (m) of a solve whose first is `first`; infinite where none was measured.
+    fn foreseen(self, first: f64) -> f64 {
+        CAUTION * self.constant * first * first
+    }
+}
+
 /// What Newton's method has done so far.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Work {
@@ -41,6 +73,7 @@ pub struct Work {
 #[derive(Debug)]
 pub struct Newton {
     tolerance: f64,
+    foresees: bool,
     equations: Equations,
     increment: Vec<f64>,
     /// Work done since the start.
@@ -93,7 +126,13 @@ impl Newton {
                 (Equations::Chain { matrix, solver, residual, worst: 0 }, unknowns)
             }
         };
-        Ok(Self { tolerance, equations, increment: vec![0.0; unknowns], work: Work::default() })
+        Ok(Self { tolerance, foresees: false, equations, increment: vec![0.0; unknowns], work: Work::default() })
+    }
+
+    /// The same, which `foresees` the second iteration of a solve or not: it is spared where those before it in the same step say that its
+    /// increment would be within the tolerance.
+    pub fn foreseeing(self, foresees: bool) -> Self {
+        Self { foresees, ..self }
     }
 
     /// The form that it solves.
@@ -109,16 +148,17 @@ impl Newton {
     /// # Errors
     /// [`Error::NotConverged`], or whatever the system finds wrong with an iterate.
     pub fn solve(&mut self, system: &mut dyn System, state: &mut State, direction: Direction) -> Result<Increments> {
-        self.solve_with(Patience::Whole, system, state, direction)
+        self.solve_with(Patience::Whole, &mut Convergence::default(), system, state, direction)
     }
 
-    /// Solves as [`solve`](Self::solve) does, with `patience`.
+    /// Solves as [`solve`](Self::solve) does, with `patience`, and with what is `known` from the solves before in the same step.
     ///
     /// # Errors
     /// Those of [`solve`](Self::solve).
     pub fn solve_with(
         &mut self,
         patience: Patience,
+        known: &mut Convergence,
         system: &mut dyn System,
         state: &mut State,
         direction: Direction,
@@ -129,13 +169,19 @@ impl Newton {
         for _ in 0..MAX_ITERATIONS {
             let step = self.iterate(system, state, direction)?;
             increments.push(step.increment);
+            if self.foresees && increments.count == 1 && known.foreseen(step.increment) <= progress.tolerance {
+                return Ok(increments);
+            }
             residual = step.residual;
             let at_floor = || match self.equations {
                 Equations::Positions { .. } => residual <= system.residual_floor(state),
                 Equations::Chain { .. } => step.increment <= CHAIN_FLOOR * reach(state, length),
             };
             match progress.judge(step) {
-                Verdict::Converged => return Ok(increments),
+                Verdict::Converged => {
+                    known.learn(&increments);
+                    return Ok(increments);
+                }
                 Verdict::Stalled if at_floor() => {
                     self.work.floor_stops += 1;
                     return Ok(increments);

@@ -6,7 +6,7 @@
 
 use super::{Foot, Integrator, Method, Stage, StepError};
 use crate::error::Result;
-use crate::newton::Newton;
+use crate::newton::{Convergence, Newton};
 use crate::system::{Direction, State, System};
 
 /// What is known of it.
@@ -72,7 +72,7 @@ impl Integrator for Esdirk3 {
         h: f64,
         to: &mut State,
     ) -> Result<StepError> {
-        let end = to.t;
+        let (end, mut known) = (to.t, Convergence::default());
         self.v[0].copy_from_slice(&from.v);
         self.a[0].copy_from_slice(&from.a);
         for i in 1..STAGES {
@@ -80,7 +80,7 @@ impl Integrator for Esdirk3 {
             let Self { v, a } = &*self;
             let stage = Stage { new: Direction { q: (h * G).powi(2), v: h * G, a: 1.0 }, h };
             let weights = WEIGHTS[i].map(|weight| h * weight);
-            stage.solve(system, newton, from, to, |k| {
+            stage.solve(system, newton, &mut known, from, to, |k| {
                 let sum = |of: &[Vec<f64>; STAGES - 1]| -> f64 { (0..i).map(|j| weights[j] * of[j][k]).sum() };
                 let v_star = from.v[k] + sum(a);
                 Foot { dq: sum(v) + h * G * v_star, v: v_star, guess: a[i - 1][k] }

@@ -8,7 +8,7 @@ mod symplectic_euler;
 
 use crate::error::{Error, Result};
 use crate::linear::{Number, Real};
-use crate::newton::{Newton, Patience};
+use crate::newton::{Convergence, Newton, Patience};
 use crate::system::{Direction, State, System};
 
 /// All methods; adding one is its file and its line here.
@@ -224,7 +224,8 @@ pub struct Memory {
 
 impl Rule {
     fn step(self, system: &mut dyn System, newton: &mut Newton, from: &State, h: f64, to: &mut State) -> Result<()> {
-        Stage { new: self.direction(), h }.solve(system, newton, from, to, self.foot(from, h))?;
+        let stage = Stage { new: self.direction(), h };
+        stage.solve(system, newton, &mut Convergence::default(), from, to, self.foot(from, h))?;
         self.remember(from, to);
         Ok(())
     }
@@ -332,19 +333,21 @@ pub(crate) fn changes<T: Real>(h: f64, v: &[[T; 2]], a: &[[T; 2]], zero: T) -> [
 }
 
 impl Stage {
-    /// Solves for the state at `to.t`, from the better guess first and then from the other.
+    /// Solves for the state at `to.t`, from the better guess first and then from the other; the stages of a step share what is `known` of
+    /// their convergence.
     #[inline]
     pub fn solve(
         self,
         system: &mut dyn System,
         newton: &mut Newton,
+        known: &mut Convergence,
         from: &State,
         to: &mut State,
         foot: impl Fn(usize) -> Foot,
     ) -> Result<()> {
         let mut from_guess = |guess: Guess, patience: Patience| {
             self.guess(guess, system, from, to, &foot);
-            newton.solve_with(patience, system, to, self.new)?;
+            newton.solve_with(patience, known, system, to, self.new)?;
             system.check_step(from, to)
         };
         let [first, second] = Guess::order(from, self.h);

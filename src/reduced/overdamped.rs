@@ -9,7 +9,7 @@ use crate::error::Result;
 use crate::integrator::esdirk3::{G, STAGES, TIMES, WEIGHTS, error};
 use crate::integrator::{Foot, Stage, StepError};
 use crate::model::{Dynamics, Mechanics};
-use crate::newton::Newton;
+use crate::newton::{Convergence, Newton};
 use crate::system::{Direction, State};
 
 /// What is known of it.
@@ -61,13 +61,13 @@ impl Mover for Overdamped {
         h: f64,
         to: &mut State,
     ) -> Result<StepError> {
-        let end = to.t;
+        let (end, mut known) = (to.t, Convergence::default());
         let stage = Stage { new: Direction { q: h * G, ..Direction::VELOCITIES }, h };
         self.v[0].copy_from_slice(&from.v);
         for i in 1..STAGES {
             to.t = if i == 1 { from.t + TIMES[i] * h } else { end };
             let v = &self.v;
-            stage.solve(dynamics, newton, from, to, |k| {
+            stage.solve(dynamics, newton, &mut known, from, to, |k| {
                 let dq = (0..i).map(|j| h * WEIGHTS[i][j] * v[j][k]).sum();
                 Foot { dq, v: 0.0, guess: v[i - 1][k] }
             })?;

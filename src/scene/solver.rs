@@ -363,6 +363,12 @@ impl Scene {
         }
     }
 
+    /// True where Newton's method [foresees](crate::newton::Newton::foreseeing) iterations: a tolerance that is given is that of increments
+    /// that were made.
+    pub fn newton_foresees(&self) -> bool {
+        self.solver.newton_tolerance.is_none()
+    }
+
     /// The size of its steps, s; where they are adaptive, about what is usual: a fiftieth of a period or of the run.
     pub fn typical_step(&self) -> f64 {
         let period = self.actuation.as_ref().map_or(f64::INFINITY, |actuation| 1.0 / actuation.frequency_hz.get());
