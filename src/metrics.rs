@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::batch::Measured;
 use crate::error::{Error, Result};
 use crate::fluid::force::{self, Powers};
-use crate::fluid::{Forces, Kinematics, Sink};
+use crate::fluid::{Force, Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
 use crate::rod::sums::{Moving, Sums};
@@ -288,8 +288,8 @@ impl Reading {
         )
     }
 
-    /// The same of a `state` that was `measured` beside others, where there is one force at most; `fill` writes curvatures, moments and
-    /// tangents.
+    /// The same of a `state` that was `measured` beside others; `of_force` says of each force, at its place, its powers and the energy (J)
+    /// and momentum (N s) that it stores, `fill` writes curvatures, moments and tangents.
     ///
     /// # Errors
     /// Those of [`take`](Self::take).
@@ -299,15 +299,22 @@ impl Reading {
         dynamics: &Dynamics,
         state: &State,
         measured: &Measured,
+        of_force: impl Fn(usize, &dyn Force) -> (Powers, (f64, Vector2<f64>)),
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
     ) -> Result<()> {
         fill(&mut self.kappa, &mut self.moment, &mut self.tangent);
         self.natural.copy_from_slice(&dynamics.natural);
         let forces = |power: &mut Power, push: &mut Push| {
-            if let Some(force) = dynamics.model.forces.iter().next() {
-                power.add_powers(force.sink(), measured.drag.powers(dynamics.inputs.fluid.flow), push);
+            let (mut stored, mut momentum) = (0.0, Vector2::zeros());
+            for (i, force) in dynamics.model.forces.iter().enumerate() {
+                let (powers, (energy, own)) = of_force(i, force);
+                power.add_powers(force.sink(), powers, push);
+                if force.sink().is_none() {
+                    stored += energy;
+                    momentum += own;
+                }
             }
-            (0.0, Vector2::zeros())
+            (stored, momentum)
         };
         self.put_together(dynamics, state, &measured.sums, forces, || measured.held)
     }

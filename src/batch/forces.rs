@@ -5,18 +5,19 @@ use std::fmt::Debug;
 
 use fearless_simd::Avx2;
 use fearless_simd::prelude::*;
+use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
 use super::kernel::{against, two};
 use super::lanes::{Lanes, Two};
-use crate::fluid::force::OnTip;
+use crate::fluid::force::{self, OnTip, PowerSums, Powers};
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
 use crate::fluid::laws::weak_inertia::WeakInertia;
 use crate::fluid::local::{self, Law, LocalDrag, Traction, TractionSlopes};
-use crate::fluid::reactive::{Accelerating, Reactive, Wake};
+use crate::fluid::reactive::{Accelerating, Reactive, Stored, Wake};
 use crate::fluid::{Fluid, Force, Forces, FroudeKrylov, Kinematics};
-use crate::linear::Pair;
+use crate::linear::{Number, Pair};
 use crate::model::Model;
 use crate::rod::Edge;
 use crate::rod::around::OnEdge;
@@ -25,7 +26,8 @@ use crate::system::Direction;
 /// What acts on the rods beside a drag in proportion to the velocity.
 #[derive(Debug)]
 pub struct Others {
-    forces: Vec<Box<dyn InLanes>>,
+    /// Those on edges, with their places.
+    forces: Vec<(usize, Box<dyn InLanes>)>,
     /// The places of those that act on the tip.
     tips: Vec<usize>,
 }
@@ -47,6 +49,37 @@ pub struct Motions<'a> {
 trait InLanes: Debug + Send {
     /// Adds what opposes the edges to `sums`, where it is not the `first` that does.
     fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
+
+    /// What it comes to on the whole rods.
+    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole;
+}
+
+/// What a force on whole rods comes to.
+#[derive(Debug, Clone, Copy)]
+pub struct Whole {
+    /// What its powers are summed up from.
+    pub sums: PowerSums<Lanes>,
+    /// Energy (J) and momentum (N s) that it stores.
+    pub stored: (Lanes, [Lanes; 2]),
+    /// What it opposes the first node with, N.
+    pub first: Two,
+}
+
+impl Whole {
+    /// Nothing yet.
+    #[inline(always)]
+    pub fn none(zero: Lanes) -> Self {
+        Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: Two::new([zero; 2]) }
+    }
+
+    /// That of a case in a `flow`: powers, and what is stored.
+    fn of_case(&self, lane: usize, flow: Vector2<f64>) -> (Powers, (f64, Vector2<f64>)) {
+        let one = |x: Lanes| x.get(lane);
+        let two = |pair: Two| f64x2::new(pair.to_array().map(one));
+        let Self { sums: PowerSums { opposing, against_fluid }, stored: (energy, momentum), .. } = *self;
+        let sums = PowerSums { opposing: two(opposing), against_fluid: two(against_fluid) };
+        (sums.powers(flow), (one(energy), momentum.map(one).into()))
+    }
 }
 
 impl Others {
@@ -65,7 +98,7 @@ impl Others {
                 let force = drag::<CrossFlow>(simd, cases, fluids, edges)
                     .or_else(|| drag::<WeakInertia>(simd, cases, fluids, edges))
                     .or_else(|| water(simd, cases, fluids, edges))?;
-                others.forces.push(force);
+                others.forces.push((i, force));
             }
         }
         Some(others)
@@ -88,7 +121,7 @@ impl Others {
 
     /// Writes what opposes the edges to `sums`.
     pub fn on_edges(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
-        for (i, force) in self.forces.iter().enumerate() {
+        for (i, (_, force)) in self.forces.iter().enumerate() {
             force.add(simd, rods, direction, i == 0, sums);
         }
     }
@@ -103,14 +136,46 @@ impl Others {
         direction: Direction,
         visit: impl FnMut(OnTip),
     ) {
-        if self.tips.is_empty() {
-            return;
+        if !self.tips.is_empty() {
+            rods.at_end(lane, fluid, |end| {
+                self.tips.iter().filter_map(|i| forces.0.get(*i)?.tip(end, Some(direction))).for_each(visit);
+            });
         }
+    }
+
+    /// Writes what each force on edges comes to at its place in `all`.
+    pub fn measure(&self, simd: Avx2, rods: &Motions<'_>, all: &mut [Whole]) {
+        for (i, force) in &self.forces {
+            all[*i] = force.measure(simd, rods);
+        }
+    }
+
+    /// The powers of the `force` at place `i` on the case in `lane`, which is in `fluid`, and energy (J) and momentum (N s) that it stores;
+    /// `all` is what was [measured](Self::measure).
+    pub fn of_case(
+        &self,
+        (i, force): (usize, &dyn Force),
+        lane: usize,
+        rods: &Motions<'_>,
+        fluid: Fluid,
+        all: &[Whole],
+    ) -> (Powers, (f64, Vector2<f64>)) {
+        if self.tips.contains(&i) {
+            let powers = rods.at_end(lane, fluid, |end| force::powers(force, end)).unwrap_or_default();
+            return (powers, Default::default());
+        }
+        all[i].of_case(lane, fluid.flow)
+    }
+}
+
+impl Motions<'_> {
+    /// Looks at the end of the rod of a case, which is all that a force on the tip may depend on.
+    fn at_end<R>(&self, lane: usize, fluid: Fluid, look: impl FnOnce(&Kinematics<'_>) -> R) -> Option<R> {
         let Motions {
             edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
-        } = *rods
+        } = *self
         else {
-            return;
+            return None;
         };
         let edges = [before.of_case(lane), last.of_case(lane)];
         let nodes = |nodes: [&[Lanes; 2]; 3]| {
@@ -118,9 +183,7 @@ impl Others {
             [a[0], a[1], b[0], b[1], c[0], c[1]]
         };
         let (q, v, a) = (nodes([q0, q1, q2]), nodes([v0, v1, v2]), nodes([a0, a1, a2]));
-        // The end of the rod is all that a tip may depend on.
-        let end = Kinematics::within(fluid, &edges, [&q, &v, &a]);
-        self.tips.iter().filter_map(|i| forces.0.get(*i)?.tip(&end, Some(direction))).for_each(visit);
+        Some(look(&Kinematics::within(fluid, &edges, [&q, &v, &a])))
     }
 }
 
@@ -231,6 +294,45 @@ impl<L: LawInLanes> InLanes for Drag<L> {
             },
         );
     }
+
+    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole {
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let halves = self.halves.iter().map(
+                    #[inline(always)]
+                    |(lengths, numbers)| (*lengths, (self.fluids, numbers)),
+                );
+                measure_drag(
+                    rods,
+                    halves,
+                    #[inline(always)]
+                    |(fluids, numbers), u, w| L::slopes(numbers, fluids, u, w).0,
+                )
+            },
+        )
+    }
+}
+
+/// What drag comes to on the whole rods: `of` finds the traction on `halves` of given lengths, from what is known of them and the
+/// velocities along and across.
+#[inline(always)]
+pub fn measure_drag<K>(
+    rods: &Motions<'_>,
+    halves: impl Iterator<Item = (Two, K)>,
+    of: impl Fn(K, Two, Two) -> Traction<Lanes>,
+) -> Whole {
+    let Motions { edges, v, flow, .. } = *rods;
+    let mut whole = Whole::none(edges[0].length.like(0.0));
+    for (e, ((edge, v), (lengths, known))) in edges.iter().zip(v.windows(2)).zip(halves).enumerate() {
+        let [u, w] = against(edge, v, flow);
+        let traction = of(known, u, w);
+        local::add_powers(&mut whole.sums, edge, lengths, [u, w], traction);
+        if e == 0 {
+            [whole.first, _] = edge.vectors(traction.along * lengths, traction.across * lengths);
+        }
+    }
+    whole
 }
 
 /// The inertia of the water around the rods: c of both halves of every edge.
@@ -251,19 +353,49 @@ impl InLanes for Water {
             #[inline(always)]
             || {
                 let ends = v.windows(2).zip(a.windows(2));
-                for (((edge, (v, a)), c), sum) in edges.iter().zip(ends).zip(&self.0).zip(sums) {
-                    let opening = [v[1][0] - v[0][0], v[1][1] - v[0][1]];
-                    let (t, n) = (edge.t, edge.n());
-                    let moving = Accelerating {
-                        c: *c,
-                        velocity: against(edge, v, flow),
-                        acceleration: edge.components([Two::new(a[0]), Two::new(a[1])]),
-                        opening: [opening[0] * t.x + opening[1] * t.y, opening[0] * n.x + opening[1] * n.y],
-                    };
-                    put(sum, first, moving.on_edge(edge, direction));
+                for (((edge, ends), c), sum) in edges.iter().zip(ends).zip(&self.0).zip(sums) {
+                    put(sum, first, accelerating(edge, *c, ends, flow).on_edge(edge, direction));
                 }
             },
         );
+    }
+
+    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole {
+        let Motions { edges, v, a, flow, .. } = *rods;
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let zero = edges[0].length.like(0.0);
+                let (mut whole, mut stored) = (Whole::none(zero), Stored::none(zero));
+                let ends = v.windows(2).zip(a.windows(2));
+                for (e, ((edge, ends), c)) in edges.iter().zip(ends).zip(&self.0).enumerate() {
+                    let moving = accelerating(edge, *c, ends, flow);
+                    let forces = moving.force_on(edge);
+                    for (force, v) in forces.into_iter().zip(ends.0) {
+                        whole.sums.add(force, Two::new(*v) - flow);
+                    }
+                    stored.add(edge, *c, moving.velocity[1]);
+                    if e == 0 {
+                        [whole.first, _] = forces;
+                    }
+                }
+                whole.stored = stored.sum();
+                whole
+            },
+        )
+    }
+}
+
+/// How the water around `edge` is accelerated, whose ends have these velocities and accelerations.
+#[inline(always)]
+fn accelerating(edge: &Edge<Lanes>, c: Two, (v, a): (&[[Lanes; 2]], &[[Lanes; 2]]), flow: Two) -> Accelerating<Lanes> {
+    let opening = [v[1][0] - v[0][0], v[1][1] - v[0][1]];
+    let (t, n) = (edge.t, edge.n());
+    Accelerating {
+        c,
+        velocity: against(edge, v, flow),
+        acceleration: edge.components([Two::new(a[0]), Two::new(a[1])]),
+        opening: [opening[0] * t.x + opening[1] * t.y, opening[0] * n.x + opening[1] * n.y],
     }
 }
 

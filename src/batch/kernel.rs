@@ -8,11 +8,13 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::forces::{Motions, Others};
+use super::forces::{Motions, Others, Whole, measure_drag};
 use super::lanes::{Lanes, Two};
 use crate::fluid::Fluid;
+use crate::fluid::Force;
 use crate::fluid::force::OnTip;
-use crate::fluid::local::{self, DragSums, Traction};
+use crate::fluid::force::Powers;
+use crate::fluid::local::{self, Traction};
 use crate::integrator::{Rule, changes};
 use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
 use crate::model::{Dynamics, Model, lengths_allowed};
@@ -52,8 +54,9 @@ struct Rods {
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
     /// Lengths of the halves of every edge and drag along and across them, see
-    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag.
+    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag, whose place among the forces is beside it.
     drag: Vec<[Two; 3]>,
+    in_pass: Option<usize>,
     /// The shortest and the longest that an edge may be.
     lengths: [Lanes; 2],
     total_mass: Lanes,
@@ -93,6 +96,8 @@ struct Room {
     edges: Vec<Edge<Lanes>>,
     /// What the other forces do on every edge; empty where there are none.
     around: Vec<OnEdge<Lanes>>,
+    /// What each force comes to, at its place.
+    wholes: Vec<Whole>,
     tips: Vec<Tip>,
     joints: Vec<Joint<Lanes>>,
     kappa: Vec<Lanes>,
@@ -174,6 +179,7 @@ impl Kernel {
                 mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
                 stiffness: (0..nodes).map(|k| pack(&|lane| rod(lane).joint[k])).collect(),
                 drag: (0..dragged).map(of_drag).collect(),
+                in_pass,
                 lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
                 total_mass: pack(&|lane| rod(lane).total_mass()),
             },
@@ -191,6 +197,7 @@ impl Kernel {
             room: Room {
                 edges: vec![edge; nodes - 1],
                 around: vec![nothing; around],
+                wholes: vec![Whole::none(zero); first.model().forces.0.len()],
                 tips: vec![tip; others.tips()],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
                 kappa: vec![zero; nodes],
@@ -250,12 +257,13 @@ impl Kernel {
             if let (Some(stepper), Some((step, iterations))) = (stepper, solved) {
                 // What is wrong with a rod without meaning is found alone.
                 let [meaningful, checked] = ended.of(lane);
-                let measured = measured.as_ref().filter(|_| meaningful).map(|measured| measured.of(lane));
                 stepper.solved_ahead(step, iterations, checked, |state| self.unload(lane, state));
-                if let Some(measured) = measured {
-                    stepper.measured_ahead(&measured, |kappa, moment, tangent| {
-                        self.unload_shape(lane, kappa, moment, tangent);
-                    });
+                if meaningful {
+                    stepper.measured_ahead(
+                        &measured.of(lane),
+                        |i, force| self.of_force(lane, i, force),
+                        |kappa, moment, tangent| self.unload_shape(lane, kappa, moment, tangent),
+                    );
                 }
             }
         }
@@ -283,16 +291,26 @@ impl Kernel {
         )
     }
 
-    /// Measures the bent rods, where there is no force but one in proportion to the velocity.
-    fn measure(&mut self) -> Option<Measured<Lanes>> {
+    /// Measures the bent rods.
+    fn measure(&mut self) -> Measured<Lanes> {
         let Self { simd, rods, others, at, motion, room, .. } = self;
-        let measured = || {
-            simd.vectorize(
-                #[inline(always)]
-                || measure(rods, at, motion, room),
-            )
-        };
-        others.are_none().then(measured)
+        let sums = simd.vectorize(
+            #[inline(always)]
+            || measure(rods, at, motion, room),
+        );
+        others.measure(*simd, &motions(motion, &room.edges, at), &mut room.wholes);
+        let held = simd.vectorize(
+            #[inline(always)]
+            || held(rods, at, motion, room),
+        );
+        Measured { sums, held }
+    }
+
+    /// The powers of the `force` at place `i` on the case in `lane`, and energy (J) and momentum (N s) that it stores.
+    fn of_force(&self, lane: usize, i: usize, force: &dyn Force) -> (Powers, (f64, Vector2<f64>)) {
+        let Self { others, at, motion, room, .. } = self;
+        let motions = motions(motion, &room.edges, at);
+        others.of_case((i, force), lane, &motions, at.fluids[lane], &room.wholes)
     }
 
     /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
@@ -346,8 +364,7 @@ impl Kernel {
             || bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
         );
         if !others.are_none() {
-            let Motion { q, v, a } = &*motion;
-            let motions = Motions { edges: &room.edges, q, v, a, flow: Two::new(at.flow.into()) };
+            let motions = motions(motion, &room.edges, at);
             others.on_edges(*simd, &motions, direction, &mut room.around);
             for (lane, model) in models.iter().enumerate() {
                 let mut tips = room.tips.iter_mut();
@@ -409,8 +426,6 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
 pub(crate) struct Measured<T: Real = f64> {
     /// Sums over the rod.
     pub sums: Sums<T>,
-    /// What the drag sums up to.
-    pub drag: DragSums<T>,
     /// The force that a held head must exert, N; none of a free one.
     pub held: Vector2<T>,
 }
@@ -435,7 +450,7 @@ impl Measured<Lanes> {
     fn of(&self, lane: usize) -> Measured {
         let one = |number: Lanes| number.get(lane);
         let two = |pair: Two| f64x2::new(pair.to_array().map(one));
-        let Self { sums, drag, held } = self;
+        let Self { sums, held } = self;
         Measured {
             sums: Sums {
                 bending: one(sums.bending),
@@ -446,7 +461,6 @@ impl Measured<Lanes> {
                 momentum: two(sums.momentum),
                 strain: one(sums.strain),
             },
-            drag: DragSums { opposing: two(drag.opposing), against_fluid: two(drag.against_fluid) },
             held: Vector2::new(one(held.x), one(held.y)),
         }
     }
@@ -509,10 +523,16 @@ fn guess(
     }
 }
 
-/// Measures bent rods.
+/// How rods of these `edges` move.
 #[inline(always)]
-fn measure(rods: &Rods, at: &Moment, Motion { q, v, a }: &Motion, room: &mut Room) -> Measured<Lanes> {
-    let Room { edges, joints, kappa, moment, .. } = room;
+fn motions<'a>(Motion { q, v, a }: &'a Motion, edges: &'a [Edge<Lanes>], at: &Moment) -> Motions<'a> {
+    Motions { edges, q, v, a, flow: Two::new(at.flow.into()) }
+}
+
+/// Measures bent rods, and what drag comes to on them.
+#[inline(always)]
+fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<Lanes> {
+    let (Room { edges, kappa, moment, wholes, .. }, Motion { q, v, .. }) = (room, motion);
     let zero = at.flow.x.like(0.0);
     bend::moments(&rods.stiffness, kappa, &at.natural, moment);
     let moving = Moving {
@@ -526,27 +546,37 @@ fn measure(rods: &Rods, at: &Moment, Motion { q, v, a }: &Motion, room: &mut Roo
         natural_rate: &at.natural_rate,
         moment,
     };
-    let sums = Sums::of(&moving, zero);
-    let flow = Two::new(at.flow.into());
-    let mut drag = DragSums::none(zero);
-    let mut held = Vector2::new(zero, zero);
-    for (e, ((edge, v), [lengths, along, across])) in edges.iter().zip(v.windows(2)).zip(&rods.drag).enumerate() {
-        let [u, w] = against(edge, v, flow);
-        let (traction, _) = Traction::linear([*along, *across], u, w);
-        drag.add(edge, *lengths, [u, w], traction);
-        if rods.held && e == 0 {
-            let [first, _] = edge.vectors(traction.along * *lengths, traction.across * *lengths);
-            held = Vector2::from(first.to_array());
-        }
+    if let Some(i) = rods.in_pass {
+        let halves = rods.drag.iter().map(
+            #[inline(always)]
+            |[lengths, along, across]| (*lengths, [*along, *across]),
+        );
+        wholes[i] = measure_drag(
+            &motions(motion, edges, at),
+            halves,
+            #[inline(always)]
+            |coefficients, u, w| Traction::linear(coefficients, u, w).0,
+        );
     }
-    if rods.held {
-        // M a − F of node 0.
-        let carried = elastic::force(&edges[0], rods.cells[0].tension(&edges[0]), &joints[0], &joints[1]);
-        let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
-        let push = |i: usize| a[0][i] * rods.mass[0] - load[i] - carried[i] + held[i];
-        held = Vector2::new(push(0), push(1));
+    Sums::of(&moving, zero)
+}
+
+/// M a − F of node 0 of measured rods, where it is held.
+#[inline(always)]
+fn held(rods: &Rods, at: &Moment, Motion { a, .. }: &Motion, room: &Room) -> Vector2<Lanes> {
+    let (Room { edges, joints, wholes, .. }, zero) = (room, at.flow.x.like(0.0));
+    if !rods.held {
+        return Vector2::new(zero, zero);
     }
-    Measured { sums, drag, held }
+    let carried = elastic::force(&edges[0], rods.cells[0].tension(&edges[0]), &joints[0], &joints[1]);
+    let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
+    let mut opposing = Two::new([zero; 2]);
+    for whole in wholes {
+        opposing += whole.first;
+    }
+    let opposing = opposing.to_array();
+    let push = |i: usize| a[0][i] * rods.mass[0] - load[i] - carried[i] + opposing[i];
+    Vector2::new(push(0), push(1))
 }
 
 /// Assembles, solves and moves bent rods.

@@ -14,7 +14,7 @@ use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
 use super::runs::{Around, Runs};
-use crate::linear::{BlockRow, Coupling, pair};
+use crate::linear::{BlockRow, Coupling, Pair, Real, pair};
 pub use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, node};
@@ -385,6 +385,39 @@ pub struct Powers {
     pub of_flow: f64,
 }
 
+/// What powers are summed up from, where one flow is all around.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PowerSums<T: Real = f64> {
+    /// ΣF, N.
+    pub opposing: T::Pair,
+    /// Σ of the products of both components of F and of v − u, W.
+    pub against_fluid: T::Pair,
+}
+
+impl<T: Real> PowerSums<T> {
+    /// None yet, in numbers like `zero`.
+    #[inline(always)]
+    pub fn none(zero: T) -> Self {
+        let none = T::Pair::new([zero; 2]);
+        Self { opposing: none, against_fluid: none }
+    }
+
+    /// Adds what opposes a node that moves at `velocity` (m/s) against the flow.
+    #[inline(always)]
+    pub fn add(&mut self, opposing: T::Pair, velocity: T::Pair) {
+        self.opposing += opposing;
+        self.against_fluid += opposing * velocity;
+    }
+}
+
+impl PowerSums {
+    /// The powers in a `flow`, m/s.
+    pub fn powers(&self, flow: Vector2<f64>) -> Powers {
+        let opposing = Vector2::from(self.opposing.to_array());
+        Powers { opposing, against_fluid: self.against_fluid.sum(), of_flow: -opposing.dot(&flow) }
+    }
+}
+
 /// The forces on a rod.
 #[derive(Debug, Default)]
 pub struct Forces(pub Vec<Box<dyn Force>>);
@@ -681,12 +714,16 @@ fn powers_on(force: &dyn Force, rod: &Kinematics<'_>, edges: Range<usize>) -> Po
     }
     let one = if force.is_of_fluid() { rod.flow_everywhere() } else { Some(Vector2::zeros()) };
     match one {
-        Some(flow) => powers_against(force, rod, edges, |_| flow),
+        Some(flow) => {
+            let (mut sums, u) = (PowerSums::none(0.0), pair(flow));
+            visit_run(force, rod, edges, &mut |k, opposing| sums.add(pair(opposing), pair(node(rod.v, k)) - u));
+            sums.powers(flow)
+        }
         None => powers_against(force, rod, edges, |k| rod.flow(k)),
     }
 }
 
-/// The same, where the velocity of the ground or of the `flow` (m/s) is known at every node.
+/// The same, where the velocity of the `flow` (m/s) is another one at every node.
 #[inline(always)]
 fn powers_against(
     force: &dyn Force,

@@ -8,7 +8,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use wide::f64x2;
 
-use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, Powers, Tally, Validity};
+use super::force::{ActingOn, Force, InPass, Kinematics, OnEdge, PowerSums, Powers, Tally, Validity};
 use super::medium::{DENSITY, Fluid, Key, Property, VISCOSITY};
 use crate::linear::{Block, BlockRow, Pair, Real, pair};
 use crate::rod::elastic::Deformed;
@@ -310,37 +310,18 @@ pub(crate) fn around<T: Real>(
     OnEdge { force, own, edge: [tn * a[0] + nn * b[0], tn * a[1] + nn * b[1]] }
 }
 
-/// What the tractions on halves of edges sum up to.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct DragSums<T: Real = f64> {
-    /// ΣF, N.
-    pub opposing: T::Pair,
-    /// ΣF·(v − u) along and across, W.
-    pub against_fluid: T::Pair,
-}
-
-impl<T: Real> DragSums<T> {
-    /// None yet, in numbers like `zero`.
-    #[inline(always)]
-    pub fn none(zero: T) -> Self {
-        Self { opposing: T::Pair::new([zero; 2]), against_fluid: T::Pair::new([zero; 2]) }
-    }
-
-    /// Adds what a traction does on both halves of `edge`, of `lengths` (m), which move at `u` along and `w` across it (m/s).
-    #[inline(always)]
-    pub fn add(&mut self, edge: &Edge<T>, lengths: T::Pair, [u, w]: [T::Pair; 2], traction: Traction<T>) {
-        let (along, across) = (traction.along * lengths, traction.across * lengths);
-        self.against_fluid += along * u + across * w;
-        self.opposing += pair(edge.t) * along.sum() + pair(edge.n()) * across.sum();
-    }
-}
-
-impl DragSums {
-    /// The powers in a `flow`, m/s.
-    pub fn powers(&self, flow: Vector2<f64>) -> Powers {
-        let opposing = Vector2::from(self.opposing.to_array());
-        Powers { opposing, against_fluid: self.against_fluid.sum(), of_flow: -opposing.dot(&flow) }
-    }
+/// Adds to `sums` what a `traction` does on both halves of `edge`, of `lengths` (m), which move at `u` along and `w` across it (m/s).
+#[inline(always)]
+pub(crate) fn add_powers<T: Real>(
+    sums: &mut PowerSums<T>,
+    edge: &Edge<T>,
+    lengths: T::Pair,
+    [u, w]: [T::Pair; 2],
+    traction: Traction<T>,
+) {
+    let (along, across) = (traction.along * lengths, traction.across * lengths);
+    sums.against_fluid += along * u + across * w;
+    sums.opposing += pair(edge.t) * along.sum() + pair(edge.n()) * across.sum();
 }
 
 impl<L: Law> InPass for LocalDrag<L> {
@@ -376,12 +357,12 @@ impl<L: Law> InPass for LocalDrag<L> {
 
     fn powers(&self, rod: &Kinematics<'_>, fluid: Fluid, edges: Range<usize>) -> Powers {
         let (law, flow, fluids) = (&self.law, fluid.flow, self.law.in_fluids([&fluid; 2]));
-        let mut sums = DragSums::none(0.0);
+        let mut sums = PowerSums::none(0.0);
         let ends = rod.v.as_chunks::<2>().0[edges.start..=edges.end].windows(2);
         for (e, (edge, v)) in edges.clone().zip(rod.edges[edges].iter().zip(ends)) {
             let (lengths, halves) = &self.halves[e];
             let [u, w] = edge.components([f64x2::new(v[0]) - pair(flow), f64x2::new(v[1]) - pair(flow)]);
-            sums.add(edge, *lengths, [u, w], law.traction(halves, fluids, u, w));
+            add_powers(&mut sums, edge, *lengths, [u, w], law.traction(halves, fluids, u, w));
         }
         sums.powers(flow)
     }

@@ -188,7 +188,47 @@ struct Parts<T: Real> {
 /// vector changes while that end stays.
 type Derivatives<P> = [[P; 3]; 2];
 
+/// Energy and momentum of the water, an end of the edges a number.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Stored<T: Real> {
+    energy: T::Pair,
+    momentum: [T::Pair; 2],
+}
+
+impl<T: Real> Stored<T> {
+    /// None yet, in numbers like `zero`.
+    #[inline(always)]
+    pub fn none(zero: T) -> Self {
+        let none = T::Pair::new([zero; 2]);
+        Self { energy: none, momentum: [none; 2] }
+    }
+
+    /// Adds ½ c ℓ w² and c ℓ w n of the ends of `edge`.
+    #[inline(always)]
+    pub fn add(&mut self, edge: &Edge<T>, c: T::Pair, w: T::Pair) {
+        let (n, across) = (edge.n(), c * w);
+        self.energy += across * w * edge.length.like(0.5) * edge.length;
+        self.momentum[0] += across * (edge.length * n.x);
+        self.momentum[1] += across * (edge.length * n.y);
+    }
+
+    /// Of all ends, J and N s.
+    #[inline(always)]
+    pub fn sum(&self) -> (T, [T; 2]) {
+        let [x, y] = self.momentum;
+        (self.energy.sum(), [x.sum(), y.sum()])
+    }
+}
+
 impl<T: Real> Accelerating<T> {
+    /// What opposes the ends of `edge` in one fluid, vectors of both.
+    #[inline(always)]
+    #[cfg(all(feature = "report", target_arch = "x86_64"))]
+    pub fn force_on(&self, edge: &Edge<T>) -> [T::Pair; 2] {
+        let [along, across] = self.force(&self.parts_on(edge));
+        edge.vectors(along, across)
+    }
+
     /// What opposes the ends of `edge` in one fluid, with its derivatives. Blocks are put together from components: numbers written
     /// apart and read as lanes would have to wait for each other.
     #[inline(always)]
@@ -361,14 +401,10 @@ impl Force for Reactive {
     }
 
     fn stored(&self, rod: &Kinematics<'_>) -> (f64, Vector2<f64>) {
-        let [mut energy, mut x, mut y] = [f64x2::ZERO; 3];
-        self.each_edge(rod, |_, edge, c, [_, w]| {
-            let (n, across) = (edge.n(), c * w);
-            energy += across * w * 0.5 * edge.length;
-            x += across * (edge.length * n.x);
-            y += across * (edge.length * n.y);
-        });
-        (energy.reduce_add(), Vector2::new(x.reduce_add(), y.reduce_add()))
+        let mut stored = Stored::none(0.0);
+        self.each_edge(rod, |_, edge, c, [_, w]| stored.add(edge, c, w));
+        let (energy, momentum) = stored.sum();
+        (energy, momentum.into())
     }
 
     /// ½ g ℓ w² ∇ρ of every end.

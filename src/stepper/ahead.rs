@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use super::Stepper;
 use crate::batch::Measured;
+use crate::fluid::force::Powers;
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{Pace, Rule};
 use crate::newton::Progress;
@@ -89,14 +90,15 @@ impl Stepper {
         self.solved = Some(Ahead { iterations, checked, ..step });
     }
 
-    /// Takes over what is `measured` of the step that was solved; `fill` writes curvatures, moments and tangents.
+    /// Takes over what is `measured` of the step that was solved, see [`Reading::take_over`].
     pub(crate) fn measured_ahead(
         &mut self,
         measured: &Measured,
+        of_force: impl Fn(usize, &dyn Force) -> (Powers, (f64, Vector2<f64>)),
         fill: impl FnOnce(&mut [f64], &mut [f64], &mut [Vector2<f64>]),
     ) {
         if let Some(solved) = &mut self.solved {
-            solved.measured = self.reading.take_over(&self.dynamics, &self.next, measured, fill).is_ok();
+            solved.measured = self.reading.take_over(&self.dynamics, &self.next, measured, of_force, fill).is_ok();
         }
     }
 
