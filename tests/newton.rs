@@ -4,6 +4,7 @@
 mod common;
 
 use std::ops::ControlFlow;
+use std::path::Path;
 use std::sync::Arc;
 
 use caudal::error::{Error, Result};
@@ -113,10 +114,44 @@ fn direction(scene: &Scene) -> Direction {
     Direction { q: rule.q_new, v: rule.v_new, a: 1.0 }
 }
 
+/// In the first 40 steps of `step` (s) of a scene on a mesh of so many nodes: the iterations of each, and the increment over the tolerance
+/// that one more would have made.
+fn next_increments(path: &Path, nodes: usize, step: f64, tolerance: Option<f64>) -> Vec<(u64, f64)> {
+    let mut document = Document::read(path).unwrap();
+    for change in
+        [format!("rod.nodes={nodes}"), format!("solver.time_step_s={step}"), "solver.form=positions".to_string()]
+    {
+        document.set(&change).unwrap();
+    }
+    let mut scene = document.scene().unwrap();
+    scene.solver.newton_tolerance = None;
+    if let Some(tolerance) = tolerance {
+        scene = scene.with_newton_tolerance(tolerance);
+    }
+    let tolerance = tolerance.unwrap_or(scene.newton_tolerance());
+    let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
+    let mut newton = Newton::new(nodes, tolerance).unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    let mut found = Vec::new();
+    for _ in 0..40 {
+        let (halvings, made) = (stepper.meter().totals.halvings, stepper.work().newton_iterations);
+        // The study's second method fails on steps as coarse as these.
+        if stepper.do_step(step).is_err() || stepper.meter().totals.halvings > halvings {
+            break;
+        }
+        let mut state = stepper.state().clone();
+        dynamics.move_to(state.t, &mut state);
+        let next = newton.iterate(&mut dynamics, &mut state, direction(&scene)).unwrap();
+        let part = next.increment / (tolerance * dynamics.length());
+        assert!(part < 1.0, "{} {nodes} {step} {tolerance:e}: {part}", path.display());
+        found.push((stepper.work().newton_iterations - made, part));
+    }
+    found
+}
+
 #[test]
 fn an_iteration_that_is_spared_for_the_rate_of_convergence_would_have_moved_less_than_the_tolerance() {
-    let mut worst: f64 = 0.0;
-    let mut steps = 0;
+    let mut parts = Vec::new();
     for path in common::all_scene_files() {
         for (nodes, step, tolerance) in [
             (9, 5e-3, 1e-10),
@@ -126,42 +161,34 @@ fn an_iteration_that_is_spared_for_the_rate_of_convergence_would_have_moved_less
             (33, 2e-2, 1e-9),
             (129, 2e-2, 1e-10),
         ] {
-            let mut document = Document::read(&path).unwrap();
-            for change in [
-                format!("rod.nodes={nodes}"),
-                format!("solver.time_step_s={step}"),
-                format!("solver.newton_tolerance={tolerance}"),
-                "solver.form=positions".to_string(),
-            ] {
-                document.set(&change).unwrap();
-            }
-            let scene = document.scene().unwrap();
-            let mut dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
-            let mut newton = Newton::new(nodes, tolerance).unwrap();
-            let mut stepper = Stepper::of(&scene).unwrap();
-            for _ in 0..40 {
-                let halvings = stepper.meter().totals.halvings;
-                // The study's second method fails on steps as coarse as these.
-                if stepper.do_step(step).is_err() || stepper.meter().totals.halvings > halvings {
-                    break;
-                }
-                let mut state = stepper.state().clone();
-                dynamics.move_to(state.t, &mut state);
-                let next = newton.iterate(&mut dynamics, &mut state, direction(&scene)).unwrap();
-                let part = next.increment / (tolerance * dynamics.length());
-                assert!(part < 1.0, "{} {nodes} {step} {tolerance:e}: {part}", path.display());
-                worst = worst.max(part);
-                steps += 1;
-            }
+            parts.extend(next_increments(&path, nodes, step, Some(tolerance)));
         }
     }
     // Measured: 0.43.
-    println!("at most {worst:.2} of the tolerance in {steps} steps");
+    let worst = parts.iter().fold(0.0, |worst: f64, (_, part)| worst.max(*part));
+    println!("at most {worst:.2} of the tolerance in {} steps", parts.len());
     assert!(worst > 1e-3, "the rule spared no iteration");
 }
 
 #[test]
-fn a_second_iteration_that_is_foreseen_and_spared_would_have_moved_less_than_the_tolerance() {
+fn a_second_iteration_that_is_spared_as_the_first_is_small_would_have_moved_less_than_the_tolerance() {
+    let mut parts = Vec::new();
+    for path in common::all_scene_files() {
+        for nodes in [9, 33, 129, 513] {
+            for step in [5e-5, 1e-3, 5e-3, 2e-2] {
+                parts.extend(next_increments(&path, nodes, step, None));
+            }
+        }
+    }
+    let spared = parts.iter().filter(|(iterations, _)| *iterations == 1);
+    let worst = spared.clone().fold(0.0, |worst: f64, (_, part)| worst.max(*part));
+    // Measured: 8.3e-3.
+    println!("at most {worst:.2e} of the tolerance in {} of {} steps", spared.clone().count(), parts.len());
+    assert!(10 * spared.count() > parts.len() && worst > 1e-6, "{worst}");
+}
+
+#[test]
+fn a_second_iteration_that_solves_of_the_step_foresee_would_have_moved_less_than_the_tolerance() {
     let (mut worst, mut steps, mut solves, mut iterations) = (0.0_f64, 0_u32, 0, 0);
     for path in common::all_scene_files() {
         for (nodes, tolerance) in [(9, 1e-3), (9, 1e-5), (33, 1e-4), (129, 1e-3)] {
