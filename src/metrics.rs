@@ -1,5 +1,7 @@
 //! What is measured of a run: energies, powers, work and displacement, and the balance that they must close.
 
+use std::f64::consts::PI;
+
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
@@ -376,11 +378,16 @@ impl Reading {
         self.head_angle[0]
     }
 
-    /// Largest rotation (rad) of an edge since `before`.
-    fn rotation_since(&self, before: &Self) -> f64 {
+    /// Largest rotation (rad) of an edge since `before`, or the `most` that there was, where that is larger.
+    fn rotation_since(&self, before: &Self, most: f64) -> f64 {
         let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();
-        let largest = self.tangent.iter().zip(&before.tangent).map(chord).fold(0.0, f64::max);
-        2.0 * (0.5 * largest.sqrt()).min(1.0).asin()
+        let larger = |largest: f64, chord: f64| if chord > largest { chord } else { largest };
+        let largest = self.tangent.iter().zip(&before.tangent).map(chord).fold(0.0, larger);
+        // An arc is at most π/2 times its chord: nearly always that is enough.
+        if PI * PI * largest <= 4.0 * most * most {
+            return most;
+        }
+        most.max(2.0 * (0.5 * largest.sqrt()).min(1.0).asin())
     }
 
     /// Work (J) from `before` to here, over which the loads did `load`: Simpson's rule of the powers with those in the
@@ -576,7 +583,7 @@ impl Meter {
         totals.max_lateral = totals.max_lateral.max(middle.y.abs());
         totals.path += (middle - self.now.com).norm() + (next.com - middle).norm();
         totals.max_strain = totals.max_strain.max(next.strain);
-        totals.max_rotation = totals.max_rotation.max(next.rotation_since(&self.now));
+        totals.max_rotation = next.rotation_since(&self.now, totals.max_rotation);
         std::mem::swap(&mut self.now, next);
         Ok(())
     }
