@@ -309,9 +309,9 @@ impl Reading {
         let forces = |power: &mut Power, push: &mut Push| {
             let (mut stored, mut momentum) = (0.0, Vector2::zeros());
             for (i, force) in dynamics.model.forces.iter().enumerate() {
-                let (powers, (energy, own)) = of_force(i, force);
-                power.add_powers(force.sink(), powers, push);
-                if force.sink().is_none() {
+                let (sink, (powers, (energy, own))) = (force.sink(), of_force(i, force));
+                power.add_powers(sink, powers, push);
+                if sink.is_none() {
                     stored += energy;
                     momentum += own;
                 }

@@ -220,12 +220,14 @@ impl Kernel {
         }
         let Some(kind) = steps.iter().flatten().map(Ahead::kind).next() else { return 0 };
         // Whoever takes another step takes it alone.
-        let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some_and(|step| step.kind() == kind));
+        for step in &mut steps {
+            step.take_if(|step| step.kind() != kind);
+        }
+        let mut lanes = (0..WIDTH).filter(|lane| steps[*lane].is_some());
         let (Some(first), true) = (lanes.next(), lanes.next().is_some()) else { return 0 };
         let mut progress: [Option<Progress>; WIDTH] = [None; WIDTH]; // of those that go on
         for lane in 0..WIDTH {
-            let step = steps[lane].filter(|step| step.kind() == kind);
-            let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| step.is_some());
+            let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| steps[lane].is_some());
             let Some(case) = own.or(steppers[first].as_deref()) else { continue };
             let (states, start) = case.under_way();
             self.load(lane, dynamics(case), states);
@@ -233,7 +235,7 @@ impl Kernel {
         }
         self.guess(kind);
         let direction = kind.1.direction();
-        let mut solved: [Option<(Ahead, u32)>; WIDTH] = [None; WIDTH];
+        let mut solved = [0; WIDTH]; // in so many iterations, if it is
         for iterations in 1..=MAX_ITERATIONS {
             let going = progress.each_ref().map(Option::is_some);
             if going == [false; WIDTH] {
@@ -248,13 +250,13 @@ impl Kernel {
                 progress[lane] = None;
                 // Who does not converge at once, or only to the floor of rounding, goes on alone.
                 if verdict == Some(Verdict::Converged) {
-                    solved[lane] = steps[lane].map(|step| (step, iterations));
+                    solved[lane] = iterations;
                 }
             }
         }
         let (ended, measured) = (self.end(), self.measure());
-        for ((lane, stepper), solved) in steppers.iter_mut().enumerate().zip(solved) {
-            if let (Some(stepper), Some((step, iterations))) = (stepper, solved) {
+        for ((lane, stepper), step) in steppers.iter_mut().enumerate().zip(&steps) {
+            if let (Some(stepper), Some(step), iterations @ 1..) = (stepper, step, solved[lane]) {
                 // What is wrong with a rod without meaning is found alone.
                 let [meaningful, checked] = ended.of(lane);
                 stepper.solved_ahead(step, iterations, checked, |state| self.unload(lane, state));
@@ -267,7 +269,7 @@ impl Kernel {
                 }
             }
         }
-        solved.iter().flatten().count() as u64
+        solved.iter().filter(|iterations| **iterations > 0).count() as u64
     }
 
     /// Makes the guess of steps of this [kind](Ahead::kind).

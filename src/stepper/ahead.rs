@@ -85,9 +85,15 @@ impl Stepper {
 
     /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes; it is `checked` that it went
     /// through no state without meaning, or not yet.
-    pub(crate) fn solved_ahead(&mut self, step: Ahead, iterations: u32, checked: bool, write: impl FnOnce(&mut State)) {
+    pub(crate) fn solved_ahead(
+        &mut self,
+        step: &Ahead,
+        iterations: u32,
+        checked: bool,
+        write: impl FnOnce(&mut State),
+    ) {
         write(&mut self.next);
-        self.solved = Some(Ahead { iterations, checked, ..step });
+        self.solved = Some(Ahead { iterations, checked, ..*step });
     }
 
     /// Takes over what is `measured` of the step that was solved, see [`Reading::take_over`].
