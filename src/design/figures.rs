@@ -365,7 +365,7 @@ impl Design {
             let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
             let series = vec![Series::new("singular values", points, Mark::Dotted)];
             let y = if matches!(self.answer, Answer::Identified(_)) {
-                "singular value (1 over a standard deviation)"
+                "singular value (1/standard deviation)"
             } else {
                 "singular value (m for a change by 1)"
             };
