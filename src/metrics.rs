@@ -8,8 +8,10 @@ use serde::{Deserialize, Serialize};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::batch::Measured;
 use crate::error::{Error, Result};
+#[cfg(all(feature = "report", target_arch = "x86_64"))]
+use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
-use crate::fluid::{Force, Forces, Kinematics, Sink};
+use crate::fluid::{Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
 use crate::rod::sums::{Moving, Sums};
