@@ -24,10 +24,10 @@ const FLOOR_INCREMENT: f64 = 1e-6;
 /// In the chain form the floor is the rounding of the positions themselves: this part of how far they reach.
 const CHAIN_FLOOR: f64 = 64.0 * f64::EPSILON;
 
-/// C L in e₂ = C e₁², for the first two increments of a solve, L the length, is at most this times N², N the number of nodes: a change
-/// δ across an edge leaves a stretch (δ/ℓ)²/2, which takes more force than what bends the rod. Measured on all scenes with
-/// steps of 5e-5 … 2e-2 s and 9 … 513 nodes, where e₁ is below 1e-5: at most 114, and 9 but for one scene; mostly 0.1 and less.
-const CURVED: f64 = 100.0;
+/// C L in e₂ = C e₁², for the first two increments of a solve, L the length, is at most this times (N λ)², N the number of nodes and λ the
+/// [slenderness](crate::rod::Rod::slenderness_squared): a change δ across an edge leaves a stretch (δ/ℓ)²/2, which takes EA ℓ²/EI times
+/// the force that bends the rod.
+const CURVED: f64 = 0.1;
 
 /// A foreseen increment counts as this many times as large.
 const CAUTION: f64 = 4.0;
@@ -136,10 +136,10 @@ impl Newton {
         Ok(Self { tolerance, enough: 0.0, nodes, equations, increment: vec![0.0; unknowns], work: Work::default() })
     }
 
-    /// The same, which `foresees` the second iteration of a solve or not: it is spared where its increment would be within the tolerance,
-    /// as the first is so small, or as solves before it in the same step say.
-    pub fn foreseeing(self, foresees: bool) -> Self {
-        let enough = if foresees { (self.tolerance / CURVED).sqrt() / self.nodes as f64 } else { 0.0 };
+    /// The same, which spares the second iteration of a solve where its increment would be within the tolerance, as the first is so small
+    /// for a rod whose squared slenderness is `slenderness`, or as solves before it in the same step say.
+    pub fn foreseeing(self, slenderness: f64) -> Self {
+        let enough = (self.tolerance / (CURVED * slenderness)).sqrt() / self.nodes as f64;
         Self { enough, ..self }
     }
 

@@ -156,7 +156,7 @@ fn a_host_s_rate_of_the_flow_is_the_acceleration_of_the_scene_s() {
     let mut model = scene.model().unwrap();
     model.flow = Some(RATE.map(|rate| parabola(0.0, rate, 0.0)));
     let newton = Newton::with(hosted.form(), scene.solver.linear, 9, scene.newton_tolerance()).unwrap();
-    let newton = newton.foreseeing(scene.newton_foresees());
+    let newton = newton.foreseeing(model.rod.slenderness_squared());
     let mut own = Stepper::init(Arc::new(model), scene.integrator().unwrap(), newton, 1e-3).unwrap();
     for _ in 0..100 {
         hosted.do_step(1e-3).unwrap();

@@ -182,7 +182,7 @@ fn a_second_iteration_that_is_spared_as_the_first_is_small_would_have_moved_less
     }
     let spared = parts.iter().filter(|(iterations, _)| *iterations == 1);
     let worst = spared.clone().fold(0.0, |worst: f64, (_, part)| worst.max(*part));
-    // Measured: 8.3e-3.
+    // Measured: 1.9e-4.
     println!("at most {worst:.2e} of the tolerance in {} of {} steps", spared.clone().count(), parts.len());
     assert!(10 * spared.count() > parts.len() && worst > 1e-6, "{worst}");
 }

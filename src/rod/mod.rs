@@ -230,6 +230,12 @@ impl Rod {
         self.cells[0].rest.min(self.spacing)
     }
 
+    /// EA L²/EI, the square of the slenderness ratio, with the least EI of a joint.
+    pub fn slenderness_squared(&self) -> f64 {
+        let least = self.joints().map(|k| self.joint_stiffness(k)).fold(self.ei, f64::min);
+        self.ea * self.length * self.length / least
+    }
+
     /// The nodes that carry a joint.
     pub fn joints(&self) -> std::ops::Range<usize> {
         self.first_joint..self.nodes - 1
