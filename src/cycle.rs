@@ -210,18 +210,18 @@ impl Sample {
     #[inline(always)]
     fn sum(&mut self, last: &Self, middle: Option<&Integrals>, before: Option<(f64, &Integrals)>) {
         let h = self.time - last.time;
-        // The weights of the rates at the end, at the begin, and of others.
-        let ([end, begin, other], others) = match (middle, before) {
-            (Some(middle), _) => ([h / 6.0, h / 6.0, 4.0 * h / 6.0], middle),
-            // The trapezium, less what the curvature of the parabola takes.
-            (None, Some((time, rates))) if h <= LONGER * (last.time - time) => {
-                let (first, curved) = (last.time - time, h * h * h / (6.0 * (self.time - time)));
-                ([0.5 * h - curved / h, 0.5 * h + curved / h + curved / first, -curved / first], rates)
-            }
-            _ => ([0.5 * h, 0.5 * h, 0.0], &last.rates),
+        let mut by = match middle {
+            Some(middle) => (last.rates + middle * 4.0 + self.rates) * (h / 6.0),
+            None => (last.rates + self.rates) * (0.5 * h),
         };
+        if let (None, Some((time, rates))) = (middle, before)
+            && h <= LONGER * (last.time - time)
+        {
+            let (slope, slope_before) = ((self.rates - last.rates) / h, (last.rates - rates) / (last.time - time));
+            by -= (slope - slope_before) / (self.time - time) * (h * h * h / 6.0);
+        }
         for i in place::FLOW..place::WORK {
-            self.integrals[i] = last.integrals[i] + (end * self.rates[i] + begin * last.rates[i] + other * others[i]);
+            self.integrals[i] = last.integrals[i] + by[i];
         }
     }
 }
