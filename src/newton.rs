@@ -78,7 +78,7 @@ pub struct Work {
 #[derive(Debug)]
 pub struct Newton {
     tolerance: f64,
-    /// The largest first increment, over the length, that needs no second one.
+    /// The largest first increment, over the length, that needs no second one; zero where none is spared.
     enough: f64,
     nodes: usize,
     equations: Equations,
