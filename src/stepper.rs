@@ -194,10 +194,7 @@ impl Stepper {
         let solved = mover.mechanics() != Mechanics::Shape;
         let form = if solved { taken.form(&model.rod) } else { Form::Positions };
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
-        let newton = match taken.newton_foresees() {
-            true => newton.foreseeing(model.rod.slenderness_squared()),
-            false => newton,
-        };
+        let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
         let start = Self::init(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
         Ok(Self { scene: scene.fingerprint(), choice: Some(choice), ..start })
     }
