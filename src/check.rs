@@ -7,30 +7,31 @@ use nalgebra::Vector2;
 use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
 use crate::fluid::body;
-use crate::fluid::force::Validity;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
-use crate::fluid::{Force, Forces, Sink};
-use crate::head::Signal;
+use crate::fluid::{Force, Forces, range};
 use crate::integrator::Pace;
 use crate::metrics::Energy;
-use crate::model::{Model, chain};
-use crate::modes::Modes;
+use crate::model::{Mechanics, Model, chain};
+use crate::modes::{Matrices, Modes};
 use crate::reduced::RUNGS;
+use crate::reduced::fluids::MARGIN;
 use crate::regime::{self, Regime};
-use crate::rod::{Rod, bend};
-use crate::scene::value::Finite;
-use crate::scene::{Document, Fault, NodesTable, Scene, StartKind};
+use crate::rod::{Profile, Rod, Shape, bend};
+use crate::scene::value::{Finite, Positive};
+use crate::scene::{Document, Fault, HeadKind, NodesTable, Scene, StartKind};
+use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
+use crate::words::{signed, significant};
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
 const MODES_UP_TO: u64 = 201;
 /// Stokes number below which the boundary layer's share of the added mass is over a fifth.
 const THIN_LAYER: f64 = 100.0;
-/// Depth over length up to which the reactive force is that of a slender body.
-const SLENDER_DEPTH: f64 = 0.3;
 /// Surface tension of water against air, N/m.
 const SURFACE_TENSION: f64 = 0.072;
+/// Part of the displaced mass up to which a swimmer counts as neutral.
+const NEUTRAL: f64 = 0.05;
 /// Fewest steps in a period of the drive.
 const STEPS_A_PERIOD: f64 = 20.0;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
@@ -76,22 +77,24 @@ pub struct Fact {
 /// The numbers that decide what a scene's motion is like; `None` where the scene lacks the part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assessment {
-    /// First non-rigid natural frequency ω₁ of the scene's own discrete rod, rad/s.
+    /// First non-rigid natural frequency ω₁ of the scene's own discrete rod with the fluid that it accelerates, rad/s.
     pub first_frequency: f64,
-    /// Largest |y| of the tip of the prescribed shape at rest, m.
+    /// Half of how far the tip moves, m; without a fluid the largest |y| of the tip in the shape that is prescribed.
     pub tip_amplitude: Option<f64>,
-    /// Re = ρ_f·(2πf·tip amplitude)·2R_o/μ.
+    /// Re_d = ρ w D/μ of the motion, see [`Regime`].
     pub reynolds: Option<f64>,
     /// ω/ω₁.
     pub frequency_ratio: Option<f64>,
     /// Sp = L(ξ_⊥ω/EI)^¼.
     pub sperm_number: Option<f64>,
-    /// β = ωρA/ξ_⊥: inertia against drag.
+    /// β = ω(ρA + m_a)/ξ_⊥: inertia against drag, with that of the fluid that the rod accelerates.
     pub inertia_ratio: Option<f64>,
     /// All of it in words.
     pub facts: Vec<Fact>,
     /// What a user should know before trusting the run.
     pub warnings: Vec<String>,
+    /// Which forces leave their range in the motion that is foreseen; a run judges its own.
+    pub ranges: Vec<String>,
     /// Why a run would be meaningless.
     pub refusal: Option<Fault>,
 }
@@ -105,34 +108,43 @@ impl Assessment {
         let model = stepper.model();
         let nodes = model.rod.nodes as u64;
         let coarse = if nodes > MODES_UP_TO { Some(scene.with_nodes(MODES_UP_TO).model()?) } else { None };
-        let first_frequency = Modes::of(&coarse.as_ref().unwrap_or(model).rod)?.lowest();
-        let regime = scene.regime(&model.rod);
-        let drive = drive(model, regime.as_ref());
-        let omega = drive.map(|(frequency, _)| TAU * frequency).filter(|omega| *omega > 0.0);
-        let tip_amplitude = drive.map(|(_, amplitude)| amplitude);
-        let density = scene.medium.as_ref().map(|medium| medium.density_kg_m3.get());
-        let viscosity = scene.medium.as_ref().map(|medium| medium.viscosity_pa_s.get());
-        let across = model.forces.resistance(&model.rod, model.fluid).map(|[_, across]| across);
+        let is_coarse = coarse.is_some();
+        let first_frequency = Modes::of_model(coarse.map_or_else(|| scene.model(), Ok)?)?.lowest();
+        let regime = scene.regime();
+        let spectrum = Spectrum::of_model(model);
+        let omega = spectrum.strongest().map(|frequency| TAU * frequency);
+        let tip_amplitude = match &regime {
+            Ok(regime) => Some(regime.tip),
+            Err(_) => prescribed_tip(model),
+        };
+        let across = resistance(scene, model);
         let rod = &model.rod;
-        let line_density = rod.sections.line_density(0.5);
-        let reynolds =
-            omega.zip(tip_amplitude).zip(density.zip(viscosity)).map(|((omega, amplitude), (density, viscosity))| {
-                density * omega * amplitude * 2.0 * rod.sections.outer.largest() / viscosity
-            });
+        let line_density = match scene.model()? {
+            Model { rod, forces, fluid, layers, .. } if forces.are_inertial() => {
+                Matrices::of(&rod, Some((forces, fluid, layers)))?.line_density(rod.spacing)
+            }
+            _ => rod.sections.line_density(0.5),
+        };
         let mut assessment = Self {
             first_frequency,
             tip_amplitude,
-            reynolds,
+            reynolds: regime.as_ref().ok().map(|regime| regime.reynolds),
             frequency_ratio: omega.map(|omega| omega / first_frequency),
             sperm_number: omega.zip(across).map(|(omega, across)| rod.length * (across * omega / rod.ei).powf(0.25)),
             inertia_ratio: omega.zip(across).map(|(omega, across)| omega * line_density / across),
             facts: Vec::new(),
             warnings: Vec::new(),
+            ranges: Vec::new(),
             refusal: None,
         };
-        assessment.describe(scene, stepper, regime.as_ref(), coarse.is_some());
-        assessment.warn(scene, stepper, omega);
+        assessment.describe(scene, stepper, regime.as_ref(), is_coarse);
+        assessment.warn(scene, stepper, spectrum.fastest().map(|frequency| TAU * frequency));
         Ok(assessment)
+    }
+
+    /// All that it warns of before a run.
+    pub fn all_warnings(&self) -> impl Iterator<Item = &String> {
+        self.warnings.iter().chain(&self.ranges)
     }
 
     /// Its refusal as an error of the document that says the scene.
@@ -167,7 +179,7 @@ impl Assessment {
     /// the reactive force does; nothing without a medium and drag.
     pub fn fluids(scene: &Scene, stepper: &Stepper) -> Vec<Fact> {
         let rod = &stepper.model().rod;
-        let Some(regime) = scene.regime(rod) else { return Vec::new() };
+        let Ok(regime) = scene.regime() else { return Vec::new() };
         let mut facts = Vec::new();
         let mut fact = |name, text: String| facts.push(Fact { name, text });
         let estimates = match &scene.drag {
@@ -177,15 +189,29 @@ impl Assessment {
         match &estimates {
             Ok(estimates) => {
                 for law in &estimates.laws {
+                    let below = regime.stokes.filter(|stokes| law.reactive && *stokes < THIN_LAYER);
+                    let below = below.map_or(String::new(), |stokes| {
+                        format!("; the water's inertia is out of its range, β = {stokes:.1e} for at least {THIN_LAYER}")
+                    });
                     let text = if law.errors == [0.0; 2] {
-                        format!(
-                            "the highest that holds; published to be uncertain by {}",
-                            estimates.in_words(estimates.uncertainty)
-                        )
+                        let known = estimates.in_words(estimates.uncertainty);
+                        format!("the highest of these; published to be uncertain by {known}")
                     } else {
                         format!("estimated errors against the highest: {}", estimates.in_words(law.errors))
                     };
-                    fact("law of the fluid", format!("{}: {text}", law.name()));
+                    fact("law of the fluid", format!("{}: {text}{below}", law.name()));
+                }
+                if let Some((law, [motion, power])) = scene.whole_drag() {
+                    let named = if estimates.held { "thrust" } else { "speed" };
+                    fact(
+                        "law of the fluid",
+                        format!(
+                            "{}: holds here and is above these, but is not run: the motion would have {} % {named} and take {} % power",
+                            law.name,
+                            signed(100.0 * motion, 1),
+                            signed(100.0 * power, 1)
+                        ),
+                    );
                 }
             }
             Err(reason) => fact("law of the fluid", format!("no estimates: {reason}")),
@@ -202,16 +228,14 @@ impl Assessment {
             match both {
                 Some((estimates, with, without)) => {
                     let [other, own] = if reactive { [without, with] } else { [with, without] };
-                    let [motion, power] = other.means.differences(&own.means).map(|part| 100.0 * part);
+                    let [motion, power] = other.means.differences(&own.means).map(|part| signed(100.0 * part, 1));
                     let named = if estimates.held { "thrust" } else { "speed" };
-                    let says = if reactive {
-                        format!("left out, the motion would have {motion:+.1} % {named} and take {power:+.1} % power")
-                    } else {
-                        format!(
-                            "[reactive] would give the motion {motion:+.1} % {named} and let it take {power:+.1} % power"
-                        )
-                    };
-                    format!("{says}; {}", about_water(&regime, rod))
+                    let changes =
+                        if reactive { "left out, the motion" } else { "[reactive] would change it: the motion" };
+                    format!(
+                        "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {MARGIN} times such differences); {}",
+                        about_water(&regime, rod)
+                    )
                 }
                 None => about_water(&regime, rod),
             },
@@ -219,7 +243,13 @@ impl Assessment {
         facts
     }
 
-    fn describe(&mut self, scene: &Scene, stepper: &Stepper, regime: Option<&Regime>, coarse: bool) {
+    fn describe(
+        &mut self,
+        scene: &Scene,
+        stepper: &Stepper,
+        regime: std::result::Result<&Regime, &String>,
+        coarse: bool,
+    ) {
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
         let mut fact = |name, text| self.facts.push(Fact { name, text });
@@ -234,7 +264,20 @@ impl Assessment {
                 rod.total_mass()
             ),
         );
-        fact("stiffness", format!("EI = {:.4e} N m^2, EA = {:.4e} N before the profile", rod.ei, rod.ea));
+        fact("section", about_section(rod));
+        // As the joints have it, with the profile along the rod.
+        let joints = rod.joints();
+        let [head, middle, tip] = [joints.start, rod.nodes / 2, joints.end - 1].map(|k| rod.joint_stiffness(k));
+        fact(
+            "stiffness",
+            format!(
+                "EI = {head:.4e} N m^2 at the head, {middle:.4e} in the middle, {tip:.4e} at the tip; EA = {:.4e} N",
+                rod.ea
+            ),
+        );
+        if let Some(medium) = &scene.medium {
+            fact("mass over displaced mass", about_weight(rod, medium.density_kg_m3.get(), scene.head.kind));
+        }
         let steps = match stepper.pace() {
             Pace::Fixed(step) => {
                 let last = scene.spans().last().filter(|last| *last < step);
@@ -275,31 +318,48 @@ impl Assessment {
             ),
         );
         let on = if coarse { format!(" (on {MODES_UP_TO} nodes)") } else { String::new() };
-        fact("first natural frequency", format!("{:.5} Hz{on}", self.first_frequency / TAU));
+        let model = stepper.model();
+        let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
+        fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
+        let tip = match regime {
+            Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
+            Ok(_) => " m, half of how far the tip moves",
+            Err(_) => " m, of the shape that is prescribed",
+        };
         let numbers = [
-            ("tip amplitude", self.tip_amplitude, " m, of the shape that is prescribed"),
-            ("Reynolds number", self.reynolds, " of the transverse motion, ρ_f·2πf·amplitude·2R_o/μ"),
+            ("tip amplitude", self.tip_amplitude, tip),
+            ("Reynolds number", self.reynolds, ", ρwD/μ of the motion across the rod"),
             ("frequency ratio ω/ω₁", self.frequency_ratio, ": far below 1 the rod takes its natural curvature"),
             ("sperm number", self.sperm_number, ", L(ξ⊥ω/EI)^¼: below about 1 the fluid does not bend the rod"),
-            ("inertia against drag", self.inertia_ratio, ", ωρA/ξ⊥"),
+            ("inertia against drag", self.inertia_ratio, ", ω(ρA + m_a)/ξ⊥, m_a of the fluid that it accelerates"),
         ];
         for (name, value, meaning) in numbers {
             if let Some(value) = value {
                 fact(name, format!("{value:.4e}{meaning}"));
             }
         }
-        self.describe_fluid(scene, stepper.model(), regime);
+        if let (Err(reason), true) = (regime, scene.medium.is_some()) {
+            fact("flow around the rod", format!("not known: {reason}"));
+        }
+        self.describe_fluid(scene, stepper.model(), regime.ok());
     }
 
     /// The forces of the fluid, the flow around the rod, and what other laws would say.
     fn describe_fluid(&mut self, scene: &Scene, model: &Model, regime: Option<&Regime>) {
         let Model { rod, forces, fluid, .. } = model;
-        self.describe_body(model, regime);
+        let height = scene.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get);
+        self.describe_body(model, regime, height);
         let Some(regime) = regime else { return };
+        let motion = scene.motion(rod, *fluid, [regime.speed, regime.reynolds / regime.depth]);
+        self.ranges = range::left(forces, &motion, |law| scene.without(law));
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         for force in forces.iter() {
-            let Validity { range, source } = force.validity();
-            fact("force", format!("{}: holds for {range} ({source})", force.name()));
+            let validity = force.validity();
+            let takes = match DragLaw::named(force.name()) {
+                Some(law) if rod.sections.is_flat() => format!("; it takes {}", law.takes.in_words()),
+                _ => String::new(),
+            };
+            fact("force", format!("{}: holds for {} ({}){takes}", force.name(), validity.in_words(), validity.source));
         }
         if regime.speed > 0.0 {
             fact(
@@ -332,24 +392,29 @@ impl Assessment {
         );
         let own: Vec<&str> = forces.iter().map(Force::name).collect();
         let wave = scene.wavelength();
-        let recipe = Recipe { wavelength: wave, frequency: scene.drive_frequency(), ..Recipe::plain(rod) };
-        let radius = rod.sections.outer.largest();
+        let recipe = Recipe {
+            wavelength: wave,
+            frequency: Spectrum::of_model(model).strongest(),
+            height: motion.height.unwrap_or(f64::INFINITY),
+            ..Recipe::plain(rod)
+        };
+        let radius = rod.sections.largest_radius();
         let slender = |law: &DragLaw| law.slender.is_some_and(|slender| (slender(&recipe) / radius).ln() >= SLENDER);
-        let holds = |law: &DragLaw| slender(law) && regime.reynolds <= law.reynolds;
-        let others = LAWS.iter().filter(|law| law.needs.is_empty() && !own.contains(&law.name) && holds(law));
+        let offered = |law: &DragLaw| law.is_offered(motion.height.is_some()) && !own.contains(&law.name);
+        let others = LAWS.iter().filter(|law| offered(law) && slender(law) && law.validity.holds(&motion));
         let says = |law: &&DragLaw| {
             let [t, n] = coefficients(&Forces(vec![(law.build)(&recipe)]))?;
-            let percent = |x: f64, own: f64| 100.0 * (x / own - 1.0);
-            Some(format!("{} {:+.0} % along, {:+.0} % across", law.name, percent(t, along), percent(n, across)))
+            let percent = |x: f64, own: f64| signed(100.0 * (x / own - 1.0), 0);
+            Some(format!("{} {} % along, {} % across", law.name, percent(t, along), percent(n, across)))
         };
-        let texts: Vec<String> = others.filter(|law| law.name != laws::auto::LAW.name).filter_map(says).collect();
+        let texts: Vec<String> = others.filter_map(says).collect();
         if !texts.is_empty() && along > 0.0 {
             fact("other laws that hold", texts.join("; "));
         }
     }
 
     /// The body before the rod, and its drag.
-    fn describe_body(&mut self, model: &Model, regime: Option<&Regime>) {
+    fn describe_body(&mut self, model: &Model, regime: Option<&Regime>, height: Option<f64>) {
         let Model { rod, forces, fluid, .. } = model;
         let Some(body) = rod.body else { return };
         let mut fact = |text| self.facts.push(Fact { name: "head body", text });
@@ -364,19 +429,15 @@ impl Assessment {
             "{form} of semi-axes {:.4e} m along and {:.4e} m across, {:.4e} kg; its centre is node 0, the rod begins at node 1",
             body.along, body.across, rod.mass[0]
         ));
-        if let Some(drag) = forces.iter().find(|force| force.name() == body::DRAG) {
+        if forces.iter().any(|force| force.name() == body::DRAG) {
             let reynolds = regime.map_or(0.0, |regime| {
                 fluid.density * regime.speed * 2.0 * body.along.max(body.across) / fluid.viscosity
             });
-            let [along, across, turning] = body.drag().map(|drag| drag * fluid.viscosity);
+            let drag = height.map_or_else(|| body.drag(), |height| body.drag_beside(height));
+            let [along, across, turning] = drag.map(|drag| drag * fluid.viscosity);
             fact(format!(
                 "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin; Re = {reynolds:.3e} by its length and the speed across the rod"
             ));
-            if drag.is_linear() && reynolds > CREEPING {
-                self.warnings.push(format!(
-                    "the drag of the head body is Stokes's, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}; head_body.form_drag_along and form_drag_across add form drag"
-                ));
-            }
         }
         if forces.iter().any(|force| force.name() == body::INERTIA) {
             let [along, across, turning] = body.added().map(|added| added * fluid.density);
@@ -393,7 +454,8 @@ impl Assessment {
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         if layers.shear != 0.0 {
             let [x, y]: [f64; 2] = layers.normal.into();
-            fact("shear flow", format!("gains {:.4e} 1/s along [{x:.4}, {y:.4}]; drag alone feels it", layers.shear));
+            let [x, y] = [x, y].map(|part| significant(part, 4));
+            fact("shear flow", format!("gains {:.4e} 1/s along [{x}, {y}]; drag alone feels it", layers.shear));
         }
         let Some(medium) = scene.medium.as_ref().filter(|_| layers.iter().len() > 0) else { return };
         let (radius, spacing) = (rod.sections.outer.largest(), rod.spacing);
@@ -405,11 +467,11 @@ impl Assessment {
             fact(
                 "interface",
                 format!(
-                    "{} at {:.4e} m along [{:.4}, {:.4}], {:.3e} m thick: {:.2} radii, {:.2} node spacings; from {:.4e} kg/m^3, {:.4e} Pa s to {:.4e}, {:.4e} (Re_d {:.3e} there)",
+                    "{} at {:.4e} m along [{}, {}], {:.3e} m thick: {:.2} radii, {:.2} node spacings; from {:.4e} kg/m^3, {:.4e} Pa s to {:.4e}, {:.4e} (Re_d {:.3e} there)",
                     i + 1,
                     layer.offset,
-                    layers.normal.x,
-                    layers.normal.y,
+                    significant(layers.normal.x, 4),
+                    significant(layers.normal.y, 4),
                     layer.thickness,
                     layer.thickness / radius,
                     layer.thickness / spacing,
@@ -423,15 +485,30 @@ impl Assessment {
             before = here;
             let thin = 2.0 * radius.max(spacing);
             if layer.thickness < thin {
+                let nodes = (2.0 * rod.length / layer.thickness).ceil() + 1.0;
+                // More nodes do not help where the rod itself is thicker.
+                let finer = if layer.thickness >= 2.0 * radius {
+                    format!(", or at least {nodes} nodes")
+                } else {
+                    String::new()
+                };
                 self.warnings.push(format!(
-                    "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {thin:.1e} m, or more nodes",
-                    i + 1, layer.thickness
+                    "interface {} is {:.2e} m thick, below twice the rod's radius ({radius:.2e} m) or the node spacing ({spacing:.2e} m): nodes cross it in jumps; take a thickness of at least {:.1e} m{finer}",
+                    i + 1, layer.thickness, rounded_up(thin)
                 ));
             }
         }
         if regime.speed > 0.0 {
-            let froude = (gravity > 0.0)
-                .then(|| format!("Froude number w/√(gD) = {:.3e}, ", regime.speed / (gravity * regime.depth).sqrt()));
+            // Waves on the interface of two liquids have the gravity that is left of their difference.
+            let densities =
+                std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density));
+            let densities: Vec<f64> = densities.collect();
+            let reduced = densities.windows(2).map(|pair| gravity * (pair[1] - pair[0]).abs() / pair[0].max(pair[1]));
+            let least = reduced.filter(|reduced| *reduced > 0.0).fold(f64::INFINITY, f64::min);
+            let froude = least.is_finite().then(|| {
+                let froude = regime.speed / (least * regime.depth).sqrt();
+                format!("Froude number w/√(g′D) = {froude:.3e} with g′ = gΔρ/ρ = {least:.3e} m/s^2, ")
+            });
             let heaviest = layers.iter().map(|layer| layer.fluid.density).fold(medium.density_kg_m3.get(), f64::max);
             fact(
                 "crossing",
@@ -460,42 +537,43 @@ impl Assessment {
         let rod = &stepper.model().rod;
         let step = scene.typical_step();
         let warnings = &mut self.warnings;
-        if let Some(reynolds) = self.reynolds.filter(|reynolds| {
-            let linear = |force: &dyn Force| force.sink() == Some(Sink::Drag) && force.is_linear();
-            scene.drag.is_some() && stepper.model().forces.iter().any(linear) && *reynolds > CREEPING
-        }) {
-            warnings.push(format!(
-                "the drag law is outside its range: it is linear in velocity, for Reynolds numbers below {CREEPING}, and here it is {reynolds:.3e}"
-            ));
-        }
         if stepper.model().forces.iter().any(|force| force.name() == laws::stokes_like::LAW.name) {
             let range = laws::stokes_like::LAW.validity.range;
-            warnings.push(format!(
-                "drag.law = \"stokes-like\" is kept for {range}; law = \"cox\" or \"cross-flow\" holds at any"
-            ));
+            let creeping = self.reynolds.is_none_or(|reynolds| reynolds <= CREEPING);
+            let fitting = if creeping { &laws::cox::LAW } else { &laws::cross_flow::LAW };
+            let holds = |without: String| format!("; drag.law = \"{}\"{without} holds here", fitting.name);
+            let advice = scene.without(fitting).map_or(String::new(), holds);
+            warnings.push(format!("drag.law = \"stokes-like\" is kept for {range}{advice}"));
+        }
+        let asked = stepper.choice().is_some_and(|choice| choice.reason.is_none());
+        if asked && stepper.view().dynamics.mechanics == Mechanics::Shape && scene.actuation.is_none() {
+            warnings.push(
+                "solver.model = \"shape\" gives the rod its natural shape, which without [actuation] never changes: a passive tail neither bends nor swims by bending; model = \"full\" or \"overdamped\" lets it bend".to_string(),
+            );
         }
         // Steps that a tolerance chooses are judged by it.
         let fixed = match stepper.pace() {
             Pace::Fixed(step) => Some(step),
             Pace::Adaptive(_) => None,
         };
-        let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), step));
-        if let Some((steps, step)) = coarse.filter(|(steps, _)| *steps < STEPS_A_PERIOD) {
+        let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), TAU / omega));
+        // Rounding is no reason to warn.
+        if let Some((steps, period)) = coarse.filter(|(steps, _)| *steps < STEPS_A_PERIOD * (1.0 - 1e-9)) {
             warnings.push(format!(
-                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {STEPS_A_PERIOD}, solver.time_step_s = {:.1e}",
-                step * steps / STEPS_A_PERIOD
+                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {STEPS_A_PERIOD}, solver.time_step_s = {:e}",
+                rounded_down(period / STEPS_A_PERIOD)
             ));
         }
         let strained = stepper.meter().first_energy > 0.0;
         if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained {
-            let rings = format!("the jump start rings at {:.4} Hz and above", self.first_frequency / TAU);
+            let rings = format!("the jump start rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
                 Some(ringing) if ringing > RESOLVED => warnings.push(format!(
-                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start = \"shaped\" has no ringing"
+                    "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start.kind = \"shaped\" has no ringing"
                 )),
                 Some(_) => {}
                 None => warnings.push(format!(
-                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; start = \"shaped\" has no ringing"
+                    "{rings}: the steps follow that as far as the tolerance asks, and the result may depend on it; start.kind = \"shaped\" has no ringing"
                 )),
             }
         }
@@ -533,30 +611,76 @@ impl Assessment {
     }
 }
 
+/// A positive number in two digits, no smaller than it is.
+fn rounded_up(x: f64) -> f64 {
+    let exponent = x.log10().floor() as i32 - 1;
+    let digits = (x / 10.0_f64.powi(exponent) * (1.0 - 1e-12)).ceil();
+    format!("{digits}e{exponent}").parse().unwrap_or(x)
+}
+
+/// The section in the middle of `rod`, in words.
+fn about_section(rod: &Rod) -> String {
+    let (sections, section) = (&rod.sections, rod.sections.at(0.5));
+    let (thickness, depth) = (2.0 * section.outer, section.depth);
+    let shape = sections.shape.name();
+    let outline = match sections.shape {
+        Shape::Round if sections.is_flat() => format!(
+            "{shape}, a core {thickness:.4e} m thick with a membrane {depth:.4e} m deep that only the fluid feels"
+        ),
+        Shape::Round => format!("{shape}, {thickness:.4e} m thick"),
+        Shape::Ellipse | Shape::Rectangle => {
+            format!("{shape}, {thickness:.4e} m thick in the plane of motion, {depth:.4e} m deep across it")
+        }
+    };
+    let hole = if section.inner > 0.0 { format!(", the hole {:.4e} m", 2.0 * section.inner) } else { String::new() };
+    let at = if sections.profiles().all(Profile::is_even) { "" } else { ", in the middle" };
+    format!("{outline}{hole}{at}")
+}
+
+/// The mass of `rod`, with that of its body, over the mass of the fluid of this `density` (kg/m³) that it displaces, and what that means.
+fn about_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
+    let ratio = rod.total_mass() / (density * rod.displaced_volume());
+    match head {
+        HeadKind::Free if ratio > 1.0 + NEUTRAL => {
+            format!("{ratio:.3}: heavier than the fluid, it sinks if nothing holds it")
+        }
+        HeadKind::Free if ratio < 1.0 - NEUTRAL => {
+            format!("{ratio:.3}: lighter than the fluid, it floats up if nothing holds it")
+        }
+        _ => format!("{ratio:.3}"),
+    }
+}
+
+/// A positive number in two digits, no larger than it is.
+fn rounded_down(x: f64) -> f64 {
+    let exponent = x.log10().floor() as i32 - 1;
+    let digits = (x / 10.0_f64.powi(exponent) * (1.0 + 1e-12)).floor();
+    format!("{digits}e{exponent}").parse().unwrap_or(x)
+}
+
 /// What the water does to the frequencies of `rod`, and whether it is slender enough for its theory.
 fn about_water(regime: &Regime, rod: &Rod) -> String {
     let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
     let slender = regime.depth / rod.length;
-    let thick = if slender > SLENDER_DEPTH { ", more than its theory is for" } else { "" };
-    format!("own frequencies fall by {slows:.1} %; depth over length {slender:.3}{thick}")
+    format!("own frequencies fall by {slows:.1} %; depth over length {slender:.3}")
 }
 
-/// Frequency (Hz) of what drives the tail, and the largest |y| (m) of its tip in the shape that is prescribed.
-fn drive(model: &Model, regime: Option<&Regime>) -> Option<(f64, f64)> {
-    if let Some((actuation, drive)) = &model.actuation {
-        let known = regime.and_then(|regime| regime.tip);
-        let tip = || regime::reach(regime::shapes(&model.rod, &**actuation, *drive));
-        return Some((drive.frequency, known.unwrap_or_else(tip)));
-    }
-    let arms = [0.0, 1.0, model.rod.length];
-    let (mut fastest, mut reach) = (None, 0.0);
-    for (signal, arm) in model.head.iter().flatten().zip(arms) {
-        if let Signal::Sinusoid { amplitude, frequency, .. } = signal {
-            fastest = Some(f64::max(fastest.unwrap_or(0.0), *frequency));
-            reach += arm * amplitude.abs();
-        }
-    }
-    fastest.map(|frequency| (frequency, reach))
+/// Largest |y| (m) of the tip in the shape that the actuation prescribes.
+fn prescribed_tip(model: &Model) -> Option<f64> {
+    let (actuation, drive) = model.actuation.as_ref()?;
+    Some(regime::reach(regime::shapes(&model.rod, &**actuation, *drive)))
+}
+
+/// Drag across the rod per length and speed, N s/m²; where that depends on the motion of the whole rod, of the default law.
+fn resistance(scene: &Scene, model: &Model) -> Option<f64> {
+    let Model { rod, forces, fluid, .. } = model;
+    let own = || forces.resistance(rod, *fluid);
+    let local = || {
+        let recipe = Recipe { wavelength: scene.wavelength(), ..Recipe::plain(rod) };
+        Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, *fluid)
+    };
+    let [_, across] = if scene.has_whole_drag() { local() } else { own() }?;
+    Some(across)
 }
 
 /// The fully grown natural curvature at a phase of the scene's drive.

@@ -19,6 +19,7 @@ use nalgebra::{SVector, Vector2};
 use serde::ser::SerializeMap;
 use serde::{Deserialize, Serialize, Serializer};
 
+use crate::fluid::Fluid;
 use crate::head::Signal;
 use crate::metrics::{Meter, Power, Reading};
 use crate::model::{Dynamics, Model};
@@ -175,13 +176,14 @@ fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
     };
     put(&mut rates, place::POSITION, velocity);
     let place = if held { node(&state.q, 0) } else { reading.com };
-    put(&mut rates, place::FLOW, dynamics.flow_at(place));
+    let flow = dynamics.flow_at(place);
+    put(&mut rates, place::FLOW, flow);
     put(&mut rates, place::AXIS, axis);
     put(&mut rates, place::FORCE, reading.head_force);
     put(&mut rates, place::DRAG, reading.push.drag);
     put(&mut rates, place::REACTIVE, reading.push.inertia + reading.push.wake + reading.push.flow);
     rates[place::MOMENT] = reading.head_moment;
-    rates[place::PATH] = velocity.norm();
+    rates[place::PATH] = (velocity - flow).norm();
     rates[place::FORCE_MODULUS] = reading.head_force.norm();
     rates[place::MOMENT_MODULUS] = reading.head_moment.abs();
     put_work(&mut rates, reading.power);
@@ -291,7 +293,7 @@ impl Cycle {
         (self.mean_vector(place::FORCE), self.mean(place::FORCE_MODULUS))
     }
 
-    /// Mean modulus of the velocity, of the centre of mass or of a held head, m/s.
+    /// Mean modulus of the velocity against the flow, of the centre of mass or of a held head, m/s.
     pub fn mean_path_speed(&self) -> f64 {
         self.mean(place::PATH)
     }
@@ -339,7 +341,7 @@ impl Cycle {
             let [ahead, aside] = cycle.along_and_across(cycle.velocity());
             let [thrust, lift] = cycle.along_and_across(cycle.mean_vector(place::FORCE));
             let means = [ahead, aside, thrust, lift, cycle.mean(place::MOMENT)];
-            (means, [0, 1, 2, 3, 4].map(|i| cycle.power(i)))
+            (means, [0, 1, 2, 3, 4, 5, 6, 7].map(|i| cycle.power(i)))
         };
         let ((means, powers), (others, other_powers)) = (of(self), of(other));
         let sizes = |[a, b]: [f64; 2]| a.hypot(b);
@@ -353,7 +355,7 @@ impl Cycle {
         let near = |a: &[f64], b: &[f64], scales: &[f64]| {
             a.iter().zip(b).zip(scales).all(|((a, b), scale)| (a - b).abs() <= ALIKE * scale)
         };
-        near(&means, &others, &[speed, speed, force, force, moment]) && near(&powers, &other_powers, &[power; 5])
+        near(&means, &others, &[speed, speed, force, force, moment]) && near(&powers, &other_powers, &[power; 8])
     }
 }
 
@@ -389,7 +391,10 @@ macro_rules! measure {
             key: concat!("cycle_", $name, $suffix),
             spread: concat!("cycle_", $name, "_spread", $suffix),
             unit: $unit,
-            description: $description,
+            description: concat!(
+                $description,
+                "; 0 before the first, NaN where none can be known as a table or a host moves head or flow"
+            ),
             of: $of,
         };
     };
@@ -573,6 +578,16 @@ pub const MEASURES: [Measure; 21] = [
     EFFICIENCY,
 ];
 
+/// The mean of [`EFFICIENCY`] over `cycles` with the drag of `fluid`.
+pub(crate) fn efficiency(cycles: &[Cycle], dynamics: &Dynamics, fluid: Fluid) -> Option<f64> {
+    let mut sum = 0.0;
+    for cycle in cycles {
+        let (speed, power) = cycle.swimming(dynamics)?;
+        sum += dynamics.towing_force_in(fluid, speed)? * speed / power;
+    }
+    Some(sum / cycles.len() as f64)
+}
+
 impl Measure {
     /// Its mean over `cycles`; none where one of them has none.
     pub fn mean(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
@@ -703,6 +718,15 @@ impl Cycles {
         let ((from, first), until) = (self.start, self.last.time);
         let cycle = Cycle { from, until, excursion: 0.0, change: self.last.integrals - first };
         (cycle.period() > 0.0).then_some(cycle)
+    }
+
+    /// True where no cycle can be known: a table or a host moves the head or the flow.
+    pub fn are_unknown(&self, dynamics: &Dynamics) -> bool {
+        match self.source {
+            Source::Actuation => false,
+            Source::Head(_) | Source::Nothing => !steady(dynamics),
+            Source::Table | Source::Mixed => true,
+        }
     }
 
     /// Why there is none yet.

@@ -50,6 +50,12 @@ pub enum Error {
         /// What would be written.
         wanted: String,
     },
+    /// Another program is at work in a folder of results.
+    #[error("{}: another program is at work in it; wait for its end, or choose another folder with --out", path.display())]
+    Busy {
+        /// The folder.
+        path: PathBuf,
+    },
     /// What will be written does not fit on the disk.
     #[error("{}: there is no room: {what} take about {}, and {} are free", path.display(), bytes(*needed), bytes(*free))]
     Room {
@@ -173,6 +179,9 @@ pub enum Error {
         /// Begin and end of the last internal step, s.
         within: [f64; 2],
     },
+    /// Another thread ended the computation.
+    #[error("interrupted")]
+    Interrupted,
     /// A study is asked for something that is not allowed.
     #[error("the study cannot be made: {problem}")]
     Study {
@@ -192,12 +201,14 @@ pub enum Error {
     #[error("a step of {0} s cannot be made: it must be positive and finite")]
     Step(f64),
     /// No variable has this name in this scene.
-    #[error("there is no variable `{name}` in this scene{}", match nearest { Some(n) => format!("; did you mean `{n}`?"), None => "; `caudal variables SCENE` lists them".to_string() })]
+    #[error("there is no variable `{name}` in this scene{}", remedy(*needs, *nearest))]
     UnknownVariable {
         /// The name asked for.
         name: String,
         /// The most similar name there is.
         nearest: Option<&'static str>,
+        /// What the scene would have to have for it.
+        needs: Option<&'static str>,
     },
     /// No derivative of this order can be set.
     #[error("a derivative of order {order} cannot be set; allowed: 1 to {highest}")]
@@ -257,23 +268,34 @@ impl Error {
             Self::Read { path, .. }
             | Self::Write { path, .. }
             | Self::Journal { path, .. }
+            | Self::Occupied { path, .. }
+            | Self::Busy { path }
             | Self::Room { path, .. } => Some(path),
             _ => None,
         }
     }
 
-    /// True where the input is to blame, so that nothing was run or written.
+    /// True where the input is to blame, a file's or a call's, so that nothing was run or written.
     pub fn is_bad_input(&self) -> bool {
         matches!(
             self,
             Self::Scene { .. }
                 | Self::Several(_)
                 | Self::Occupied { .. }
+                | Self::Busy { .. }
                 | Self::Read { .. }
                 | Self::Study { .. }
                 | Self::Journal { .. }
                 | Self::Room { .. }
                 | Self::Threads { .. }
+                | Self::Step(_)
+                | Self::OutsideStep { .. }
+                | Self::UnknownVariable { .. }
+                | Self::Order { .. }
+                | Self::Snapshot(_)
+                | Self::NotAnInput(_)
+                | Self::WrongLength { .. }
+                | Self::BadValue { .. }
         )
     }
 }
@@ -285,6 +307,17 @@ pub fn bytes(count: f64) -> String {
         Some((size, unit)) if count < 1000.0 * size => format!("{:.1} {unit}", count / size),
         Some((size, unit)) => format!("{:.1e} {unit}", count / size),
         None => format!("{count:.0} bytes"),
+    }
+}
+
+/// What a scene needs for a variable that it has not, or which one may have been meant.
+fn remedy(needs: Option<&str>, nearest: Option<&str>) -> String {
+    if let Some(needs) = needs {
+        return format!(": it needs {needs}");
+    }
+    match nearest {
+        Some(_) => did_you_mean(nearest),
+        None => "; `caudal variables SCENE` lists them".to_string(),
     }
 }
 

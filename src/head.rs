@@ -18,6 +18,31 @@ pub struct Sample {
     pub acceleration: f64,
 }
 
+/// The fewest steps that resolve a period of what drives the rod, or a ramp.
+pub const STEPS_A_PERIOD: f64 = 16.0;
+
+/// The fewest steps between two rows of a table where rows are too far apart to be foretold by their neighbours.
+const STEPS_A_ROW: f64 = 8.0;
+
+/// The fewest steps over rows that are foretold by the first and the last of them.
+const STEPS_FORETOLD: f64 = 3.0;
+
+/// Rows are foretold where the cubic misses them by no more than this part of how far they are from an even motion between the
+/// first and the last: of a sinusoid they go over a twelfth to a sixth of its period.
+const FORETOLD: f64 = 2.6e-2;
+
+/// Rounding of rows, in parts of the largest of their values.
+const ROW_ROUNDING: f64 = 8.0 * f64::EPSILON;
+
+/// A row of a table that is no further than this part of the distance between rows is reached.
+const REACHED: f64 = 1e-9;
+
+/// A second rate that changes at a row by more than this part of it jumps there.
+const JUMP: f64 = 1e-2;
+
+/// Where it changes by more than this part of it, another motion begins: what it does is not known from its first step.
+const KICK: f64 = 0.5;
+
 /// A scalar function of time.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Signal {
@@ -107,6 +132,47 @@ impl Signal {
         }
     }
 
+    /// The longest step (s) from time `t` (s) that resolves it, whatever its size.
+    pub fn longest_step(&self, t: f64) -> f64 {
+        match self {
+            Self::Sinusoid { amplitude, frequency, .. } if *amplitude != 0.0 && *frequency != 0.0 => {
+                1.0 / (STEPS_A_PERIOD * frequency.abs())
+            }
+            Self::Constant(_) | Self::Sinusoid { .. } => f64::INFINITY,
+            Self::Table(rows) => longest_in_table(rows, t),
+        }
+    }
+
+    /// Half of what its rate varies by: the same for a motion that goes on at some speed beside it.
+    pub fn swing(&self) -> f64 {
+        match self {
+            Self::Constant(_) => 0.0,
+            Self::Sinusoid { amplitude, frequency, .. } => (TAU * amplitude * frequency).abs(),
+            Self::Table(rows) => {
+                let middle = |span: &[Row]| hermite(&span[0], &span[1], 0.5 * (span[0].time + span[1].time)).rate;
+                let [least, most] = range(rows.iter().map(|row| row.rate).chain(rows.windows(2).map(middle)));
+                if least < most { 0.5 * (most - least) } else { 0.0 }
+            }
+        }
+    }
+
+    /// The signal at time `t` (s) as it comes there: at a row of a table its second rate is that of the rows before.
+    pub fn before(&self, t: f64) -> Sample {
+        if let Self::Table(rows) = self {
+            let next = row_at(rows, t).unwrap_or_else(|| rows.partition_point(|row| row.time < t));
+            if let (Some(from), Some(to)) = (rows.get(next.wrapping_sub(1)), rows.get(next)) {
+                return hermite(from, to, t);
+            }
+        }
+        self.at(t)
+    }
+
+    /// True where its second rate jumps at time `t` (s): at a row of a table.
+    pub fn jumps_at(&self, t: f64) -> bool {
+        let Self::Table(rows) = self else { return false };
+        row_at(rows, t).is_some_and(|at| jumps(rows, at, JUMP))
+    }
+
     /// The signal at time `t` (s).
     pub fn at(&self, t: f64) -> Sample {
         match self {
@@ -121,7 +187,10 @@ impl Signal {
                 }
             }
             Self::Table(rows) => {
-                let after = rows.partition_point(|row| row.time <= t);
+                let after = match row_at(rows, t) {
+                    Some(at) if at + 1 < rows.len() => at + 1,
+                    _ => rows.partition_point(|row| row.time <= t),
+                };
                 match (rows.get(after.wrapping_sub(1)), rows.get(after)) {
                     (Some(from), Some(to)) => hermite(from, to, t),
                     (Some(row), None) if row.time == t => {
@@ -133,6 +202,65 @@ impl Signal {
             }
         }
     }
+}
+
+/// Least and largest of `values`.
+fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[least, most], x| [least.min(x), most.max(x)])
+}
+
+/// The row that is reached at time `t` (s), or was just then, but for rounding.
+fn row_at(rows: &[Row], t: f64) -> Option<usize> {
+    let after = rows.partition_point(|row| row.time <= t);
+    let [from, to] = [after.wrapping_sub(1), after].map(|at| rows.get(at));
+    let near = from.zip(to).map_or(0.0, |(from, to)| REACHED * (to.time - from.time));
+    if from.is_some_and(|from| t - from.time <= near) {
+        Some(after - 1)
+    } else {
+        to.filter(|to| to.time - t <= near).map(|_| after)
+    }
+}
+
+/// True where the second rate changes at row `at` by more than this `part` of it.
+fn jumps(rows: &[Row], at: usize, part: f64) -> bool {
+    let Some([from, row, to]) = at.checked_sub(1).and_then(|before| rows.get(before..before + 3)) else { return false };
+    let [before, after] = [hermite(from, row, row.time), hermite(row, to, row.time)].map(|sample| sample.acceleration);
+    (after - before).abs() > part * before.abs().max(after.abs())
+}
+
+/// The longest step (s) from time `t` (s) in a table: to the next row where it rests or moves evenly, else a part of the way between rows, or
+/// of the way over as many rows as the cubic through the first and the last of them foretells. The same for a motion that goes on
+/// at some speed beside it.
+fn longest_in_table(rows: &[Row], t: f64) -> f64 {
+    let at = row_at(rows, t);
+    let after = at.map_or_else(|| rows.partition_point(|row| row.time <= t), |at| at + 1);
+    let Some(next) = rows.get(after) else { return f64::INFINITY };
+    let Some(from) = rows.get(after.wrapping_sub(1)) else { return next.time - t };
+    let span = next.time - from.time;
+    let moved = next.value - from.value;
+    let rounding = ROW_ROUNDING * from.value.abs().max(next.value.abs());
+    if [from, next].iter().all(|row| (row.rate * span - moved).abs() <= rounding) {
+        return next.time - t;
+    }
+    let (mut longest, mut reached) = (span / STEPS_A_ROW, next.time);
+    if at.is_some_and(|at| jumps(rows, at, KICK)) {
+        return longest;
+    }
+    for count in (0..).map(|power| 1_usize << power) {
+        let Some([between @ .., last]) = rows.get(after..after + count + 1) else { break };
+        let mean = (last.value - from.value) / (last.time - from.time);
+        let evenly = |row: &Row| from.value + mean * (row.time - from.time);
+        let most = |of: &dyn Fn(&Row) -> f64| between.iter().map(of).fold(0.0, |max: f64, x| max.max(x.abs()));
+        let rounding = ROW_ROUNDING * most(&|row| row.value).max(from.value.abs()).max(last.value.abs());
+        let near = FORETOLD * most(&|row| row.value - evenly(row)) + rounding;
+        if most(&|row| hermite(from, last, row.time).value - row.value) > near {
+            break;
+        }
+        longest = longest.max((last.time - from.time) / STEPS_FORETOLD);
+        reached = last.time;
+    }
+    // What is beyond the rows that were looked at may be a burst.
+    longest.min(reached - t)
 }
 
 /// The cubic with the values and rates of `from` and `to`, at time `t`.
@@ -157,5 +285,10 @@ pub type Motion = [Signal; 3];
 
 /// The pose of `motion` at time `t` (s).
 pub fn pose(motion: &Motion, t: f64) -> Pose {
-    [motion[0].at(t), motion[1].at(t), motion[2].at(t)]
+    motion.each_ref().map(|signal| signal.at(t))
+}
+
+/// The same as it comes there, see [`Signal::before`].
+pub fn pose_before(motion: &Motion, t: f64) -> Pose {
+    motion.each_ref().map(|signal| signal.before(t))
 }

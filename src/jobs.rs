@@ -25,6 +25,9 @@ use crate::error::{Error, Result};
 /// A cut of power costs at most the results of about this time.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 
+/// Version and build of this program: results of two builds are not continued as one.
+pub const BUILD: &str = env!("CAUDAL_BUILD");
+
 /// The hash (XXH3, 128 bits, in hexadecimal) that says whether two texts are the same.
 pub fn hash(text: &[u8]) -> String {
     format!("{:032x}", XxHash3_128::oneshot(text))
@@ -37,7 +40,7 @@ pub struct Job {
     pub name: String,
     /// Hash of everything that the results depend on, see [`hash`].
     pub hash: String,
-    /// Version of the program.
+    /// Version and build of the program, see [`BUILD`].
     pub caudal_version: String,
     /// Number of results of the whole job.
     pub size: usize,
@@ -49,7 +52,7 @@ pub struct Job {
 impl Job {
     /// The job `name` of this program with `size` results that depend on `inputs` alone.
     pub fn new(name: &str, inputs: &[u8], size: usize) -> Self {
-        let caudal_version = env!("CARGO_PKG_VERSION").to_string();
+        let caudal_version = BUILD.to_string();
         Self { name: name.to_string(), hash: hash(inputs), caudal_version, size, kept: String::new() }
     }
 
@@ -69,6 +72,16 @@ impl Job {
 struct Entry<T> {
     index: usize,
     result: T,
+}
+
+/// What the first line of a file says.
+#[derive(Debug, PartialEq)]
+enum Start {
+    Job(Job),
+    /// There is none, or it was not finished.
+    Torn,
+    /// Something else.
+    Other,
 }
 
 /// Results on disk; at most one program at a time has it open for writing.
@@ -107,20 +120,24 @@ impl Journal {
             end: 0,
             synced: Instant::now(),
         };
-        match journal.scan()? {
-            Some(found) => {
+        let found = journal.scan()?;
+        if found == Start::Torn {
+            journal.file.set_len(0).map_err(failed)?; // nothing is lost by beginning again
+        }
+        match found {
+            Start::Job(found) => {
                 if let Some(difference) = job.difference(&found) {
                     let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
                     return Err(refused(path, format!("it holds the results of another job: {difference}; {remedy}")));
                 }
             }
-            None if journal.file.metadata().map_err(failed)?.len() == 0 => {
+            Start::Torn => {
                 if let Err(error) = journal.line(&job.clone()) {
                     let _ = std::fs::remove_file(path); // it is empty
                     return Err(error);
                 }
             }
-            None => {
+            Start::Other => {
                 let problem = "it is no journal of results, or its beginning is damaged; --restart begins anew";
                 return Err(refused(path, problem.to_string()));
             }
@@ -158,32 +175,40 @@ impl Journal {
     /// # Errors
     /// [`Error::Read`]; [`Error::Journal`] where it is none.
     pub fn read(path: &Path) -> Result<Self> {
+        Self::read_begun(path)?.ok_or_else(|| refused(path, "it is only begun, and has no results yet".to_string()))
+    }
+
+    /// The same; none where it is empty, or its first line is not written to its end yet.
+    ///
+    /// # Errors
+    /// Those of [`read`](Self::read).
+    pub fn read_begun(path: &Path) -> Result<Option<Self>> {
         let file = File::open(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
         let job = Job::new("", b"", 0);
         let mut journal =
             Self { path: path.to_path_buf(), file, job, lines: BTreeMap::new(), end: 0, synced: Instant::now() };
-        journal.job = journal.scan()?.ok_or_else(|| refused(path, "it is no journal of results".to_string()))?;
-        Ok(journal)
+        journal.job = match journal.scan()? {
+            Start::Job(job) => job,
+            Start::Torn => return Ok(None),
+            Start::Other => return Err(refused(path, "it is no journal of results".to_string())),
+        };
+        Ok(Some(journal))
     }
 
-    /// Finds all whole lines; returns the job of the first. A line that is not whole counts as not there.
-    fn scan(&mut self) -> Result<Option<Job>> {
+    /// Finds all whole lines; returns what the first one says. A line that is not whole counts as not there.
+    fn scan(&mut self) -> Result<Start> {
         let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
         let mut reader = BufReader::new(&self.file);
         reader.rewind().map_err(failed)?;
-        let (mut line, mut at, mut job) = (Vec::new(), 0, None);
+        let (mut line, mut at, mut job) = (Vec::new(), 0, Start::Torn);
         while reader.read_until(b'\n', &mut line).map_err(failed)? > 0 {
             let whole = content(&line);
             if at == 0 {
                 let Some(first) = whole.and_then(|json| serde_json::from_slice::<Job>(json).ok()) else {
-                    // The very first line was not finished: nothing is lost by beginning again.
                     let torn = !line.ends_with(b"\n") && line.iter().take(16).all(u8::is_ascii_hexdigit);
-                    if torn {
-                        self.file.set_len(0).map_err(failed)?;
-                    }
-                    return Ok(None);
+                    return Ok(if torn { Start::Torn } else { Start::Other });
                 };
-                job = Some(first);
+                job = Start::Job(first);
             } else if let Some(entry) = whole.and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok()) {
                 self.lines.entry(entry.index).or_insert(at);
             }

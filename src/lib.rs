@@ -50,8 +50,27 @@
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! # In a program of one's own
+//!
+//! ```toml
+//! [dependencies]
+//! caudal = { path = "../caudal", default-features = false }
+//!
+//! [profile.dev.package.caudal]
+//! opt-level = 3   # a step takes many times as long without
+//! ```
+//!
+//! Without features there are scenes, models, forces, integrators, the stepper and its derivatives. `faer` adds the general linear solver,
+//! natural modes, stability, nonlocal drag and the assessment of scenes; `report` sweeps, studies and what they write; `design` inverse design;
+//! `fmu` the packing of FMUs; `parquet`, `pictures` and `schema` files of these kinds; `cli`, by default, the command.
+//!
+//! Vectors are those of [`nalgebra`]. What a host reads and sets is listed, with units, frames and signs, by [`variable::VARIABLES`] and by
+//! `caudal variables SCENE`. A force of one's own implements [`fluid::Force`] and is tried by [`fluid::audit`].
 
 #![warn(clippy::unwrap_used, clippy::expect_used, clippy::panic, clippy::todo)]
+
+pub use nalgebra;
 
 // From the ground up: each module imports only what stands above it.
 pub mod error;
@@ -70,6 +89,7 @@ pub mod start;
 
 pub mod model;
 pub mod regime;
+pub mod spectrum;
 
 pub mod integrator;
 pub mod metrics;

@@ -2,14 +2,17 @@
 //!
 //! The matrices are the model's own derivatives by accelerations, velocities and positions where the rod rests, so added mass,
 //! drag, Coriolis and centrifugal force of the flow, wake and tension are all in them, and none need be symmetric. λ = σ ± iω: a
-//! motion that grows (σ > 0) while it swings is flutter, one that grows without is divergence. The quadratic problem is solved as
-//! the eigenvalues of its companion matrix in the unknowns (x, ẋ/Ω), Ω of the size of the highest frequency, so that rounding is
-//! ε Ω and not ε Ω². Source: F. Tisseur & K. Meerbergen, SIAM Review 43 (2001).
+//! motion that grows (σ > 0) while it swings is flutter, one that grows without is divergence. The quadratic problem is that of the
+//! matrix A of the unknowns (x, ẋ/Ω). Rounding in the eigenvalues of A is of the size of the largest, so those below the geometric
+//! mean of largest and smallest are found as inverses of the eigenvalues of A⁻¹, where rounding is of the size of the slowest motion:
+//! growth in thick fluids is 10¹² times slower than stretching. The motions that nothing holds, exact rigid motions R with K R = 0 and
+//! what C R = 0 leaves undamped, are projected out; of a held rod nothing is left out. Source: F. Tisseur & K. Meerbergen, SIAM
+//! Review 43 (2001).
 
 use std::sync::Arc;
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, c64};
+use faer::linalg::solvers::{Eigen, Solve};
+use faer::{Mat, MatRef, c64};
 use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
@@ -21,14 +24,20 @@ use crate::rod::node;
 use crate::start::Start;
 use crate::system::{Direction, Linearisation, State, System};
 
-/// Parts in which flow and loads grow, where the rod does not come to rest from its straight shape at once.
-const PARTS: u32 = 16;
+/// The least part of a way to rest that is gone at once.
+const LEAST_PART: f64 = 1.0 / 4096.0;
 
 /// Convergence of the rest, relative to the length.
 pub(crate) const RESTED: f64 = 1e-11;
 
-/// Eigenvalues below this part of the highest are those of motions that nothing holds, and rounding.
-const ZERO: f64 = 1e-7;
+/// Products below this part of the sum of the moduli of their terms are zero.
+const VANISHES: f64 = 1e-12;
+
+/// Eigenvalues above this part of the largest are found well enough beside it.
+const WIDE: f64 = 1e-6;
+
+/// Rounding in eigenvalues, over the size of the matrix and its number of unknowns.
+const ROUNDING: f64 = 1e-15;
 
 /// Matrix entries of this part of the largest couple nothing.
 const DECOUPLED: f64 = 1e-14;
@@ -56,6 +65,8 @@ pub struct Eigenmode {
     pub growth: f64,
     /// ω ≥ 0, rad/s.
     pub frequency: f64,
+    /// How far rounding may move it, 1/s.
+    pub uncertainty: f64,
     /// Real and imaginary part of φ, x and y of every node; the largest modulus is 1.
     pub shape: Vec<[[f64; 2]; 2]>,
 }
@@ -64,6 +75,11 @@ impl Eigenmode {
     /// Damping ratio ζ = −σ/|λ|.
     pub fn damping_ratio(&self) -> f64 {
         -self.growth / self.growth.hypot(self.frequency)
+    }
+
+    /// True where it grows, beyond rounding.
+    pub fn grows(&self) -> bool {
+        grows(c64::new(self.growth, self.frequency), self.uncertainty)
     }
 
     /// True where it moves the rod across the x axis more than along it.
@@ -77,6 +93,41 @@ impl Eigenmode {
 struct Group {
     unknowns: Vec<usize>,
     matrices: [Mat<f64>; 3],
+    /// The rigid motions of a free rod that move them: along x, along y, and turning.
+    rigid: Vec<Vec<f64>>,
+}
+
+/// Moves `state` to the rest of `dynamics` that it leads to: forces that hold the rod where it is are taken away in parts, as large as
+/// Newton's method follows them, f(q) = (1 − s) f(q₀) with s from 0 to 1.
+///
+/// # Errors
+/// [`Error::NotConverged`] where the way ends before the rest; those of [`System::assemble`].
+pub(crate) fn come_to_rest(dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+    let mut holding = vec![0.0; state.q.len()];
+    dynamics.assemble(state, &mut holding, None)?;
+    let own = dynamics.inputs.force.take();
+    let mut from = state.clone();
+    let (mut gone, mut part) = (0.0, 1.0);
+    let ended = loop {
+        let to = gone + part;
+        let held = |(i, force): (usize, &f64)| own.as_ref().map_or(0.0, |own| own[i]) + (1.0 - to) * force;
+        dynamics.inputs.force =
+            if to < 1.0 { Some(holding.iter().enumerate().map(held).collect()) } else { own.clone() };
+        match newton.solve(dynamics, state, Direction::POSITIONS) {
+            Ok(_) if to >= 1.0 => break Ok(()),
+            Ok(_) => {
+                from.copy_from(state);
+                (gone, part) = (to, (2.0 * part).min(1.0 - to));
+            }
+            Err(error) if part <= LEAST_PART => break Err(error),
+            Err(_) => {
+                state.copy_from(&from);
+                part *= 0.5;
+            }
+        }
+    };
+    dynamics.inputs.force = own;
+    ended
 }
 
 impl SteadyState {
@@ -85,7 +136,19 @@ impl SteadyState {
     ///
     /// # Errors
     /// [`Unsteady`] where there is no rest, or none is found.
-    pub fn of(mut model: Model) -> std::result::Result<Self, Unsteady> {
+    pub fn of(model: Model) -> std::result::Result<Self, Unsteady> {
+        Self::found(model, None)
+    }
+
+    /// The same that is next to `positions` (m, two entries per node).
+    ///
+    /// # Errors
+    /// [`Unsteady`] where there is no rest, or none is found.
+    pub fn near(model: Model, positions: &[f64]) -> std::result::Result<Self, Unsteady> {
+        Self::found(model, Some(positions))
+    }
+
+    fn found(mut model: Model, near: Option<&[f64]>) -> std::result::Result<Self, Unsteady> {
         let unsteady = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
         if let Some(law) = model.forces.whole() {
             let found = law.name();
@@ -101,7 +164,14 @@ impl SteadyState {
         (model.actuation, model.start, model.spin) = (None, Start::Jump, 0.0);
         match &mut model.head {
             Some(motion) => *motion = motion.each_ref().map(|signal| Signal::Constant(signal.at(0.0).value)),
-            None => model.fluid.flow = Vector2::zeros(),
+            None => {
+                // It goes with the flow, which is the same all along it, or it does not rest.
+                model.fluid.flow = Vector2::zeros();
+                if let Some(layers) = &model.layers {
+                    let first = layers.at(model.fluid, layers.height(Vector2::zeros())).fluid.flow;
+                    model.fluid.flow = -first;
+                }
+            }
         }
         let held = model.head.is_some();
         let mut dynamics = Dynamics::new(Arc::new(model));
@@ -116,17 +186,22 @@ impl SteadyState {
             unsteady("medium.flow_m_s", &format!("no rest is found in this flow and under these loads: {error}"))
         };
         let mut newton = Newton::new(nodes, RESTED).map_err(failed)?;
-        let straight = dynamics.first_state();
-        let mut state = straight.clone();
-        if held && newton.solve(&mut dynamics, &mut state, Direction::POSITIONS).is_err() {
-            state.copy_from(&straight);
-            let flow = dynamics.inputs.fluid.flow;
-            for part in 1..=PARTS {
-                let part = f64::from(part) / f64::from(PARTS);
-                dynamics.inputs.fluid.flow = flow * part;
-                dynamics.inputs.force = (part < 1.0).then(|| load.iter().map(|force| (part - 1.0) * force).collect());
-                newton.solve(&mut dynamics, &mut state, Direction::POSITIONS).map_err(failed)?;
+        let mut state = dynamics.first_state();
+        if let Some(near) = near {
+            state.q.copy_from_slice(near);
+            come_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
+            return Ok(Self { dynamics, state });
+        }
+        if let (Some(layers), false) = (&dynamics.inputs.layers, held || dynamics.model.forces.is_empty()) {
+            let flow = |k: usize| layers.at(dynamics.inputs.fluid, layers.height(node(&state.q, k))).fluid.flow.norm();
+            let size = dynamics.inputs.fluid.flow.norm() + layers.shear.abs() * dynamics.model.rod.length;
+            if (0..nodes).any(|k| flow(k) > VANISHES * size) {
+                let problem = "a free rod does not rest in a flow that differs along it; hold its head (kind = \"clamped\"), or lay it along the flow";
+                return Err(unsteady("medium", problem));
             }
+        }
+        if held {
+            come_to_rest(&mut dynamics, &mut newton, &mut state).map_err(failed)?;
         }
         Ok(Self { dynamics, state })
     }
@@ -209,11 +284,19 @@ impl SteadyState {
             let axis = |axis: usize| unknowns.iter().copied().filter(|i| i % 2 == axis).collect();
             vec![axis(1), axis(0)]
         };
+        // About the middle, so that turning is as large as it can be beside going along.
+        let centre = self.dynamics.model.rod.mean(&self.state.q);
+        let q: Vec<f64> = self.state.q.iter().enumerate().map(|(i, x)| x - centre[i % 2]).collect();
         let group = |unknowns: Vec<usize>| {
             let dense = |matrix: &BandMatrix| {
                 Mat::from_fn(unknowns.len(), unknowns.len(), |i, j| entry(matrix, unknowns[i], unknowns[j]))
             };
-            Group { matrices: bands.each_ref().map(dense), unknowns }
+            let motion = |of: &dyn Fn(usize) -> f64| unknowns.iter().map(|i| of(*i)).collect::<Vec<f64>>();
+            let along = |axis: usize| motion(&|i| f64::from(u8::from(i % 2 == axis)));
+            let turning = motion(&|i| if i % 2 == 0 { -q[i + 1] } else { q[i - 1] });
+            let mut rigid = if first == 0 { vec![along(0), along(1), turning] } else { Vec::new() };
+            rigid.retain(|motion| motion.iter().any(|x| *x != 0.0));
+            Group { matrices: bands.each_ref().map(dense), unknowns, rigid }
         };
         Ok(groups.into_iter().map(group).collect())
     }
@@ -222,16 +305,20 @@ impl SteadyState {
         Error::Linear { unknowns: 2 * self.state.q.len(), reason: format!("its eigenvalues: {reason:?}") }
     }
 
-    /// λ = σ + iω with ω ≥ 0 of every motion that something holds or damps; unsorted.
+    /// λ = σ + iω with ω ≥ 0 of every motion that something holds or damps, each with how far rounding may move it (1/s); unsorted.
     ///
     /// # Errors
     /// [`Error::Linear`] where the iteration does not converge; those of [`matrices`](Self::matrices).
-    pub fn eigenvalues(&mut self) -> Result<Vec<c64>> {
+    pub fn eigenvalues(&mut self) -> Result<Vec<(c64, f64)>> {
         let mut found = Vec::new();
         for group in self.groups()? {
-            let (companion, scale) = companion(&group.matrices);
-            let values: Vec<c64> = companion.eigenvalues().map_err(|e| self.failed(&e))?;
-            found.extend(values.into_iter().filter(|value| is_kept(*value)).map(|value| value * scale));
+            let pencil = Pencil::of(&group);
+            let values = |matrix: &Mat<f64>| matrix.eigenvalues().map_err(|e| self.failed(&e));
+            let fast = values(&pencil.direct)?;
+            let slow = pencil.inverse_beside(&fast).map(values).transpose()?;
+            found.extend(
+                pencil.joined(&fast, slow.as_deref()).into_iter().map(|(value, uncertainty, _)| (value, uncertainty)),
+            );
         }
         Ok(found)
     }
@@ -244,25 +331,33 @@ impl SteadyState {
         let nodes = self.dynamics.nodes();
         let mut found = Vec::new();
         for group in self.groups()? {
-            let (companion, scale) = companion(&group.matrices);
-            let pairs = companion.eigen().map_err(|e| self.failed(&e))?;
-            for j in 0..companion.nrows() {
-                let value: c64 = pairs.S()[j];
-                if !is_kept(value) {
-                    continue;
+            let pencil = Pencil::of(&group);
+            let pairs = |matrix: &Mat<f64>| matrix.eigen().map_err(|e| self.failed(&e));
+            let fast = pairs(&pencil.direct)?;
+            let values = |pairs: &Eigen<f64>| (0..pairs.S().dim()).map(|j| pairs.S()[j]).collect::<Vec<c64>>();
+            let slow = pencil.inverse_beside(&values(&fast)).map(pairs).transpose()?;
+            for (value, uncertainty, from) in pencil.joined(&values(&fast), slow.as_ref().map(values).as_deref()) {
+                let vectors = match (from, &slow) {
+                    (From::Inverse(j), Some(slow)) => (slow.U(), j),
+                    (From::Direct(j) | From::Inverse(j), _) => (fast.U(), j),
+                };
+                let entries: Vec<c64> = (0..pencil.places.ncols()).map(|i| vectors.0[(i, vectors.1)]).collect();
+                // Positions of the unknowns: those that are free of rigid motion, and, of a motion that is nothing but rigid, its rate.
+                let place = |i: usize| (0..entries.len()).map(|j| entries[j] * pencil.places[(i, j)]).sum::<c64>();
+                let mut places: Vec<c64> = (0..group.unknowns.len()).map(place).collect();
+                if let Some(rates) = pencil.rates_of(&vectors.0, vectors.1) {
+                    // With rigid motion: x = ẋ/λ.
+                    places = rates.into_iter().map(|rate| rate / value).collect();
                 }
-                let entry = |i: usize| -> c64 { pairs.U()[(i, j)] };
-                // The largest entry becomes 1.
-                let largest = (0..group.unknowns.len())
-                    .map(entry)
-                    .fold(c64::new(0.0, 0.0), |max: c64, x| if x.norm() > max.norm() { x } else { max });
+                let largest =
+                    places.iter().fold(c64::new(0.0, 0.0), |max, x| if x.norm() > max.norm() { *x } else { max });
                 let mut shape = vec![[[0.0; 2]; 2]; nodes];
-                for (i, unknown) in group.unknowns.iter().enumerate() {
-                    let x = entry(i) / largest;
+                for (x, unknown) in places.iter().zip(&group.unknowns) {
+                    let x = x / largest;
                     shape[unknown / 2][0][unknown % 2] = x.re;
                     shape[unknown / 2][1][unknown % 2] = x.im;
                 }
-                found.push(Eigenmode { growth: value.re * scale, frequency: value.im * scale, shape });
+                found.push(Eigenmode { growth: value.re, frequency: value.im, uncertainty, shape });
             }
         }
         found.sort_by(|a, b| a.growth.hypot(a.frequency).total_cmp(&b.growth.hypot(b.frequency)));
@@ -270,23 +365,164 @@ impl SteadyState {
     }
 }
 
-/// One of a conjugate pair, or a real one that is not zero; `value` is over the scale of all.
-fn is_kept(value: c64) -> bool {
-    value.norm() > ZERO && value.im > -f64::MIN_POSITIVE
+/// True where a motion of λ = `value`, which rounding may move by `uncertainty` (1/s), grows.
+pub fn grows(value: c64, uncertainty: f64) -> bool {
+    value.re > uncertainty
 }
 
-/// The matrix of x and ẋ/Ω whose eigenvalues are λ/Ω, and Ω, 1/s.
-fn companion([mass, damping, stiffness]: &[Mat<f64>; 3]) -> (Mat<f64>, f64) {
-    let n = mass.nrows();
-    let factors = mass.partial_piv_lu();
-    let (held, damped) = (factors.solve(stiffness), factors.solve(damping));
-    let row = |i: usize| (0..n).map(|j| held[(i, j)].abs()).sum::<f64>();
-    let scale = (0..n).map(row).fold(f64::MIN_POSITIVE, f64::max).sqrt();
-    let companion = Mat::from_fn(2 * n, 2 * n, |i, j| match (i < n, j < n) {
-        (true, true) => 0.0,
-        (true, false) => f64::from(u8::from(i == j - n)),
-        (false, true) => -held[(i - n, j)] / (scale * scale),
-        (false, false) => -damped[(i - n, j - n)] / scale,
+/// Which eigenvalue of which matrix one comes from.
+#[derive(Debug, Clone, Copy)]
+enum From {
+    Direct(usize),
+    Inverse(usize),
+}
+
+/// The first-order form of M ẍ + C ẋ + K x = 0 without the motions that nothing holds: x = Q z and ẋ = P w.
+struct Pencil {
+    /// Q: positions that are orthogonal to rigid motions which meet no force.
+    places: Mat<f64>,
+    /// P: velocities without those that meet no force either.
+    velocities: Mat<f64>,
+    /// A/Ω in the unknowns (z, w/Ω).
+    direct: Mat<f64>,
+    /// Ω, 1/s.
+    scale: f64,
+    /// A⁻¹ω in the unknowns (z, w/ω), and ω, 1/s, where no motion is left that nothing holds.
+    inverse: Option<Mat<f64>>,
+    inverse_scale: f64,
+}
+
+impl Pencil {
+    fn of(group: &Group) -> Self {
+        let Group { matrices: [mass, damping, stiffness], rigid, .. } = group;
+        let n = mass.nrows();
+        let free: Vec<&Vec<f64>> = rigid.iter().filter(|motion| vanishes(stiffness, motion)).collect();
+        let undamped: Vec<&Vec<f64>> = free.iter().copied().filter(|motion| vanishes(damping, motion)).collect();
+        let places = complement(n, &free.iter().map(|motion| motion.to_vec()).collect::<Vec<_>>());
+        // Without drag momentum stays: velocities are those of no momentum, Rᵀ M ẋ = 0.
+        let momenta: Vec<Vec<f64>> = undamped
+            .iter()
+            .map(|motion| (0..n).map(|j| (0..n).map(|i| motion[i] * mass[(i, j)]).sum()).collect())
+            .collect();
+        let velocities = complement(n, &momenta);
+        let (p, q) = (places.ncols(), velocities.ncols());
+        let factors = mass.partial_piv_lu();
+        let held = velocities.transpose() * factors.solve(stiffness * &places);
+        let damped = velocities.transpose() * factors.solve(damping * &velocities);
+        let carried = places.transpose() * &velocities;
+        let row = |matrix: &Mat<f64>, i: usize| (0..matrix.ncols()).map(|j| matrix[(i, j)].abs()).sum::<f64>();
+        let norm = |matrix: &Mat<f64>| (0..matrix.nrows()).map(|i| row(matrix, i)).fold(f64::MIN_POSITIVE, f64::max);
+        let scale = norm(&held).sqrt();
+        let direct = Mat::from_fn(p + q, p + q, |i, j| match (i < p, j < p) {
+            (true, true) => 0.0,
+            (true, false) => carried[(i, j - p)],
+            (false, true) => -held[(i - p, j)] / (scale * scale),
+            (false, false) => -damped[(i - p, j - p)] / scale,
+        });
+        // A⁻¹ from K and not from M⁻¹K: K Q z' + C P w' = −M P w, Qᵀ P w' = z, in the range of both.
+        let project = if undamped.is_empty() { Mat::identity(n, n) } else { velocities.transpose().to_owned() };
+        let rows = project.nrows();
+        let inverse = (rows + p == p + q).then(|| {
+            let (k, c, m) =
+                (&project * stiffness * &places, &project * damping * &velocities, &project * mass * &velocities);
+            let size = [norm(&k), norm(&c), norm(&m)];
+            let [k_size, ..] = size;
+            let m_scale = (norm(&m) / k_size).sqrt().max(f64::MIN_POSITIVE);
+            // Rows over the size of K, velocities over ω = √(K/M).
+            let system = Mat::from_fn(rows + p, p + q, |i, j| match (i < rows, j < p) {
+                (true, true) => k[(i, j)] / k_size,
+                (true, false) => c[(i, j - p)] / (k_size * m_scale),
+                (false, true) => 0.0,
+                (false, false) => carried[(i - rows, j - p)],
+            });
+            let right = Mat::from_fn(rows + p, p + q, |i, j| match (i < rows, j < p) {
+                (true, true) => 0.0,
+                (true, false) => -m[(i, j - p)] / (k_size * m_scale * m_scale),
+                (false, true) => f64::from(u8::from(i - rows == j)),
+                (false, false) => 0.0,
+            });
+            (system.partial_piv_lu().solve(&right), m_scale.recip())
+        });
+        let inverse = inverse.filter(|(matrix, _)| (0..p + q).all(|j| (0..p + q).all(|i| matrix[(i, j)].is_finite())));
+        let inverse_scale = inverse.as_ref().map_or(1.0, |(_, scale)| *scale);
+        Self { places, velocities, direct, scale, inverse: inverse.map(|(matrix, _)| matrix), inverse_scale }
+    }
+
+    /// The matrix of the slow motions, where some of the eigenvalues of A/Ω are so small that rounding may show.
+    fn inverse_beside(&self, fast: &[c64]) -> Option<&Mat<f64>> {
+        let sizes = || fast.iter().map(|value| value.norm());
+        let wide = sizes().fold(f64::INFINITY, f64::min) < WIDE * sizes().fold(0.0, f64::max);
+        self.inverse.as_ref().filter(|_| wide)
+    }
+
+    /// All eigenvalues λ with ω ≥ 0, from those of A/Ω and of A⁻¹ω, with how far rounding may move each.
+    fn joined(&self, fast: &[c64], slow: Option<&[c64]>) -> Vec<(c64, f64, From)> {
+        let count = fast.len();
+        let part = ROUNDING * count as f64;
+        let mut direct: Vec<(c64, f64, From)> =
+            fast.iter().enumerate().map(|(j, value)| (value * self.scale, 0.0, From::Direct(j))).collect();
+        direct.sort_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
+        let largest = direct.last().map_or(0.0, |last| last.0.norm());
+        direct.iter_mut().for_each(|(_, uncertainty, _)| *uncertainty = part * largest);
+        let mut inverse: Vec<(c64, f64, From)> = slow
+            .unwrap_or_default()
+            .iter()
+            .enumerate()
+            .map(|(j, value)| (c64::new(self.inverse_scale, 0.0) / value, 0.0, From::Inverse(j)))
+            .collect();
+        inverse.sort_by(|a, b| a.0.norm().total_cmp(&b.0.norm()));
+        let least = inverse.first().map_or(0.0, |first| first.0.norm());
+        for (value, uncertainty, _) in &mut inverse {
+            *uncertainty = part * value.norm_sqr() / least;
+        }
+        // Where both are as uncertain, conjugates together.
+        let middle = (largest * least).sqrt();
+        let mut taken = inverse.iter().take_while(|(value, ..)| value.norm() < middle).count();
+        let conjugate = |i: usize| {
+            let [a, b] = [inverse.get(i.wrapping_sub(1)), inverse.get(i)];
+            a.zip(b).is_some_and(|(a, b)| {
+                a.0.im != 0.0 && a.0.im * b.0.im < 0.0 && (a.0 - b.0.conj()).norm() <= 1e-6 * a.0.norm()
+            })
+        };
+        if conjugate(taken) && inverse[..taken].iter().filter(|(value, ..)| value.im != 0.0).count() % 2 == 1 {
+            taken += 1;
+        }
+        let all = inverse.into_iter().take(taken).chain(direct.into_iter().skip(taken));
+        // Without the inverse what cannot be told from zero is nothing that holds.
+        let kept = |(value, uncertainty, _): &(c64, f64, From)| {
+            value.im > -f64::MIN_POSITIVE && (slow.is_some() || value.norm() > *uncertainty)
+        };
+        all.filter(kept).collect()
+    }
+
+    /// The velocities of eigenvector `j`, where rigid motion is left out of the positions.
+    fn rates_of(&self, vectors: &MatRef<'_, c64>, j: usize) -> Option<Vec<c64>> {
+        let (n, p) = (self.places.nrows(), self.places.ncols());
+        (p < n).then(|| {
+            let rate =
+                |i: usize| (0..self.velocities.ncols()).map(|k| vectors[(p + k, j)] * self.velocities[(i, k)]).sum();
+            (0..n).map(rate).collect()
+        })
+    }
+}
+
+/// True where `matrix` times a rigid `motion` is nothing but rounding.
+fn vanishes(matrix: &Mat<f64>, motion: &[f64]) -> bool {
+    (0..matrix.nrows()).all(|i| {
+        let terms = || (0..matrix.ncols()).map(|j| matrix[(i, j)] * motion[j]);
+        terms().sum::<f64>().abs() <= VANISHES * terms().map(f64::abs).sum::<f64>()
+    })
+}
+
+/// An orthonormal basis of what is orthogonal to all of `vectors`; the identity where there are none.
+fn complement(n: usize, vectors: &[Vec<f64>]) -> Mat<f64> {
+    if vectors.is_empty() {
+        return Mat::identity(n, n);
+    }
+    let spanned = Mat::from_fn(n, vectors.len(), |i, j| {
+        let norm = vectors[j].iter().map(|x| x * x).sum::<f64>().sqrt();
+        vectors[j][i] / norm
     });
-    (companion, scale)
+    let q = spanned.qr().compute_Q();
+    Mat::from_fn(n, n - vectors.len(), |i, j| q[(i, vectors.len() + j)])
 }

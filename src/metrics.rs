@@ -221,6 +221,48 @@ pub struct Reading {
     natural: Vec<f64>,
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
+    /// How fast it moves across itself.
+    across: Across,
+}
+
+/// How fast a rod moves across itself through the fluid, as mean squares over its length; integrated over time in [`Totals`].
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct Across {
+    /// Of the velocity w, m²/s².
+    pub speed: f64,
+    /// Of w/ν by the fluid there, 1/m².
+    pub per_depth: f64,
+}
+
+impl Across {
+    /// Of a rod in `dynamics` at `state`, its edges along `tangent`; nothing where no fluid acts on it.
+    fn of(dynamics: &Dynamics, state: &State, tangent: &[Vector2<f64>]) -> Self {
+        let (forces, inputs) = (&dynamics.model.forces, &dynamics.inputs);
+        if forces.is_empty() || inputs.fluid.viscosity <= 0.0 {
+            return Self::default();
+        }
+        let rod = &dynamics.model.rod;
+        let mut sums = Self::default();
+        // A body's neck is no part of the rod.
+        let edges = rod.front..tangent.len();
+        let share = 1.0 / edges.len() as f64;
+        for e in edges {
+            let fluid = match &inputs.layers {
+                None => inputs.fluid,
+                Some(layers) => layers.at(inputs.fluid, layers.height(node(&state.q, e))).fluid,
+            };
+            let velocity = (node(&state.v, e) + node(&state.v, e + 1)) * 0.5 - fluid.flow;
+            let square = tangent[e].perp(&velocity).powi(2) * share;
+            sums.speed += square;
+            sums.per_depth += square * (fluid.density / fluid.viscosity).powi(2);
+        }
+        sums
+    }
+
+    fn add(&mut self, other: &Self, factor: f64) {
+        self.speed += factor * other.speed;
+        self.per_depth += factor * other.per_depth;
+    }
 }
 
 impl Reading {
@@ -253,6 +295,13 @@ impl Reading {
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
     pub fn take(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
         let taken = dynamics.mechanics == Mechanics::Shape;
+        let mut room = std::mem::take(&mut dynamics.unused);
+        let outcome = self.take_with(dynamics, state, taken, &mut room);
+        dynamics.unused = room;
+        outcome
+    }
+
+    fn take_with(&mut self, dynamics: &mut Dynamics, state: &State, taken: bool, room: &mut Vec<f64>) -> Result<()> {
         let holding = if taken { Some(dynamics.balance(state, &mut self.moment)?) } else { None };
         let bent = dynamics.shape(state)?;
         let (dynamics, edges) = (bent.dynamics, bent.edges());
@@ -283,13 +332,18 @@ impl Reading {
             sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
         let held = || holding.unwrap_or_else(|| bent.reaction());
-        self.put_together(
-            dynamics,
-            state,
-            &sums,
-            |power, push| power.add_forces(&dynamics.model.forces, &bent.kinematics(), push),
-            held,
-        )
+        let forces = |power: &mut Power, push: &mut Push| {
+            let moving = bent.kinematics();
+            let stored = power.add_forces(&dynamics.model.forces, &moving, push);
+            if dynamics.course.is_some() && dynamics.model.forces.are_inertial() {
+                room.resize(state.q.len(), 0.0);
+                let (brought, momentum) = dynamics.brought(&moving, room);
+                power.flow += brought;
+                push.flow += momentum;
+            }
+            stored
+        };
+        self.put_together(dynamics, state, &sums, forces, held)
     }
 
     /// The same of a `state` that was `measured` beside others; `of_force` says of each force, at its place, its powers and the energy (J)
@@ -338,6 +392,7 @@ impl Reading {
         self.time = state.t;
         self.com = Vector2::from(moment_of_mass.to_array()) / dynamics.model.rod.total_mass();
         self.strain = strain;
+        self.across = Across::of(dynamics, state, &self.tangent);
         let mut energy = Energy { bending, stretching, kinetic, fluid: 0.0 };
         let mut momentum = Momentum { rod: momentum.to_array().into(), fluid: Vector2::zeros() };
         if dynamics.mechanics == Mechanics::Overdamped {
@@ -452,6 +507,8 @@ pub struct Totals {
     pub impulse: Push,
     /// Energies integrated over time since the start, J s.
     pub energy_time: Energy,
+    /// How fast the rod moved across itself, integrated over time since the start.
+    pub across_time: Across,
     /// Largest |y_COM|, m.
     pub max_lateral: f64,
     /// Length of the path of the centre of mass, m.
@@ -499,8 +556,18 @@ impl Totals {
         let half_time = 0.5 * (now.time - from.time);
         totals.energy_time.add(&from.energy, half_time);
         totals.energy_time.add(&now.energy, half_time);
+        totals.across_time.add(&from.across, half_time);
+        totals.across_time.add(&now.across, half_time);
         totals.impulse.add(&from.push, half_time);
         totals.impulse.add(&now.push, half_time);
+        // What the whole step gave beside that comes evenly.
+        let part = (now.time - from.time) / (to.time - from.time);
+        let half_step = 0.5 * (to.time - from.time);
+        for (impulse, factor) in
+            [(&later.impulse, 1.0), (&self.impulse, -1.0), (&from.push, -half_step), (&to.push, -half_step)]
+        {
+            totals.impulse.add(impulse, part * factor);
+        }
         totals
     }
 }
@@ -540,6 +607,15 @@ impl Meter {
         })
     }
 
+    /// Copies `other`, without allocating where there is room.
+    pub(crate) fn copy_from(&mut self, other: &Self) {
+        let Self { now, totals, first_energy, first_momentum, first, first_positions } = other;
+        self.now.copy_from(now);
+        self.first_positions.clone_from(first_positions);
+        (self.totals, self.first_energy) = (*totals, *first_energy);
+        (self.first_momentum, self.first) = (*first_momentum, *first);
+    }
+
     /// Counts the step to `next`, over which the loads did the work `load` (J), and keeps the old reading in `next`.
     /// A reading at the same time counts what an input changed at once. `middle` is the reading in the middle of the step,
     /// where the method knows it as well as the end.
@@ -572,6 +648,10 @@ impl Meter {
             None => {
                 totals.impulse.add(&self.now.push, half_time);
                 totals.impulse.add(&next.push, half_time);
+                // What the inertia of a held node takes is known, whatever its accelerations in between.
+                let [old, new] =
+                    [&self.now, &*next].map(|end| (end.head[1] * head_mass, end.push.head - end.head_push));
+                totals.impulse.head += (new.0 - old.0) - (new.1 + old.1) * half_time;
             }
         }
         if span == 0.0 {
@@ -580,6 +660,8 @@ impl Meter {
         totals.work = sum;
         totals.energy_time.add(&self.now.energy, half_time);
         totals.energy_time.add(&next.energy, half_time);
+        totals.across_time.add(&self.now.across, half_time);
+        totals.across_time.add(&next.across, half_time);
         totals.max_lateral = totals.max_lateral.max(next.com.y.abs());
         let middle = middle.map_or(next.com, |middle| middle.com);
         totals.max_lateral = totals.max_lateral.max(middle.y.abs());
@@ -613,6 +695,13 @@ impl Meter {
     /// Time since the start, s.
     pub fn elapsed(&self) -> f64 {
         self.now.time - self.first.0
+    }
+
+    /// Root mean square over rod and time of the velocity (m/s) across the rod against the fluid, and of that over ν, 1/m.
+    pub fn across(&self) -> [f64; 2] {
+        let Across { speed, per_depth } = self.totals.across_time;
+        let elapsed = self.elapsed();
+        if elapsed > 0.0 { [speed, per_depth].map(|sum| (sum / elapsed).sqrt()) } else { [0.0; 2] }
     }
 
     /// Δx of the centre of mass since the start, m.

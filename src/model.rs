@@ -14,19 +14,21 @@ use serde::{Deserialize, Serialize};
 
 pub use bent::Bent;
 pub use course::Course;
+use course::HIGHEST_ORDER;
 
 use crate::actuation::{Actuation, Wave};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
+use crate::fluid::medium::by_key;
 use crate::fluid::{Around, Fluid, Force, Forces, Kinematics, Layers, Runs, Sink};
-use crate::head::{HeadInput, HostHead, Motion, Pose, Signal, pose};
+use crate::head::{HeadInput, HostHead, Motion, Pose, STEPS_A_PERIOD, Signal, pose, pose_before};
 use crate::linear::{ChainMatrix, Coupling};
 use crate::rod::around::{OnEdge, TOGETHER};
 use crate::rod::bend::{self, Joint};
 use crate::rod::elastic::Deformed;
 use crate::rod::{Edge, Rod, add, lengths, node};
 use crate::start::{Start, add_spin};
-use crate::system::{Direction, Form, Linearisation, State, System};
+use crate::system::{Direction, Form, Linearisation, Link, State, System};
 
 /// An edge shorter than this part of its rest length counts as collapsed.
 const COLLAPSED: f64 = 1e-3;
@@ -88,6 +90,14 @@ pub struct Model {
     pub head_input: HeadInput,
     /// Spin of a free rod about its centre of mass at the start, beside what the start gives it, rad/s.
     pub spin: f64,
+}
+
+impl Model {
+    /// Half of what the speed (m/s) of its head varies by in the scene's own motion.
+    pub fn head_swing(&self) -> f64 {
+        let Some([x, y, angle]) = &self.head else { return 0.0 };
+        x.swing().max(y.swing()).max(angle.swing() * self.rod.length)
+    }
 }
 
 /// What a host may set while it runs; starts as the scene has it.
@@ -155,6 +165,7 @@ impl Inputs {
 
     /// Changes the frequency (Hz) at time `t` (s), keeping the phase.
     pub fn set_frequency(&mut self, frequency: f64, t: f64) {
+        let frequency = frequency + 0.0; // no minus zero
         if frequency != self.drive.frequency {
             self.phase_origin = [t, self.cycle(t)];
             self.drive.frequency = frequency;
@@ -162,31 +173,58 @@ impl Inputs {
     }
 
     /// Phase 2πft of the drive before the offset, rad.
-    pub(crate) fn cycle(&self, t: f64) -> f64 {
+    pub fn cycle(&self, t: f64) -> f64 {
         let [start, phase] = self.phase_origin;
         phase + TAU * self.drive.frequency * (t - start)
     }
 
-    /// The drive at time `t` (s); `rate` is how the inputs change by themselves.
-    pub(crate) fn wave(&self, start: &Start, t: f64, rate: Option<&Self>) -> Wave {
+    /// The drive at time `t` (s), where the inputs go on by `course`.
+    pub(crate) fn swing(&self, start: &Start, t: f64, course: Option<&Course>) -> Swing {
         let [gain, gain_rate] = start.gain(t);
-        let wave = Wave {
-            amplitude: self.drive.amplitude,
-            gain,
-            gain_rate,
-            phase: self.cycle(t) - self.phase_offset,
-            phase_rate: TAU * self.drive.frequency,
+        let (amplitude, gain_acceleration) = (self.drive.amplitude, start.gain_acceleration(t));
+        let mut swing = Swing {
+            size: [amplitude * gain, amplitude * gain_rate, amplitude * gain_acceleration],
+            phase: [self.cycle(t) - self.phase_offset, TAU * self.drive.frequency, 0.0],
         };
-        match rate {
-            None => wave,
-            Some(rate) => Wave {
-                amplitude: 1.0,
-                gain: wave.amplitude * gain,
-                gain_rate: wave.amplitude * gain_rate + rate.drive.amplitude * gain,
-                phase_rate: wave.phase_rate - rate.phase_offset,
-                ..wave
-            },
+        if let Some(course) = course {
+            let rate = course.rate();
+            let second = |of: fn(&Self) -> f64| course.derivative(2, t, of);
+            let [_, size_rate, size_acceleration] = &mut swing.size;
+            let [_, phase_rate, phase_acceleration] = &mut swing.phase;
+            *size_rate += rate.drive.amplitude * gain;
+            *size_acceleration +=
+                2.0 * rate.drive.amplitude * gain_rate + second(|inputs| inputs.drive.amplitude) * gain;
+            *phase_rate -= rate.phase_offset;
+            *phase_acceleration = TAU * rate.drive.frequency - second(|inputs| inputs.phase_offset);
         }
+        swing
+    }
+
+    /// The wave of the drive at time `t` (s), where the inputs go on by `course`.
+    pub(crate) fn wave(&self, start: &Start, t: f64, course: Option<&Course>) -> Wave {
+        let Swing { size: [size, size_rate, _], phase: [phase, phase_rate, _] } = self.swing(start, t, course);
+        let ([gain, gain_rate], amplitude) = match course {
+            None => (start.gain(t), self.drive.amplitude),
+            Some(_) => ([size, size_rate], 1.0),
+        };
+        Wave { amplitude, gain, gain_rate, phase, phase_rate }
+    }
+}
+
+/// The drive of the actuation at one time: κ̄ = S g(φ), its size S and its phase φ, each with its first two rates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Swing {
+    /// S, dS/dt and d²S/dt².
+    pub size: [f64; 3],
+    /// φ (rad), dφ/dt and d²φ/dt².
+    pub phase: [f64; 3],
+}
+
+impl Swing {
+    /// What g, dg/dφ and d²g/dφ² have in d²κ̄/dt²: S″, 2S′φ′ + Sφ″ and Sφ′².
+    fn acceleration(&self) -> [f64; 3] {
+        let ([size, rate, second], [_, speed, quickening]) = (self.size, self.phase);
+        [second, 2.0 * rate * speed + size * quickening, size * speed * speed]
     }
 }
 
@@ -207,6 +245,9 @@ pub struct Dynamics {
     pub natural_rate: Vec<f64>,
     /// Pose of a held head at the time last moved to.
     pub held: Option<Pose>,
+    /// Where the step ends (s) that is under way, or was made last: there the head is as the step brings it, see
+    /// [`Signal::before`].
+    pub(crate) step_end: Option<f64>,
     edges: Vec<Edge>,
     joints: Vec<Joint>,
     kappa: Vec<f64>,
@@ -214,6 +255,8 @@ pub struct Dynamics {
     runs: Runs,
     /// Room for forces and loads.
     applied: Vec<f64>,
+    /// Room for derivatives of forces that nobody asks for.
+    pub(crate) unused: Vec<f64>,
     room: Vec<OnEdge>,
 }
 
@@ -228,11 +271,13 @@ impl Dynamics {
             natural: vec![0.0; nodes],
             natural_rate: vec![0.0; nodes],
             held: None,
+            step_end: None,
             edges: vec![Edge::new(Vector2::x()); nodes - 1],
             joints: vec![Joint::default(); nodes],
             kappa: vec![0.0; nodes],
             runs: Runs::with_room(if model.layers.is_some() { nodes } else { 0 }),
             applied: Vec::new(),
+            unused: Vec::new(),
             room: vec![OnEdge::ZERO; TOGETHER],
             model,
         };
@@ -294,8 +339,7 @@ impl Dynamics {
         natural.fill(0.0);
         rate.fill(0.0);
         if let Some((actuation, _)) = actuation {
-            let own_rate = self.course.as_ref().map(|course| course.rate());
-            let wave = self.inputs.wave(start, t, own_rate);
+            let wave = self.inputs.wave(start, t, self.course.as_deref());
             let (grows, size) = (wave.amplitude * wave.gain_rate, wave.amplitude * wave.gain);
             let [gain, gain_rate] = start.gain(t);
             let (amplitude, turn) = (by.drive.amplitude, -by.phase_offset);
@@ -318,41 +362,73 @@ impl Dynamics {
 
     /// Finds how a head that a host moves goes on from time `t` to `end` (s), where a step of the host ends; it `begins` at
     /// `t`, or the host has spoken in the middle of it.
-    pub fn aim_head(&mut self, t: f64, end: f64, begins: bool) {
-        if let (Some(host), Some(pose), Some(motion)) = (&mut self.inputs.head, &self.held, &self.model.head) {
-            host.aim([t, end], pose, self.model.head_input, motion, begins);
+    ///
+    /// Returns how far (m, m, rad) a new pose is from where the head would have been without it, and a new velocity (m/s, m/s, rad/s)
+    /// from the one that it would have had.
+    pub fn aim_head(&mut self, t: f64, end: f64, begins: bool) -> [[f64; 2]; 3] {
+        match (&mut self.inputs.head, &self.held, &self.model.head) {
+            (Some(host), Some(pose), Some(motion)) => host.aim([t, end], pose, self.model.head_input, motion, begins),
+            _ => [[0.0; 2]; 3],
         }
+    }
+
+    /// True where the run starts with a pose of the head that a host gives before the first step, at time `t` (s), for time
+    /// `t` or for the end of the step. A pose for time `t` that differs from the scene's no more than rounding leaves the head
+    /// to the scene's motion; one for the end of a step is a target unless it is too far for a step.
+    pub(crate) fn starts_elsewhere(&self, t: f64, step_end: Option<f64>) -> bool {
+        /// Parts of the length, and angles in rad.
+        const AWAY: f64 = 1e-6;
+        const FAR: f64 = 0.1;
+        let (Some(host), Some(motion)) = (&self.inputs.head, &self.model.head) else { return false };
+        let (time, reach) = match (self.model.head_input, step_end) {
+            (HeadInput::Now, None) => (t, AWAY),
+            (HeadInput::AtEnd, Some(end)) => (end, FAR),
+            _ => return false,
+        };
+        let reaches = [self.model.rod.length, self.model.rod.length, 1.0].map(|unit| reach * unit);
+        let moves = step_end.is_none() && host.moves_unlike(motion, time);
+        host.has_started() || moves || host.apart(motion, time, reaches) > 1.0
+    }
+
+    /// Places `state` anew at the start, at time `t` (s), with the pose of the head that a host gives.
+    pub(crate) fn start_with_host(&mut self, t: f64, state: &mut State) {
+        if let Some(host) = &mut self.inputs.head {
+            host.start(t);
+        }
+        for values in [&mut state.q, &mut state.v, &mut state.a] {
+            values.fill(0.0);
+        }
+        state.links.fill(Link::default());
+        self.place(state);
+        self.move_to(t, state);
     }
 
     /// Writes d²κ̄_k/dt² (1/s²) at time `t` (s) to `out`, one entry per node.
     pub(crate) fn natural_acceleration(&self, t: f64, out: &mut [f64]) {
         out.fill(0.0);
         let Model { rod, actuation, start, .. } = &*self.model;
-        let Some((actuation, _)) = actuation else { return };
-        // κ̄ = S g(φ): S″ g + 2 S′ φ′ g′ + S φ′² g″.
-        let own_rate = self.course.as_ref().map(|course| course.rate());
-        let growth = own_rate.map_or(0.0, |rate| 2.0 * rate.drive.amplitude * start.gain(t)[1]);
-        let Wave { amplitude, gain, gain_rate, phase, phase_rate } = self.inputs.wave(start, t, own_rate);
-        let sizes = [
-            self.inputs.drive.amplitude * start.gain_acceleration(t) + growth,
-            2.0 * amplitude * gain_rate * phase_rate,
-            amplitude * gain * phase_rate * phase_rate,
-        ];
-        actuation.add_derivatives(sizes, phase, out);
+        let course = self.course.as_deref();
+        if let Some((actuation, _)) = actuation {
+            let swing = self.inputs.swing(start, t, course);
+            actuation.add_derivatives(swing.acceleration(), swing.phase[0], out);
+        }
+        if let Some(course) = course {
+            course.add_natural_acceleration(t, rod.spacing, out);
+        }
         rod.at_joints(out);
     }
 
     /// Evaluates natural curvature and head pose at time `t`.
     fn evaluate(&mut self, t: f64) {
         self.follow_course(t);
-        let Model { rod, actuation, start, head, .. } = &*self.model;
+        let Model { rod, actuation, start, .. } = &*self.model;
         if actuation.is_some() || self.inputs.natural.is_some() {
             self.natural.fill(0.0);
             self.natural_rate.fill(0.0);
         }
         if let Some((actuation, _)) = actuation {
-            let rate = self.course.as_ref().map(|course| course.rate());
-            actuation.add(self.inputs.wave(start, t, rate), &mut self.natural, &mut self.natural_rate);
+            let wave = self.inputs.wave(start, t, self.course.as_deref());
+            actuation.add(wave, &mut self.natural, &mut self.natural_rate);
         }
         if let Some(own) = &self.inputs.natural {
             self.natural.iter_mut().zip(own).for_each(|(natural, own)| *natural += own * rod.spacing);
@@ -362,12 +438,19 @@ impl Dynamics {
         }
         rod.at_joints(&mut self.natural);
         rod.at_joints(&mut self.natural_rate);
-        self.held = head.as_ref().map(|motion| pose(motion, t));
-        if let (Some(pose), Some(host)) = (&mut self.held, &self.inputs.head) {
+        let pose = if self.step_end == Some(t) { pose_before } else { pose };
+        self.held = self.pose(t, pose);
+    }
+
+    /// Where a held head is at time `t` (s), by what `own` says of the scene's own motion of it.
+    fn pose(&self, t: f64, own: fn(&Motion, f64) -> Pose) -> Option<Pose> {
+        let mut pose = own(self.model.head.as_ref()?, t);
+        if let Some(host) = &self.inputs.head {
             for (sample, axis) in pose.iter_mut().zip(&host.axes) {
                 *sample = axis.as_ref().and_then(|axis| axis.at(t)).unwrap_or(*sample);
             }
         }
+        Some(pose)
     }
 
     /// The rod bent as `state` says, whose time this was last moved to: by its links where it has any, else by its positions.
@@ -417,8 +500,16 @@ impl Dynamics {
 
     /// The tangent that a held head prescribes before the first joint.
     pub(crate) fn wall(&self) -> Option<Vector2<f64>> {
-        let [_, _, angle] = self.held.as_ref()?;
-        Some(Edge::new(Vector2::new(angle.value.cos(), angle.value.sin()) * self.model.rod.spacing).t)
+        self.held.as_ref().map(|pose| self.along_head(pose))
+    }
+
+    /// The same at the time `t` (s) that a step begins at.
+    pub(crate) fn wall_before(&self, t: f64) -> Option<Vector2<f64>> {
+        self.pose(t, pose_before).map(|pose| self.along_head(&pose))
+    }
+
+    fn along_head(&self, [_, _, angle]: &Pose) -> Vector2<f64> {
+        Edge::new(Vector2::new(angle.value.cos(), angle.value.sin()) * self.model.rod.spacing).t
     }
 
     fn shape_joints(&mut self, t: f64) -> Result<()> {
@@ -476,6 +567,105 @@ impl Dynamics {
         }
     }
 
+    /// True where the acceleration of the head jumps at time `t` (s), by the scene's own motion.
+    pub(crate) fn head_jumps_at(&self, t: f64) -> bool {
+        self.own_head().any(|signal| signal.jumps_at(t))
+    }
+
+    /// The scene's own motions of the head, of those coordinates that no host moves.
+    fn own_head(&self) -> impl Iterator<Item = &Signal> {
+        let host = self.inputs.head.as_deref();
+        let hosts = move |i: usize| host.and_then(|host| host.axes[i].as_ref()).is_some_and(|axis| axis.moves());
+        let signals = self.model.head.iter().flatten().enumerate();
+        signals.filter(move |(i, _)| !hosts(*i)).map(|(_, signal)| signal)
+    }
+
+    /// The longest step (s) from time `t` (s), which this was last moved to, that resolves what drives the rod, however little
+    /// that moves it: the wave, the ramp of the start, the signals of head and flow.
+    pub fn longest_step(&self, t: f64) -> f64 {
+        let Model { actuation, start, flow, .. } = &*self.model;
+        let own_flow = flow.iter().flatten().filter(|_| !self.inputs.flow_taken);
+        let signals = own_flow.chain(self.own_head());
+        let mut longest = signals.map(|signal| signal.longest_step(t)).fold(f64::INFINITY, f64::min);
+        if let Some(host) = &self.inputs.head {
+            let axes = host.axes.iter().zip([self.model.rod.length, self.model.rod.length, 1.0]);
+            let steps = axes.filter_map(|(axis, unit)| Some(axis.as_ref()?.longest_step(t, unit)));
+            longest = steps.fold(longest, f64::min);
+        }
+        if let Some((actuation, _)) = actuation {
+            let swing = self.inputs.swing(start, t, self.course.as_deref());
+            if let Start::Ramp { duration } = *start
+                && t < duration
+            {
+                longest = longest.min(duration / STEPS_A_PERIOD);
+            }
+            if swing.size != [0.0; 3] {
+                longest = longest.min(self.longest_turn(TAU / STEPS_A_PERIOD / actuation.fastest(), &swing, t));
+            }
+        }
+        longest
+    }
+
+    /// The time (s) from `t` (s) in which the phase `turn`s by that much (rad).
+    fn longest_turn(&self, turn: f64, swing: &Swing, t: f64) -> f64 {
+        let Some(course) = self.course.as_deref() else { return turn / swing.phase[1].abs() };
+        // |φ′|h, |φ″|h²/2, …: where several are there, each has its share.
+        let rate = |order: usize| {
+            let frequency =
+                if order <= HIGHEST_ORDER { course.derivative(order, t, |i| i.drive.frequency) } else { 0.0 };
+            let offset = if order < HIGHEST_ORDER { course.derivative(order + 1, t, |i| i.phase_offset) } else { 0.0 };
+            (TAU * frequency - offset).abs()
+        };
+        let rates: [f64; HIGHEST_ORDER + 1] =
+            std::array::from_fn(|k| if k == 0 { swing.phase[1].abs() } else { rate(k) });
+        let share = turn / rates.iter().filter(|rate| **rate > 0.0).count().max(1) as f64;
+        let mut factorial = 1.0;
+        let mut longest = f64::INFINITY;
+        for (k, rate) in rates.into_iter().enumerate() {
+            factorial *= (k + 1) as f64;
+            longest = longest.min((share * factorial / rate).powf(1.0 / (k + 1) as f64));
+        }
+        longest
+    }
+
+    /// What changing densities and moving interfaces bring with the fluid that they put around the rod: its energy, W, and its
+    /// momentum, N. It has the velocity of what was there before.
+    pub(crate) fn brought(&self, rod: &Kinematics<'_>, room: &mut [f64]) -> (f64, Vector2<f64>) {
+        let (mut power, mut force) = (0.0, Vector2::zeros());
+        let Some(course) = &self.course else { return (power, force) };
+        let rate = course.rate();
+        let keys = by_key(&rate.fluid, rate.layers.as_ref()).filter(|(_, change)| *change != 0.0);
+        for (key, change) in keys {
+            for own in self.model.forces.iter().filter(|force| force.sink().is_none()) {
+                let [energy, _] = own.add_by_parameter(key, rod, room);
+                power += change * energy;
+                let along = |axis| own.momentum_by_parameter(key, rod, axis);
+                force += Vector2::new(along(Vector2::x()), along(Vector2::y())) * change;
+            }
+        }
+        (power, force)
+    }
+
+    /// Refuses interfaces that do not follow each other along their normal at time `t` (s).
+    ///
+    /// # Errors
+    /// [`Error::BadValue`].
+    pub(crate) fn check_layers(&self, t: f64) -> Result<()> {
+        let Some(now) = &self.inputs.layers else { return Ok(()) };
+        let ahead = self.course.as_ref().and_then(|course| course.layers(t));
+        let layers = ahead.as_ref().unwrap_or(now);
+        match layers.overlap() {
+            None => Ok(()),
+            Some(j) => {
+                let name =
+                    ["interface_1_offset_m", "interface_2_offset_m", "interface_3_offset_m", "interface_4_offset_m"];
+                let value = layers.get(j).map_or(f64::NAN, |layer| layer.offset);
+                let allowed = "an offset beyond the interface before, without overlap: interfaces follow each other";
+                Err(Error::BadValue { name: name[j.min(3)], value, allowed })
+            }
+        }
+    }
+
     /// The energy (J) of the loads that depend on the place `q`.
     fn placed(&self, q: &[f64]) -> f64 {
         let loads = self.model.forces.iter().filter(|force| force.sink() == Some(Sink::Load));
@@ -520,16 +710,52 @@ impl Dynamics {
 
     /// The flow (m/s) at the place `x`.
     pub fn flow_at(&self, x: Vector2<f64>) -> Vector2<f64> {
+        self.fluid_at(x).flow
+    }
+
+    /// The fluid at place `x` (m).
+    pub fn fluid_at(&self, x: Vector2<f64>) -> Fluid {
         let Inputs { fluid, layers, .. } = &self.inputs;
-        layers.map_or(fluid.flow, |layers| layers.at(*fluid, layers.height(x)).fluid.flow)
+        layers.map_or(*fluid, |layers| layers.at(*fluid, layers.height(x)).fluid)
     }
 
     /// Drag (N) of the straight rod, towed along itself through the fluid at `speed` (m/s); none where the fluid is not the same
     /// everywhere.
     pub fn towing_force(&self, speed: f64) -> Option<f64> {
+        self.towing_force_in(self.inputs.fluid, speed)
+    }
+
+    /// The same through this `fluid`.
+    pub(crate) fn towing_force_in(&self, fluid: Fluid, speed: f64) -> Option<f64> {
         let Model { rod, forces, .. } = &*self.model;
         let uniform = self.inputs.layers.is_none();
-        (uniform && !forces.is_empty()).then(|| forces.towing(rod, self.inputs.fluid, speed))
+        (uniform && !forces.is_empty()).then(|| forces.towing(rod, fluid, speed))
+    }
+
+    /// The time (s) in which a stretching wave passes the rod.
+    pub fn crossing_time(&self) -> f64 {
+        let rod = &self.model.rod;
+        (rod.total_mass() * rod.length / rod.ea).sqrt()
+    }
+
+    /// The largest speed (m/s) of the rod's own motion in `state`, which is the same in any frame: against its head, where that
+    /// is held, else against its centre of mass, and of that against the fluid.
+    pub fn own_speed(&self, state: &State) -> f64 {
+        let rod = &self.model.rod;
+        let [own, drift] = if self.model.head.is_some() {
+            [node(&state.v, 0), Vector2::zeros()]
+        } else {
+            let mean = rod.mean(&state.v);
+            let in_fluid = self.model.forces.iter().any(Force::is_of_fluid);
+            let drift = match self.inputs.layers {
+                _ if !in_fluid => Vector2::zeros(),
+                None => mean - self.inputs.fluid.flow,
+                Some(_) => mean - self.flow_at(rod.mean(&state.q)),
+            };
+            [mean, drift]
+        };
+        let against = |v: &[f64; 2]| (v[0] - own.x).abs().max((v[1] - own.y).abs());
+        state.v.as_chunks().0.iter().map(against).fold(drift.amax(), f64::max)
     }
 
     /// The kinetic energy that node 0 has at unit speed, times 2, kg.
@@ -694,12 +920,12 @@ impl System for Dynamics {
     }
 
     fn check_step(&self, before: &State, after: &State) -> Result<()> {
-        let wall = self.wall();
-        if lengths::least_turn(wall, before.q.as_chunks().0, after.q.as_chunks().0).is_some_and(|cos| cos >= 0.0) {
+        // Each state beside the head as it was then: a head may turn far within a step.
+        let walls = self.wall_before(before.t).zip(self.wall()).map(|(before, after)| [before, after]);
+        if lengths::least_turn(walls, before.q.as_chunks().0, after.q.as_chunks().0).is_some_and(|cos| cos >= 0.0) {
             return Ok(()); // as nearly always
         }
-        let wall = wall.unwrap_or_default();
-        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], [wall; 2]];
+        let [mut nodes, mut edges] = [[node(&before.q, 0), node(&after.q, 0)], walls.unwrap_or_default()];
         let mut folded = None;
         let beyond = before.q.as_chunks().0.iter().zip(after.q.as_chunks().0).skip(1);
         for (k, (old, new)) in beyond.enumerate() {

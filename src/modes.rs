@@ -1,6 +1,7 @@
 //! Natural frequencies and mode shapes of the discrete rod: K φ = ω² M φ at the straight, unstressed rest state.
 //!
-//! K is the model's own Jacobian there, without actuation, drag and loads; M is the lumped mass. Along a straight rod the
+//! K is the model's own Jacobian there, without actuation, drag and loads; M is the lumped mass with the fluid that the rod
+//! accelerates and the moment of inertia of a body. Along a straight rod the
 //! two axes decouple: motion across it bends, motion along it stretches. A held head leaves node 0 out; the rigid modes of
 //! a free rod are dropped. Source: R. W. Clough & J. Penzien, Dynamics of Structures (1975), chapter 12.
 //!
@@ -32,6 +33,9 @@ const DENSE: usize = 65;
 
 /// Convergence of the Krylov iteration, relative to the largest eigenvalue of (K + σM)⁻¹M.
 const TOLERANCE: f64 = 1e-12;
+
+/// What acts on a rod from outside, and the fluid it is in.
+pub type Outside = (Forces, Fluid, Option<Layers>);
 
 /// Which way a mode moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -91,15 +95,31 @@ pub struct Modes {
 }
 
 impl Modes {
-    /// The modes of `rod`, whose head is held where it has a joint at node 0.
+    /// The modes of `rod`, whose head is held where it has a joint at node 0, in no fluid.
     ///
     /// # Errors
     /// [`Error::Linear`] where the eigenvalue iteration does not converge.
     pub fn of(rod: &Rod) -> Result<Self> {
-        let matrices = Matrices::of(rod, None)?;
+        Self::of_matrices(&Matrices::of(rod, None)?)
+    }
+
+    /// The modes of the rod of `model` with the fluid that it accelerates.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of).
+    pub fn of_model(model: Model) -> Result<Self> {
+        let Model { rod, forces, fluid, layers, .. } = model;
+        Self::of_matrices(&Matrices::of(&rod, Some((forces, fluid, layers)))?.undamped(&rod)?)
+    }
+
+    /// The modes of M and K of `matrices`, of which K is the rod's alone.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of).
+    pub fn of_matrices(matrices: &Matrices) -> Result<Self> {
         let [bending, stretching] = Axis::BOTH.map(|axis| {
-            let squares =
-                matrices.scaled(axis).self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
+            let (scaled, _) = matrices.scaled(axis)?;
+            let squares = scaled.self_adjoint_eigenvalues(Side::Lower).map_err(|e| matrices.failed(&e))?;
             Ok(squares.into_iter().skip(matrices.rigid(axis)).map(|square| square.max(0.0).sqrt()).collect())
         });
         Ok(Self { bending: bending?, stretching: stretching? })
@@ -137,7 +157,7 @@ impl Matrices {
     ///
     /// # Errors
     /// Those of [`System::assemble`].
-    pub fn of(rod: &Rod, outside: Option<(Forces, Fluid, Option<Layers>)>) -> Result<Self> {
+    pub fn of(rod: &Rod, outside: Option<Outside>) -> Result<Self> {
         let damped = outside.as_ref().is_some_and(|(forces, ..)| !forces.is_empty() && forces.whole().is_none());
         let mut dynamics = at_rest(rod, outside);
         let straight = dynamics.first_state();
@@ -157,9 +177,32 @@ impl Matrices {
         })
     }
 
+    /// The same with the stiffness of `rod`, whose matrices they are, alone: that of its natural modes.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of).
+    pub fn undamped(self, rod: &Rod) -> Result<Self> {
+        Ok(Self { stiffness: Self::of(rod, None)?.stiffness, ..self })
+    }
+
     /// Inertia of node `k` along `axis`, kg.
     fn inertia(&self, axis: Axis, k: usize) -> f64 {
         self.mass[2 * k + axis.entry()]
+    }
+
+    /// Inertia per length (kg/m) across the rod at its middle, where it all moves together.
+    pub fn line_density(&self, spacing: f64) -> f64 {
+        let k = self.nodes() / 2;
+        self.inertia.coupled(k).map(|j| self.inertia.entry(2 * k + 1, 2 * j + 1)).sum::<f64>() / spacing
+    }
+
+    /// True where every node has its inertia for itself.
+    fn is_lumped(&self) -> bool {
+        let alone = |k: usize| {
+            let mut beside = self.inertia.coupled(k).filter(|j| *j != k).flat_map(|j| [2 * j, 2 * j + 1]);
+            beside.all(|j| self.inertia.entry(2 * k, j) == 0.0 && self.inertia.entry(2 * k + 1, j) == 0.0)
+        };
+        (self.first..self.nodes()).all(alone)
     }
 
     fn nodes(&self) -> usize {
@@ -188,26 +231,46 @@ impl Matrices {
         Error::Linear { unknowns: self.nodes() - self.first, reason: format!("its eigenvalues: {reason:?}") }
     }
 
-    /// The symmetric M^(−½) K M^(−½) along `axis`.
-    fn scaled(&self, axis: Axis) -> Mat<f64> {
+    /// The symmetric L⁻¹ K L⁻ᵀ along `axis`, and L of M = L Lᵀ, where it is not the root of a diagonal.
+    fn scaled(&self, axis: Axis) -> Result<(Mat<f64>, Option<Mat<f64>>)> {
         let free = self.nodes() - self.first;
-        Mat::from_fn(free, free, |i, j| {
+        let of = |matrix: &BandMatrix, i: usize, j: usize| {
             let (i, j) = (i + self.first, j + self.first);
-            let inertia = self.inertia(axis, i) * self.inertia(axis, j);
-            self.stiffness.entry(2 * i + axis.entry(), 2 * j + axis.entry()) / inertia.sqrt()
-        })
+            let near = matrix.coupled(i).contains(&j);
+            if near { matrix.entry(2 * i + axis.entry(), 2 * j + axis.entry()) } else { 0.0 }
+        };
+        if self.is_lumped() {
+            let inertia = |i: usize| self.inertia(axis, i + self.first);
+            let scaled = |i: usize, j: usize| of(&self.stiffness, i, j) / (inertia(i) * inertia(j)).sqrt();
+            return Ok((Mat::from_fn(free, free, scaled), None));
+        }
+        let mass = Mat::from_fn(free, free, |i, j| 0.5 * (of(&self.inertia, i, j) + of(&self.inertia, j, i)));
+        let factors = mass.llt(Side::Lower).map_err(|e| self.failed(&e))?;
+        let root = factors.L().to_owned();
+        let stiffness = Mat::from_fn(free, free, |i, j| of(&self.stiffness, i, j));
+        let left = forward(&root, &stiffness);
+        let scaled = forward(&root, &left.transpose().to_owned());
+        let symmetric = Mat::from_fn(free, free, |i, j| 0.5 * (scaled[(i, j)] + scaled[(j, i)]));
+        Ok((symmetric, Some(root)))
     }
 
     /// All modes along `axis`, rising.
     fn modes(&self, axis: Axis) -> Result<Vec<Mode>> {
-        let found = self.scaled(axis).self_adjoint_eigen(Side::Lower).map_err(|e| self.failed(&e))?;
+        let (scaled, root) = self.scaled(axis)?;
+        let found = scaled.self_adjoint_eigen(Side::Lower).map_err(|e| self.failed(&e))?;
         let squares = found.S().column_vector();
         Ok((self.rigid(axis)..squares.nrows())
             .map(|j| {
-                let mut shape = vec![0.0; self.nodes()];
-                for (k, x) in shape.iter_mut().enumerate().skip(self.first) {
-                    *x = found.U()[(k - self.first, j)] / self.inertia(axis, k).sqrt();
+                let mut free: Vec<f64> = (0..squares.nrows()).map(|i| found.U()[(i, j)]).collect();
+                match &root {
+                    Some(root) => backward(root, &mut free),
+                    None => {
+                        let nodes = free.iter_mut().enumerate();
+                        nodes.for_each(|(i, x)| *x /= self.inertia(axis, i + self.first).sqrt());
+                    }
                 }
+                let mut shape = vec![0.0; self.nodes()];
+                shape[self.first..].copy_from_slice(&free);
                 Mode { axis, frequency: squares[j].max(0.0).sqrt(), shape: normed(shape) }
             })
             .collect())
@@ -246,17 +309,48 @@ impl Matrices {
     }
 }
 
-/// The `count` lowest modes of `rod` of either axis, rising, but at most half as many as there are nodes.
+/// Nodes to either side that one is coupled with, in M and so in its root L.
+const NEAR: usize = 2;
+
+/// L⁻¹ B.
+fn forward(root: &Mat<f64>, right: &Mat<f64>) -> Mat<f64> {
+    let mut out = right.clone();
+    for j in 0..out.ncols() {
+        for i in 0..out.nrows() {
+            let known: f64 = (i.saturating_sub(NEAR)..i).map(|k| root[(i, k)] * out[(k, j)]).sum();
+            out[(i, j)] = (out[(i, j)] - known) / root[(i, i)];
+        }
+    }
+    out
+}
+
+/// Replaces `x` by L⁻ᵀ x.
+fn backward(root: &Mat<f64>, x: &mut [f64]) {
+    for i in (0..x.len()).rev() {
+        let known: f64 = (i + 1..x.len().min(i + NEAR + 1)).map(|k| root[(k, i)] * x[k]).sum();
+        x[i] = (x[i] - known) / root[(i, i)];
+    }
+}
+
+/// The `count` lowest modes of `rod` of either axis, rising, but at most half as many as there are nodes, in no fluid.
 ///
 /// # Errors
 /// [`Error::Linear`] where the eigenvalue iteration does not converge.
 pub fn lowest(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
+    lowest_within(rod, None, count)
+}
+
+/// The same with the fluid that the rod accelerates.
+///
+/// # Errors
+/// Those of [`lowest`].
+pub fn lowest_within(rod: &Rod, outside: Option<Outside>, count: usize) -> Result<Vec<Mode>> {
     let count = count.clamp(1, rod.nodes / 2);
     let mut modes = if rod.nodes <= DENSE {
-        let matrices = Matrices::of(rod, None)?;
+        let matrices = Matrices::of(rod, outside)?.undamped(rod)?;
         [matrices.modes(Axis::Bending)?, matrices.modes(Axis::Stretching)?].concat()
     } else {
-        iterated(rod, count)?
+        iterated(rod, outside, count)?
     };
     modes.sort_by(|a, b| a.frequency.total_cmp(&b.frequency));
     modes.truncate(count);
@@ -268,7 +362,7 @@ fn is_held(rod: &Rod) -> bool {
 }
 
 /// The rod and the forces on it alone, straight, in a fluid at rest.
-fn at_rest(rod: &Rod, outside: Option<(Forces, Fluid, Option<Layers>)>) -> Dynamics {
+fn at_rest(rod: &Rod, outside: Option<Outside>) -> Dynamics {
     let (forces, fluid, layers) = outside.unwrap_or((Forces::default(), Fluid::NONE, None));
     Dynamics::new(Arc::new(Model {
         rod: rod.clone(),
@@ -293,10 +387,69 @@ fn normed(mut shape: Vec<f64>) -> Vec<f64> {
     shape
 }
 
-/// M^½ (K + σM)⁻¹ M^½ in x and y of every node, without the rigid modes: its largest eigenvalues are 1/(ω² + σ).
+/// Entries of a row of the root of an inertia, its diagonal last: a node is coupled with the two before it.
+const REACH: usize = 6;
+
+/// L of an inertia M = L Lᵀ in x and y of every node, row by row: entry `d` of row i is that of column i + d − 5.
+struct Root {
+    rows: Vec<[f64; REACH]>,
+    /// The first entry of a row that is not zero in any: the last where M is diagonal.
+    first: usize,
+}
+
+impl Root {
+    /// That of `inertia`, of which the nodes before `first` are held; zero there.
+    fn of(inertia: &BandMatrix, nodes: usize, first: usize) -> Self {
+        let mut rows = vec![[0.0; REACH]; 2 * nodes];
+        for i in 2 * first..2 * nodes {
+            for d in 0..REACH {
+                let Some(j) = (i + d + 1).checked_sub(REACH).filter(|j| *j >= 2 * first) else { continue };
+                let own = if inertia.coupled(i / 2).contains(&(j / 2)) { inertia.entry(i, j) } else { 0.0 };
+                // Σ L_ik L_jk over the columns k before j that both rows have.
+                let known: f64 = (0..REACH)
+                    .filter_map(|e| {
+                        let k = (i + e + 1).checked_sub(REACH).filter(|k| *k < j)?;
+                        let at = (k + REACH - 1).checked_sub(j)?;
+                        Some(rows[i][e] * rows[j][at])
+                    })
+                    .sum();
+                rows[i][d] = if i == j { (own - known).max(0.0).sqrt() } else { (own - known) / rows[j][REACH - 1] };
+            }
+        }
+        let first = (0..REACH).find(|d| rows.iter().any(|row| row[*d] != 0.0)).unwrap_or(REACH - 1);
+        Self { rows, first }
+    }
+
+    /// The columns of row `i` with their entries.
+    fn row(&self, i: usize) -> impl Iterator<Item = (usize, f64)> {
+        let column = move |(d, entry): (usize, &f64)| Some(((i + d + 1).checked_sub(REACH)?, *entry));
+        self.rows[i].iter().enumerate().skip(self.first).filter_map(column)
+    }
+
+    /// Lᵀ x.
+    fn transposed(&self, x: &[f64]) -> Vec<f64> {
+        let mut out = vec![0.0; x.len()];
+        for (i, x) in x.iter().enumerate() {
+            self.row(i).for_each(|(j, entry)| out[j] += entry * x);
+        }
+        out
+    }
+
+    /// Replaces `x` by L⁻ᵀ x; zero where nodes are held.
+    fn unscale(&self, x: &mut [f64]) {
+        for i in (0..x.len()).rev() {
+            let own = self.rows[i][REACH - 1];
+            x[i] = if own == 0.0 { 0.0 } else { x[i] / own };
+            let value = x[i];
+            self.row(i).filter(|(j, _)| *j < i).for_each(|(j, entry)| x[j] -= entry * value);
+        }
+    }
+}
+
+/// Lᵀ (K + σM)⁻¹ L in x and y of every node, M = L Lᵀ, without the rigid modes: its largest eigenvalues are 1/(ω² + σ).
 struct Inverse {
-    root_mass: Vec<f64>,
-    /// The rigid modes, orthonormal in the unknowns M^½ x.
+    root: Root,
+    /// The rigid modes, orthonormal in the unknowns Lᵀ x.
     rigid: Vec<Vec<f64>>,
     matrix: ChainMatrix,
     work: Mutex<Work>,
@@ -307,7 +460,7 @@ type Work = (Riccati, Vec<f64>, Vec<f64>);
 
 impl std::fmt::Debug for Inverse {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Inverse").field("unknowns", &self.root_mass.len()).finish_non_exhaustive()
+        f.debug_struct("Inverse").field("unknowns", &self.root.rows.len()).finish_non_exhaustive()
     }
 }
 
@@ -324,13 +477,12 @@ impl Inverse {
         let mut work = self.work.lock().unwrap_or_else(PoisonError::into_inner); // each use fills it anew
         let (solver, rhs, solution) = &mut *work;
         rhs.fill(0.0);
-        for (i, (x, root)) in x.iter().zip(&self.root_mass).enumerate() {
-            rhs[6 * (i / 2) + i % 2] = x * root;
+        for i in 0..x.len() {
+            rhs[6 * (i / 2) + i % 2] = self.root.row(i).map(|(j, entry)| entry * x[j]).sum();
         }
         solver.solve(&self.matrix, rhs, solution);
-        for (i, (x, root)) in x.iter_mut().zip(&self.root_mass).enumerate() {
-            *x = solution[6 * (i / 2) + i % 2] * root;
-        }
+        let found: Vec<f64> = (0..x.len()).map(|i| solution[6 * (i / 2) + i % 2]).collect();
+        x.copy_from_slice(&self.root.transposed(&found));
         self.without_rigid(x);
     }
 }
@@ -341,15 +493,15 @@ impl LinOp<f64> for Inverse {
     }
 
     fn nrows(&self) -> usize {
-        self.root_mass.len()
+        self.root.rows.len()
     }
 
     fn ncols(&self) -> usize {
-        self.root_mass.len()
+        self.root.rows.len()
     }
 
     fn apply(&self, mut out: MatMut<'_, f64>, rhs: MatRef<'_, f64>, _: Par, _: &mut MemStack) {
-        let mut x = vec![0.0; self.root_mass.len()];
+        let mut x = vec![0.0; self.root.rows.len()];
         for j in 0..rhs.ncols() {
             x.iter_mut().enumerate().for_each(|(i, x)| *x = rhs[(i, j)]);
             self.apply_to(&mut x);
@@ -362,32 +514,33 @@ impl LinOp<f64> for Inverse {
     }
 }
 
-fn iterated(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
+fn iterated(rod: &Rod, outside: Option<Outside>, count: usize) -> Result<Vec<Mode>> {
     let failed = |reason: String| Error::Linear { unknowns: 2 * rod.nodes, reason };
-    let mut dynamics = at_rest(rod, None);
+    let mut dynamics = at_rest(rod, outside);
+    let mut inertia = BandMatrix::new(rod.nodes);
+    let linearisation = Linearisation { matrix: &mut inertia, direction: Direction::ACCELERATIONS };
+    let unbent = dynamics.first_state();
+    dynamics.unconstrained(&unbent, &mut vec![0.0; 2 * rod.nodes], Some(linearisation))?;
+    let across: f64 = (0..rod.nodes).map(|k| inertia.entry(2 * k + 1, 2 * k + 1)).sum();
     let straight = dynamics.first_state_in(Form::Chain);
     // σ is of the size of the first ω², so that K + σM is regular for a free rod too and nearly as good as K.
-    let sigma = rod.ei / (rod.total_mass() * rod.length.powi(3)) * 500.0;
+    let sigma = rod.ei / (across * rod.length.powi(3)) * 500.0;
     let mut matrix = ChainMatrix::new(rod.nodes);
     let mut residual = vec![0.0; matrix.unknowns()];
     dynamics.assemble_chain(&straight, Direction { q: 1.0, v: 0.0, a: sigma }, &mut residual, &mut matrix)?;
     let held = is_held(rod);
-    let mut root_mass: Vec<f64> = rod.mass.iter().flat_map(|m| [m.sqrt(); 2]).collect();
-    if held {
-        root_mass[..2].fill(0.0);
-    }
     let mut operator = Inverse {
         rigid: Vec::new(),
         work: Mutex::new((Riccati::new(rod.nodes), residual.clone(), residual)),
         matrix,
-        root_mass,
+        root: Root::of(&inertia, rod.nodes, usize::from(held)),
     };
     if !held {
         let centre = 0.5 * rod.length;
         let motions: [fn(f64) -> [f64; 2]; 3] = [|_| [1.0, 0.0], |_| [0.0, 1.0], |s| [0.0, s]];
         for motion in motions {
-            let mut mode: Vec<f64> = (0..rod.nodes).flat_map(|k| motion(rod.arc_length(k) - centre)).collect();
-            mode.iter_mut().zip(&operator.root_mass).for_each(|(x, root)| *x *= root);
+            let motion: Vec<f64> = (0..rod.nodes).flat_map(|k| motion(rod.arc_length(k) - centre)).collect();
+            let mut mode = operator.root.transposed(&motion);
             operator.without_rigid(&mut mode);
             let norm = mode.iter().map(|x| x * x).sum::<f64>().sqrt();
             mode.iter_mut().for_each(|x| *x /= norm);
@@ -420,9 +573,11 @@ fn iterated(rod: &Rod, count: usize) -> Result<Vec<Mode>> {
         return Err(failed(format!("only {found} of its {count} lowest modes converged")));
     }
     let mode = |j: usize| {
-        let share = |axis: Axis| (0..rod.nodes).map(|k| vectors[(2 * k + axis.entry(), j)].powi(2)).sum::<f64>();
+        let mut entries: Vec<f64> = (0..unknowns).map(|i| vectors[(i, j)]).collect();
+        let share = |axis: Axis| (0..rod.nodes).map(|k| entries[2 * k + axis.entry()].powi(2)).sum::<f64>();
         let axis = if share(Axis::Bending) >= share(Axis::Stretching) { Axis::Bending } else { Axis::Stretching };
-        let shape = (0..rod.nodes).map(|k| vectors[(2 * k + axis.entry(), j)] / rod.mass[k].sqrt()).collect();
+        operator.root.unscale(&mut entries);
+        let shape = (0..rod.nodes).map(|k| entries[2 * k + axis.entry()]).collect();
         Mode { axis, frequency: (1.0 / values[j] - sigma).max(0.0).sqrt(), shape: normed(shape) }
     };
     Ok((0..found).map(mode).collect())

@@ -1,20 +1,35 @@
-//! Which flow a scene makes around its rod, from the motion that it prescribes itself: no run is needed.
+//! Which flow a motion makes around its rod, by its numbers.
 
 use std::borrow::Borrow;
-use std::f64::consts::{FRAC_PI_4, TAU};
+use std::f64::consts::{FRAC_PI_4, SQRT_2, TAU};
 
 use nalgebra::Vector2;
 
 use crate::actuation::{Actuation, Wave};
 use crate::fluid::Fluid;
-use crate::head::{Motion, Signal};
 use crate::model::Drive;
-use crate::rod::{Rod, node};
+use crate::rod::Rod;
 use crate::start::Start;
 use crate::system::State;
 
 /// Phases of a period at which the prescribed shape is looked at.
 const PHASES: u32 = 32;
+
+/// The part of the velocity along the rod that counts as across it: no rod lies along a flow exactly.
+pub const MISALIGNED: f64 = 0.1;
+
+/// How a rod moves against the fluid: root mean squares over its nodes and over time, the same in every frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Motion {
+    /// Velocity along the rod, m/s.
+    pub along: f64,
+    /// Velocity w across it with [`MISALIGNED`] of that along it, m/s.
+    pub across: f64,
+    /// ρw/μ where each node is, 1/m.
+    pub inertia: f64,
+    /// Half the largest distance between two places of the tip, seen from the centre of mass of a free rod, m.
+    pub tip: f64,
+}
 
 /// The flow across the rod, by its numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -33,55 +48,32 @@ pub struct Regime {
     pub keulegan_carpenter: Option<f64>,
     /// Added mass over the rod's own.
     pub mass_ratio: f64,
-    /// Length over the largest radius.
+    /// Dimensionless flow velocity U L √(m/EI), U along the rod and m the added mass per length: what the water's inertia does to the
+    /// stiffness of the rod goes with its square, and near 5 and above rods flutter.
+    pub flow_velocity: f64,
+    /// Length over the largest radius that slow flow sees.
     pub slenderness: f64,
-    /// Largest |y| of the tip of the shape that the actuation prescribes, at rest, m.
-    pub tip: Option<f64>,
+    /// Half of how far the tip moves, m.
+    pub tip: f64,
 }
 
 impl Regime {
-    /// The regime of `rod` under that actuation and motion of its head in `fluid`; a passive rod falls with the acceleration
-    /// `gravity` (m/s²).
-    pub fn of(
-        rod: &Rod,
-        actuation: Option<&(Box<dyn Actuation>, Drive)>,
-        head: Option<&Motion>,
-        fluid: Fluid,
-        gravity: f64,
-    ) -> Self {
+    /// The regime of `rod` in `fluid` that `motion` comes to, at this `frequency` (Hz).
+    pub fn of(rod: &Rod, fluid: Fluid, frequency: Option<f64>, motion: &Motion) -> Self {
         let depth = rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
-        let added = FRAC_PI_4 * fluid.density * rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi).powi(2));
-        let line_density = rod.total_mass() / rod.length;
-        let (mut squares, mut frequency, mut tip) = (0.0, None, None);
-        if let Some((actuation, drive)) = actuation {
-            let shapes: Vec<State> = shapes(rod, &**actuation, *drive).collect();
-            squares += wave(rod, &shapes, drive.frequency);
-            tip = Some(reach(shapes.iter()));
-            frequency = Some(drive.frequency).filter(|frequency| *frequency > 0.0);
-        }
-        // Of a head that turns, half the length is the mean arm.
-        for (signal, arm) in head.into_iter().flatten().zip([0.0, 1.0, 0.5 * rod.length]) {
-            if let Signal::Sinusoid { amplitude, frequency: own, .. } = signal {
-                squares += 0.5 * (arm * amplitude * TAU * own).powi(2);
-                frequency = Some(frequency.map_or(*own, |other: f64| other.max(*own))).filter(|own| *own > 0.0);
-            }
-        }
-        // A flow meets the rod along itself; across it only where a head holds it or nothing else moves.
-        squares += fluid.flow.y.powi(2);
-        if squares == 0.0 {
-            squares = fluid.flow.norm_squared() + falling(line_density, gravity, depth, fluid).powi(2);
-        }
-        let speed = squares.sqrt();
+        let added = FRAC_PI_4 * fluid.density * rod.sections.mean(0.0, 1.0, |xi| rod.sections.at(xi).added());
+        let weakest = rod.joints().map(|k| rod.joint[k]).fold(f64::INFINITY, f64::min) * rod.spacing;
         Self {
-            speed,
+            speed: motion.across,
             frequency,
             depth,
-            reynolds: fluid.density * speed * depth / fluid.viscosity,
+            reynolds: motion.inertia * depth,
             stokes: frequency.map(|frequency| frequency * depth * depth * fluid.density / fluid.viscosity),
-            keulegan_carpenter: frequency.map(|frequency| std::f64::consts::SQRT_2 * speed / (frequency * depth)),
-            mass_ratio: added / line_density,
-            slenderness: rod.length / rod.sections.outer.largest(),
-            tip,
+            keulegan_carpenter: frequency.map(|frequency| SQRT_2 * motion.across / (frequency * depth)),
+            mass_ratio: added * rod.length / rod.total_mass(),
+            flow_velocity: motion.along * rod.length * (added / weakest).sqrt(),
+            slenderness: rod.length / rod.sections.largest_radius(),
+            tip: motion.tip,
         }
     }
 }
@@ -89,23 +81,6 @@ impl Regime {
 /// Largest |y| of the tip of `shapes`, m.
 pub fn reach(shapes: impl Iterator<Item = impl Borrow<State>>) -> f64 {
     shapes.fold(0.0, |most, shape| shape.borrow().q.last().map_or(most, |y| y.abs().max(most)))
-}
-
-/// Mean square of the velocity (m/s) across itself of a rod that takes `shapes` in a period of this frequency (Hz), its centre
-/// of mass and its direction at rest.
-fn wave(rod: &Rod, shapes: &[State], frequency: f64) -> f64 {
-    let per_phase = f64::from(PHASES) * frequency;
-    let mut squares = 0.0;
-    for (i, now) in shapes.iter().enumerate() {
-        let next = &shapes[(i + 1) % shapes.len()];
-        for k in 0..rod.nodes {
-            let (before, after) = (k.saturating_sub(1), (k + 1).min(rod.nodes - 1));
-            let tangent = (node(&now.q, after) - node(&now.q, before)).normalize();
-            let moved = node(&next.q, k) - node(&now.q, k);
-            squares += (tangent.perp(&moved) * per_phase).powi(2) / rod.nodes as f64;
-        }
-    }
-    squares / shapes.len() as f64
 }
 
 /// The shapes that the actuation prescribes over a period, at rest, with the straight rod's centre of mass.
@@ -119,17 +94,6 @@ pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> impl Iterat
         Start::Shaped.place(rod, &natural, &zeros, None, &mut state);
         state
     })
-}
-
-/// About the speed (m/s) at which a rod falls across itself: its weight against about 2πμ w + ½ρD w².
-fn falling(line_density: f64, gravity: f64, depth: f64, fluid: Fluid) -> f64 {
-    let weight = line_density * gravity.abs();
-    let (viscous, form) = (TAU * fluid.viscosity, 0.5 * fluid.density * depth);
-    if form == 0.0 {
-        weight / viscous
-    } else {
-        (-viscous + (viscous * viscous + 4.0 * form * weight).sqrt()) / (2.0 * form)
-    }
 }
 
 /// The size of `gravity`, m/s².

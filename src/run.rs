@@ -10,6 +10,7 @@ use serde::Serialize;
 use crate::batch::{Batch, WIDTH};
 use crate::cycle::{self, Averages, GRAVITY};
 use crate::error::{Error, Result};
+use crate::fluid::range;
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
@@ -312,7 +313,7 @@ fn finer(pace: Pace) -> &'static str {
 }
 
 /// The energy (J) that rounding gives a rod: that of edges whose ends are rounded where they are.
-fn rounding(stepper: &Stepper) -> f64 {
+pub(crate) fn rounding(stepper: &Stepper) -> f64 {
     let rod = &stepper.model().rod;
     let reach = stepper.state().q.iter().fold(rod.length, |max, x| max.max(x.abs()));
     rod.ea * rod.length * (ROUNDINGS * f64::EPSILON * reach / rod.spacing).powi(2)
@@ -460,6 +461,9 @@ impl Summary {
             notes: (warnings.iter().cloned())
                 .chain(balance_note(meter, rounding(stepper), stepper.pace()))
                 .chain(motion_notes(meter, stepper.pace()))
+                .chain(range::left(&model.forces, &scene.motion(&model.rod, model.fluid, meter.across()), |law| {
+                    scene.without(law)
+                }))
                 .collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),

@@ -5,6 +5,8 @@ pub(crate) mod ahead;
 mod between;
 mod dense;
 pub mod derivatives;
+mod jump;
+mod moment;
 mod retune;
 pub mod snapshot;
 mod undo;
@@ -16,10 +18,12 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use dense::Dense;
+pub use jump::HeadJump;
+use moment::Now;
 pub use snapshot::Snapshot;
 
 use crate::cycle::Cycles;
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result};
 use crate::integrator::{Pace, StepError};
 use crate::metrics::{Giver, Meter, Reading, Totals};
 use crate::model::course::HIGHEST_ORDER;
@@ -28,7 +32,7 @@ use crate::newton::{Newton, Work};
 use crate::reduced::{Choice, Mover};
 use crate::scene::Scene;
 use crate::system::{Form, State, System};
-use crate::variable::{Causality, VARIABLES, Variable, View};
+use crate::variable::{self, Causality, VARIABLES, Variable, View};
 
 /// How often a failing step is halved before the failure is reported: down to 1/1024 of it.
 const MAX_HALVINGS: u32 = 10;
@@ -43,11 +47,11 @@ const AT_REST: f64 = 1e-4;
 /// Velocities count as no smaller than this part of a length a step.
 const SLOW: f64 = 1e-3;
 
-/// A step shorter than this part of the internal one waits for the next: its motion would be rounding errors over a time that
-/// is too short for them.
-const UNRESOLVED: f64 = 1e-6;
+/// A step shorter than this part of the time now waits for the next: it is rounding of the time. So is one shorter than this
+/// part of the time in which a stretching wave passes the rod.
+const TIME_ROUNDING: f64 = 1e-12;
 
-/// A step length within this of a multiple of Δt, relative, is that multiple.
+/// A step length within this of a multiple of Δt, relative, has as many parts. A step shorter than this part of Δt waits.
 const STEP_ROUNDING: f64 = 1e-9;
 
 /// A change of the flow at once is taken for an acceleration of this many times it a second, in linear equations.
@@ -61,16 +65,15 @@ pub struct Stepper {
     choice: Option<Choice>,
     newton: Newton,
     pace: Pace,
-    clock: Clock,
-    /// The next internal step that the pace wants, s.
-    time_step: f64,
+    /// All that changes beside the inputs.
+    now: Now,
     /// How often a failing step is halved.
     max_halvings: u32,
-    state: State,
-    kick: Kick,
+    /// The shortest step (s) that is more than rounding.
+    shortest: f64,
+    /// Half of what the speed (m/s) of the head varies by in the scene's own motion.
+    head_swing: f64,
     undo: undo::Undo,
-    meter: Meter,
-    cycles: Cycles,
     variables: Vec<&'static Variable>,
     /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
     before: Option<Totals>,
@@ -78,8 +81,8 @@ pub struct Stepper {
     tangent: Option<Box<derivatives::Tangent>>,
     /// The scene, as [`Scene::fingerprint`] names it.
     scene: u128,
-    /// An input has changed since the last internal step set out.
-    steered: bool,
+    /// The scene itself, where it was made from one.
+    made_from: Option<Arc<Scene>>,
     /// Where the step of several internal ones ends, s.
     goal: f64,
     /// The next internal step, solved already.
@@ -87,12 +90,14 @@ pub struct Stepper {
     solved: Option<ahead::Ahead>,
     /// What the end of the internal step is measured to be is in `reading` already.
     measured: bool,
-    /// The host's time (s), where it is ahead of the state's by steps that wait.
-    ahead: Option<f64>,
+    /// The largest jump of a head since it was last asked for.
+    head_jump: Option<HeadJump>,
     // Room to work in.
     inputs: (Inputs, Option<Box<Course>>),
     next: State,
     reading: Reading,
+    read_at_once: Reading,
+    accelerations: Vec<f64>,
 }
 
 /// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
@@ -107,19 +112,6 @@ impl Clock {
     fn at(self, count: u64, step: f64) -> f64 {
         self.origin + (self.count + count) as f64 * step
     }
-}
-
-/// What changed inputs do to the state at once.
-#[derive(Debug, Clone)]
-struct Kick {
-    /// They have changed since the state settled.
-    due: bool,
-    /// How much the flow has changed at once since then, m/s.
-    gust: Vector2<f64>,
-    /// The state before; there once inputs have changed.
-    before: State,
-    /// What was measured before, where a shape or a motion that changed at once was counted.
-    measured: Option<Box<(Meter, Cycles)>>,
 }
 
 impl Stepper {
@@ -143,39 +135,56 @@ impl Stepper {
             Pace::Fixed(time_step) => time_step,
             Pace::Adaptive(tolerance) => {
                 let acceleration = largest(&state.a);
-                if acceleration > 0.0 { (tolerance * dynamics.length() / acceleration).sqrt() } else { AT_REST }
+                let lightest = dynamics.model.rod.mass.iter().copied().fold(f64::INFINITY, f64::min);
+                let rounding = dynamics.residual_floor(&state) / lightest;
+                let moving = (tolerance * dynamics.length() / acceleration).sqrt();
+                if acceleration > rounding { moving.min(dynamics.longest_step(state.t)) } else { AT_REST }
             }
         };
         let meter = Meter::start(&mut dynamics, &state)?;
         let cycles = Cycles::start(&dynamics, &state, &meter);
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
         let dense = mover.knows_between().then(|| Dense::new(&state, &meter));
+        let shortest = match pace {
+            Pace::Fixed(time_step) => STEP_ROUNDING * time_step,
+            Pace::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
+        };
+        let now = Now {
+            clock: Clock { origin: state.t, count: 0 },
+            waiting: None,
+            time_step,
+            steered: false,
+            unsettled: false,
+            gust: [0.0; 2],
+            meter,
+            cycles,
+            state,
+        };
         Ok(Self {
             mover,
             choice: None,
             newton,
             pace,
-            clock: Clock { origin: state.t, count: 0 },
-            time_step,
             max_halvings: MAX_HALVINGS,
-            kick: Kick { due: false, gust: Vector2::zeros(), before: State::default(), measured: None },
+            shortest,
+            head_swing: dynamics.model.head_swing(),
             undo: undo::Undo::default(),
             before: None,
             dense,
             tangent: None,
             scene: 0,
-            steered: false,
-            goal: state.t,
+            made_from: None,
+            goal: now.state.t,
             #[cfg(all(feature = "report", target_arch = "x86_64"))]
             solved: None,
             measured: false,
-            ahead: None,
+            head_jump: None,
             inputs: (dynamics.inputs.clone(), None),
-            next: state.clone(),
+            next: now.state.clone(),
             reading: Reading::new(dynamics.nodes()),
-            meter,
-            cycles,
-            state,
+            read_at_once: Reading::new(dynamics.nodes()),
+            accelerations: Vec::new(),
+            now,
             variables,
             dynamics,
         })
@@ -187,16 +196,25 @@ impl Stepper {
     /// Those of [`Scene::model`] and [`Newton::with`]; those of [`init`](Self::init) as [`Error::Scene`], as no step is to
     /// blame.
     pub fn of(scene: &Scene) -> Result<Self> {
+        Self::in_form(scene, None)
+    }
+
+    /// The start of a scene's run in that form, or in the one that the scene takes.
+    fn in_form(scene: &Scene, form: Option<Form>) -> Result<Self> {
         let (choice, model) = (scene.choice()?, scene.model()?);
         let taken = scene.taken(&choice);
         let solver = &taken.solver;
         let mover = (choice.rung.build)(taken.integrator()?);
         let solved = mover.mechanics() != Mechanics::Shape;
-        let form = if solved { taken.form(&model.rod) } else { Form::Positions };
+        let own = || if solved { taken.form(&model.rod) } else { Form::Positions };
+        let form = form.unwrap_or_else(own);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
-        let start = Self::init(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
-        Ok(Self { scene: scene.fingerprint(), choice: Some(choice), ..start })
+        let mut start = Self::init(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
+        if matches!(start.pace, Pace::Adaptive(_)) {
+            start.now.time_step = start.now.time_step.min(solver.duration_s.get());
+        }
+        Ok(Self { scene: scene.fingerprint(), made_from: Some(Arc::new(scene.clone())), choice: Some(choice), ..start })
     }
 
     /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
@@ -206,22 +224,22 @@ impl Stepper {
 
     /// Time now, s.
     pub fn time(&self) -> f64 {
-        self.ahead.unwrap_or(self.state.t)
+        self.now.waiting.unwrap_or(self.now.state.t)
     }
 
     /// Positions, velocities and accelerations now.
     pub fn state(&self) -> &State {
-        &self.state
+        &self.now.state
     }
 
     /// The running totals and the last reading.
     pub fn meter(&self) -> &Meter {
-        &self.meter
+        &self.now.meter
     }
 
     /// The last whole cycles.
     pub fn cycles(&self) -> &Cycles {
-        &self.cycles
+        &self.now.cycles
     }
 
     /// What Newton's method has done.
@@ -263,12 +281,14 @@ impl Stepper {
     #[inline]
     pub fn view(&self) -> View<'_> {
         View {
+            time: self.time(),
             dynamics: &self.dynamics,
-            state: &self.state,
-            meter: &self.meter,
-            cycles: &self.cycles,
+            inputs: &self.dynamics.inputs,
+            state: &self.now.state,
+            meter: &self.now.meter,
+            cycles: &self.now.cycles,
             work: self.newton.work,
-            time_step: self.time_step,
+            time_step: self.now.time_step,
         }
     }
 
@@ -288,11 +308,11 @@ impl Stepper {
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
     pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
-        let ahead = self.ahead;
+        let (ahead, jump) = (self.now.waiting, self.head_jump);
         let outcome = self.go_on(h, look);
         if outcome.is_err() {
             self.take_back();
-            self.ahead = ahead;
+            (self.now.waiting, self.head_jump) = (ahead, jump);
         }
         outcome
     }
@@ -302,14 +322,14 @@ impl Stepper {
     /// # Errors
     /// Those of [`do_step`](Self::do_step), but the last good state stays.
     pub fn march(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
-        let start = self.state.t;
+        let (start, waiting) = (self.now.state.t, self.now.waiting);
         let outcome = self.go_on(h, look);
         if outcome.is_err() {
-            if self.state.t == start {
+            if self.now.state.t == start {
                 self.take_back(); // it has not set out
+                self.now.waiting = waiting;
             }
-            self.before = None;
-            self.dynamics.move_to(self.state.t, &mut self.state);
+            self.stay();
         }
         outcome
     }
@@ -319,13 +339,13 @@ impl Stepper {
         if !(h.is_finite() && h > 0.0) {
             return Err(Error::Step(h));
         }
-        let end = self.time() + h;
-        let h = if self.ahead.is_some() { end - self.state.t } else { h };
-        if h < UNRESOLVED * self.time_step || end <= self.state.t {
-            self.ahead = Some(end);
+        let (start, end) = (self.now.state.t, self.time() + h);
+        let h = if self.now.waiting.is_some() { end - start } else { h };
+        if h <= self.shortest.max(TIME_ROUNDING * end.abs()) || end <= start {
+            self.now.waiting = Some(end);
             return Ok(true);
         }
-        self.ahead = None;
+        self.now.waiting = None;
         match self.pace {
             Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
             Pace::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
@@ -338,13 +358,16 @@ impl Stepper {
         time_step: f64,
         mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<bool> {
-        let start = self.state.t;
+        let start = self.now.state.t;
         let (nearest, most) = ((h / time_step).round(), 9e15);
-        let multiple = nearest >= 1.0 && (h - nearest * time_step).abs() <= STEP_ROUNDING * h;
-        let parts = if multiple { nearest } else { (h / time_step).ceil() };
+        let off = (h - nearest * time_step).abs();
+        let near = nearest >= 1.0 && off <= STEP_ROUNDING * h;
+        let parts = if near { nearest } else { (h / time_step).ceil() };
         if parts >= most {
             return Err(Error::Step(h));
         }
+        // The clock counts whole steps; what differs from them by more than the rounding of the time itself ends at t + h.
+        let multiple = near && off <= 2.0 * f64::EPSILON * (start + h).abs();
         let part = if multiple { time_step } else { h / parts };
         let end_of = |clock: Clock, count: u64| {
             if multiple {
@@ -355,7 +378,7 @@ impl Stepper {
                 start + count as f64 * part
             }
         };
-        let (clock, parts) = (self.clock, parts as u64);
+        let (clock, parts) = (self.now.clock, parts as u64);
         if parts > 1 {
             self.keep();
         }
@@ -363,11 +386,11 @@ impl Stepper {
         for count in 1..=parts {
             let end = end_of(clock, count);
             let outcome = self.advance(end, part, 0, true, &mut look);
-            let complete = self.state.t == end;
-            self.clock = match outcome {
+            let complete = self.now.state.t == end;
+            self.now.clock = match outcome {
                 Ok(_) if multiple && complete => Clock { origin: clock.origin, count: clock.count + count },
-                _ if self.state.t == start => clock,
-                _ => Clock { origin: self.state.t, count: 0 },
+                _ if self.now.state.t == start => clock,
+                _ => Clock { origin: self.now.state.t, count: 0 },
             };
             if outcome?.is_break() && !(complete && count == parts) {
                 return Ok(false);
@@ -385,119 +408,189 @@ impl Stepper {
         self.keep();
         self.set_out(end, true)?;
         let exponent = -1.0 / f64::from(self.mover.order());
-        let longest = self.mover.longest_step(&self.dynamics);
         let (mut grow, mut failures) = (FACTORS[1], 0);
-        while self.state.t < end {
-            let left = end - self.state.t;
+        let mut speed = self.dynamics.own_speed(&self.now.state);
+        while self.now.state.t < end {
+            let left = end - self.now.state.t;
             // A rest smaller than a step is not left over, nor one step much smaller than the next.
-            let (h, to) = match self.time_step.min(longest) {
+            let longest = self.dynamics.longest_step(self.now.state.t);
+            let (h, to) = match self.now.time_step.min(longest) {
                 wanted if wanted >= left * (1.0 - STEP_ROUNDING) => (left, end),
-                wanted if 2.0 * wanted > left => (0.5 * left, self.state.t + 0.5 * left),
-                wanted => (wanted, self.state.t + wanted),
+                wanted if 2.0 * wanted > left => (0.5 * left, self.now.state.t + 0.5 * left),
+                wanted => (wanted, self.now.state.t + wanted),
             };
             if h < left && end + h <= end {
-                return Err(Error::Tolerance { time_s: self.state.t, step_s: h, tolerance });
+                return Err(Error::Tolerance { time_s: self.now.state.t, step_s: h, tolerance });
             }
             match self.step(to, h) {
                 Ok(error) => {
-                    let size = self.size(error, h) / tolerance;
+                    let reached = self.dynamics.own_speed(&self.next);
+                    let size = self.size(error, h, [speed, reached]) / tolerance;
                     let factor = (SAFETY * size.powf(exponent)).clamp(FACTORS[0], grow);
                     if size <= 1.0 {
                         self.accept()?;
-                        self.meter.totals.steps += 1;
-                        // A step cut short by the end says nothing against the longer one that was wanted.
-                        self.time_step = (h * factor).max(if h < self.time_step { self.time_step } else { 0.0 });
-                        (grow, failures) = (FACTORS[1], 0);
-                        if look(self).is_break() && self.state.t < end {
-                            self.clock = Clock { origin: self.state.t, count: 0 };
+                        self.now.meter.totals.steps += 1;
+                        // A step cut short by the end says nothing against the longer one that was wanted; where what
+                        // drives the rod cut it, steps grow again from there.
+                        let wish = self.now.time_step.min(longest);
+                        self.now.time_step = (h * factor).max(if h < wish { wish } else { 0.0 });
+                        (grow, failures, speed) = (FACTORS[1], 0, reached);
+                        if look(self).is_break() && self.now.state.t < end {
+                            self.now.clock = Clock { origin: self.now.state.t, count: 0 };
                             return Ok(false);
                         }
                         continue;
                     }
-                    self.meter.totals.rejections += 1;
-                    self.time_step = h * factor;
+                    self.now.meter.totals.rejections += 1;
+                    self.now.time_step = h * factor;
                 }
                 Err(error) if error.is_cured_by_smaller_step() && failures < self.max_halvings => {
                     failures += 1;
-                    self.meter.totals.halvings += 1;
-                    self.time_step = 0.5 * h;
+                    self.now.meter.totals.halvings += 1;
+                    self.now.time_step = 0.5 * h;
                 }
                 Err(error) => return Err(error),
             }
             grow = 1.0;
         }
-        self.clock = Clock { origin: self.state.t, count: 0 };
+        self.now.clock = Clock { origin: self.now.state.t, count: 0 };
         Ok(true)
     }
 
-    /// The estimated `error` of a step of `h` (s) to `next`, relative: what the tolerance bounds.
-    fn size(&self, error: StepError, h: f64) -> f64 {
+    /// The estimated `error` of a step of `h` (s), relative: what the tolerance bounds. Velocities are measured by the rod's own
+    /// `speeds` (m/s) at both ends of the step, the same in any frame.
+    fn size(&self, error: StepError, h: f64, speeds: [f64; 2]) -> f64 {
         let length = self.dynamics.length();
-        let speed = largest(&self.state.v).max(largest(&self.next.v)).max(SLOW * length / h);
+        let speed = speeds[0].max(speeds[1]).max(self.head_swing).max(SLOW * length / h);
         (error.position / length).max(error.velocity / speed)
     }
 
     /// Before the first internal step of several to `end`, where a step `begins` or inputs have changed in the middle of one:
     /// aims the head, and finds the accelerations that changed inputs cause at once.
     fn set_out(&mut self, end: f64, begins: bool) -> Result<()> {
-        if self.dynamics.inputs.head.is_some() || self.kick.due {
+        if self.dynamics.inputs.head.is_some() || self.now.unsettled {
             self.keep();
         }
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
-        if self.steered {
+        if self.now.steered {
             self.solved = None; // it would be another step now
         }
-        (self.steered, self.goal) = (false, end);
-        self.dynamics.aim_head(self.state.t, end, begins);
-        if self.kick.due {
-            self.dynamics.move_to(self.state.t, &mut self.state);
-            self.kick.before.copy_from(&self.state);
-            self.kick.measured = None;
-            self.kick.due = false;
-            let gust = std::mem::take(&mut self.kick.gust);
-            if let Err(error) = self.settle(gust) {
-                self.kick.gust = gust;
-                self.unsettle();
-                return Err(error);
-            }
+        (self.now.steered, self.goal) = (false, end);
+        let t = self.now.state.t;
+        if begins && self.is_at_start() && self.dynamics.starts_elsewhere(t, Some(end)) {
+            self.start_with_host()?;
         }
+        let distances = self.dynamics.aim_head(t, end, begins);
+        self.note_jump(t, distances);
+        if self.now.unsettled { self.settle() } else { Ok(()) }
+    }
+
+    /// True before the first step.
+    fn is_at_start(&self) -> bool {
+        self.now.state.t == self.now.meter.first.0
+    }
+
+    /// Starts anew with the pose of the head that the host gives; what else it has set acts at once on that start.
+    fn start_with_host(&mut self) -> Result<()> {
+        let mut scene = Inputs::of(&self.dynamics.model);
+        scene.head = self.dynamics.inputs.head.take();
+        let mut given = std::mem::replace(&mut self.dynamics.inputs, scene);
+        let course = self.dynamics.course.take();
+        let started = self.start_with_pose();
+        given.head.clone_from(&self.dynamics.inputs.head);
+        let scene = std::mem::replace(&mut self.dynamics.inputs, given);
+        self.dynamics.course = course;
+        started?;
+        if self.dynamics.course.is_none() && self.dynamics.inputs.act_as(&scene) {
+            return Ok(());
+        }
+        let undo = std::mem::replace(&mut self.inputs.0, scene);
+        let counted = self.count_inputs();
+        self.inputs.0 = undo;
+        counted
+    }
+
+    fn start_with_pose(&mut self) -> Result<()> {
+        let mut state = self.now.state.clone();
+        self.dynamics.start_with_host(self.now.state.t, &mut state);
+        self.mover.begin(&mut self.dynamics, &mut self.newton, &mut state)?;
+        let meter = Meter::start(&mut self.dynamics, &state)?;
+        self.now.cycles = Cycles::start(&self.dynamics, &state, &meter);
+        (self.now.meter, self.now.state) = (meter, state);
+        (self.now.unsettled, self.now.gust) = (false, [0.0; 2]);
+        self.newton.work = Work::default();
+        self.before = None;
         Ok(())
     }
 
-    /// Makes the state one of its own under the changed inputs, and counts what that does at once.
-    /// A `gust` (m/s) of the flow at once, before any other force can act, gives the rod the velocities that an endless
+    /// Makes the state one of its own under the changed inputs, and counts what that does at once; nothing is changed where
+    /// that fails.
+    /// A gust (m/s) of the flow at once, before any other force can act, gives the rod the velocities that an endless
     /// acceleration of no duration would: forces of the fluid are linear in accelerations.
-    fn settle(&mut self, gust: Vector2<f64>) -> Result<()> {
-        let Self { dynamics, mover, newton, state, .. } = self;
-        mover.settle(dynamics, newton, state)?;
-        if gust != Vector2::zeros() && dynamics.model.forces.are_inertial() {
+    fn settle(&mut self) -> Result<()> {
+        let gust = Vector2::from(self.now.gust);
+        let Self { dynamics, mover, newton, now: Now { state, .. }, next, reading, accelerations, .. } = self;
+        dynamics.move_to(state.t, state);
+        next.copy_from(state);
+        mover.settle(dynamics, newton, next)?;
+        let inertial = dynamics.model.forces.are_inertial();
+        if gust != Vector2::zeros() && inertial {
             let steady = dynamics.inputs.fluid.acceleration;
-            self.next.a.copy_from_slice(&state.a);
+            accelerations.clone_from(&next.a);
             dynamics.inputs.fluid.acceleration += gust * GUST;
-            let accelerated = mover.settle(dynamics, newton, state);
+            let accelerated = mover.settle(dynamics, newton, next);
             dynamics.inputs.fluid.acceleration = steady;
             accelerated?;
-            let accelerations = state.a.iter().zip(&self.next.a);
-            state.v.iter_mut().zip(accelerations).for_each(|(v, (with, without))| *v += (with - without) / GUST);
-            mover.settle(dynamics, newton, state)?;
+            let changes = next.a.iter().zip(&*accelerations);
+            next.v.iter_mut().zip(changes).for_each(|(v, (with, without))| *v += (with - without) / GUST);
+            mover.settle(dynamics, newton, next)?;
         }
-        let (shape, motion) = (self.state.q != self.kick.before.q, self.state.v != self.kick.before.v);
+        let (shape, motion) = (next.q != state.q, next.v != state.v);
+        // What a fluid that is accelerated does, and moments that follow from balance, change with the accelerations alone.
+        let forces = (inertial || dynamics.mechanics == Mechanics::Shape) && next.a != state.a;
+        if shape || motion || forces {
+            reading.take(dynamics, next)?;
+        }
+        let apart = |new: &[f64], old: &[f64]| new.iter().zip(old).fold(0.0, |max: f64, (a, b)| max.max((a - b).abs()));
+        let reach = |tolerance: f64| match dynamics.mechanics {
+            Mechanics::Full => (tolerance * dynamics.length() / apart(&next.a, &state.a)).sqrt(),
+            Mechanics::Overdamped => tolerance * dynamics.length() / apart(&next.v, &state.v),
+            Mechanics::Shape => f64::INFINITY,
+        };
+        if let Pace::Adaptive(tolerance) = self.pace {
+            // A longer step would see where the rod comes to rest, not how.
+            self.now.time_step = self.now.time_step.min(reach(tolerance));
+        }
+        let Self { now: Now { state, .. }, next, .. } = self;
+        std::mem::swap(state, next);
         if shape || motion {
-            self.reading.take(&mut self.dynamics, &self.state)?;
-            self.kick.measured = Some(Box::new((self.meter.clone(), self.cycles)));
-            self.meter.count_jump(&mut self.reading, if shape { Giver::Actuation } else { Giver::Flow });
-            self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
+            self.now.meter.count_jump(&mut self.reading, if shape { Giver::Actuation } else { Giver::Flow });
+        } else if forces {
+            std::mem::swap(&mut self.now.meter.now, &mut self.reading);
         }
+        if shape || motion || forces {
+            self.now.cycles.follow(&self.dynamics, &self.now.state, &self.now.meter, None);
+        }
+        self.before = None;
+        (self.now.unsettled, self.now.gust) = (false, [0.0; 2]);
         Ok(())
     }
 
-    /// Takes back what [`settle`](Self::settle) did.
-    fn unsettle(&mut self) {
-        std::mem::swap(&mut self.state, &mut self.kick.before);
-        if let Some(measured) = self.kick.measured.take() {
-            (self.meter, self.cycles) = *measured;
+    /// Goes back to the state now from a step that is not made.
+    fn stay(&mut self) {
+        self.forget_step();
+        let t = self.now.state.t;
+        self.dynamics.step_end = (!self.is_at_start()).then_some(t);
+        self.dynamics.move_to(t, &mut self.now.state);
+    }
+
+    /// The last internal step is no longer known.
+    fn forget_step(&mut self) {
+        self.before = None;
+        #[cfg(all(feature = "report", target_arch = "x86_64"))]
+        {
+            self.solved = None;
         }
-        self.kick.due = true;
     }
 
     /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
@@ -520,14 +613,14 @@ impl Stepper {
         match step {
             Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
                 self.keep();
-                self.meter.totals.halvings += 1;
+                self.now.meter.totals.halvings += 1;
                 if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
                     return Ok(ControlFlow::Break(()));
                 }
                 self.advance(end, 0.5 * h, depth + 1, whole, look)
             }
             outcome => outcome.map(|()| {
-                self.meter.totals.steps += u64::from(whole);
+                self.now.meter.totals.steps += u64::from(whole);
                 look(self)
             }),
         }
@@ -535,20 +628,26 @@ impl Stepper {
 
     /// Steps by `h` to time `end`, into `next`.
     fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
-        if self.steered {
+        if self.now.steered {
             self.set_out(self.goal, false)?; // by a look at the step before
+        }
+        self.dynamics.step_end = Some(end);
+        if self.dynamics.head_jumps_at(self.now.state.t) {
+            self.keep();
+            self.settle()?;
         }
         self.before = None;
         if let Some(dense) = &mut self.dense {
             dense.forget();
         }
+        self.dynamics.check_layers(end)?;
         self.next.t = end;
         self.measured = false;
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
         if self.take_solved(end, h).is_some() {
             return Ok(StepError::default());
         }
-        self.mover.step(&mut self.dynamics, &mut self.newton, &self.state, h, &mut self.next)
+        self.mover.step(&mut self.dynamics, &mut self.newton, &self.now.state, h, &mut self.next)
     }
 
     /// Makes `next` the state, and counts the step.
@@ -557,16 +656,16 @@ impl Stepper {
         if !self.measured {
             self.reading.take(&mut self.dynamics, &self.next)?;
         }
-        let load = self.dynamics.load_work([self.state.t, self.next.t], &self.state.q, &self.next.q);
+        let load = self.dynamics.load_work([self.now.state.t, self.next.t], &self.now.state.q, &self.next.q);
         let middle = middle.and(self.dense.as_ref()).map(Dense::last);
         let reading = middle.map(|(_, reading)| reading);
-        self.before = Some(self.meter.totals);
-        if let Err(error) = self.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass()) {
+        self.before = Some(self.now.meter.totals);
+        if let Err(error) = self.now.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass()) {
             self.before = None;
             return Err(error);
         }
-        std::mem::swap(&mut self.state, &mut self.next);
-        self.cycles.follow(&self.dynamics, &self.state, &self.meter, middle);
+        std::mem::swap(&mut self.now.state, &mut self.next);
+        self.now.cycles.follow(&self.dynamics, &self.now.state, &self.now.meter, middle);
         Ok(())
     }
 
@@ -575,10 +674,8 @@ impl Stepper {
     /// # Errors
     /// [`Error::UnknownVariable`].
     pub fn find(&self, name: &str) -> Result<&'static Variable> {
-        self.variables.iter().copied().find(|variable| variable.name == name).ok_or_else(|| Error::UnknownVariable {
-            name: name.to_string(),
-            nearest: nearest(name, self.variables.iter().map(|variable| variable.name)),
-        })
+        let found = self.variables.iter().copied().find(|variable| variable.name == name);
+        found.ok_or_else(|| variable::unknown(name, self.variables.iter().map(|variable| variable.name)))
     }
 
     /// The values of a variable.
@@ -630,29 +727,59 @@ impl Stepper {
     /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
     pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = Change<'a>> + Clone) -> Result<()> {
         for change in changes.clone() {
-            change.check(self.model())?;
+            change.check(self.model(), None)?;
         }
-        let t = self.state.t;
+        self.make_all(changes.map(|change| (change, 0)))
+    }
+
+    /// Makes several changes of some entries of inputs as one: those from the index beside each change on. The other entries
+    /// go on as they do.
+    ///
+    /// # Errors
+    /// Those of [`set_all`](Self::set_all).
+    pub fn set_entries<'a>(&mut self, changes: impl Iterator<Item = (Change<'a>, usize)> + Clone) -> Result<()> {
+        for (change, first) in changes.clone() {
+            change.check(self.model(), Some(first))?;
+        }
+        self.make_all(changes)
+    }
+
+    fn make_all<'a>(&mut self, changes: impl Iterator<Item = (Change<'a>, usize)> + Clone) -> Result<()> {
+        let t = self.now.state.t;
         self.inputs.0.clone_from(&self.dynamics.inputs);
         self.inputs.1.clone_from(&self.dynamics.course);
         if let Some(course) = &mut self.dynamics.course {
             course.rebase(t, &self.dynamics.inputs);
         }
-        changes.clone().for_each(|change| change.make(&mut self.dynamics, t));
-        self.dynamics.move_to(t, &mut self.state);
-        self.before = None; // its reading is lost
-        let head_mass = self.dynamics.head_mass();
-        let read = self.reading.take(&mut self.dynamics, &self.state);
-        if let Err(error) = read.and_then(|()| self.meter.count(&mut self.reading, None, 0.0, head_mass)) {
+        let of_head = |(change, _): (Change<'_>, usize)| change.variable.of_head().is_some();
+        let of_head = changes.clone().any(of_head);
+        changes.for_each(|(change, first)| change.make(&mut self.dynamics, t, first));
+        let outcome = match of_head && self.is_at_start() && self.dynamics.starts_elsewhere(t, None) {
+            true => self.start_with_host(),
+            false => self.count_inputs(),
+        };
+        if outcome.is_err() {
             self.dynamics.restore(&self.inputs.0);
             self.dynamics.course.clone_from(&self.inputs.1);
-            self.dynamics.move_to(t, &mut self.state);
-            return Err(error);
+            self.dynamics.move_to(t, &mut self.now.state);
         }
-        self.steered = true;
-        self.kick.due |= !self.dynamics.inputs.act_as(&self.inputs.0);
-        self.kick.gust += self.dynamics.inputs.fluid.flow - self.inputs.0.fluid.flow;
-        self.cycles.follow(&self.dynamics, &self.state, &self.meter, None);
+        outcome
+    }
+
+    /// Reads the state under inputs that have just changed, and counts what that does at once.
+    fn count_inputs(&mut self) -> Result<()> {
+        let Self { dynamics, now, read_at_once, .. } = self;
+        dynamics.move_to(now.state.t, &mut now.state);
+        dynamics.check_layers(now.state.t)?;
+        read_at_once.take(dynamics, &now.state)?;
+        now.meter.count(read_at_once, None, 0.0, dynamics.head_mass())?;
+        let before = &self.inputs.0;
+        let gust = dynamics.inputs.fluid.flow - before.fluid.flow;
+        now.steered = true;
+        now.unsettled |= !dynamics.inputs.act_as(before);
+        now.gust = (Vector2::from(now.gust) + gust).into();
+        now.cycles.follow(dynamics, &now.state, &now.meter, None);
+        self.before = None; // its end is another now
         Ok(())
     }
 }
@@ -669,7 +796,8 @@ pub struct Change<'a> {
 }
 
 impl Change<'_> {
-    fn check(&self, model: &Model) -> Result<()> {
+    /// Refuses what is no change of a whole input, or of its entries from index `first` on.
+    fn check(&self, model: &Model, first: Option<usize>) -> Result<()> {
         let Self { variable, order, values } = *self;
         if variable.causality != Causality::Input {
             return Err(Error::NotAnInput(variable.name));
@@ -678,7 +806,10 @@ impl Change<'_> {
             return Err(Error::Order { order, highest: HIGHEST_ORDER });
         }
         let expected = variable.len(model);
-        if values.len() != expected {
+        let fits = first.map_or(values.len() == expected, |first| {
+            first.checked_add(values.len()).is_some_and(|end| end <= expected)
+        });
+        if !fits {
             return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
         }
         let refused = if order == 0 {
@@ -692,18 +823,17 @@ impl Change<'_> {
         }
     }
 
-    /// Makes it at time `t` (s).
-    fn make(&self, dynamics: &mut Dynamics, t: f64) {
+    /// Makes it at time `t` (s) for the entries from index `first` on.
+    fn make(&self, dynamics: &mut Dynamics, t: f64, first: usize) {
         let Self { variable, order, values } = *self;
         if let Some([i, own]) = variable.of_head() {
             dynamics.say_head(t, i, own + order, values[0], order > 0);
         } else if order == 0 {
-            let Some(mut course) = dynamics.course.take() else { return variable.write(dynamics, t, values) };
-            variable.write(dynamics, t, values);
-            course.set_values(&dynamics.inputs);
-            let zeros = vec![0.0; values.len()];
+            variable.write(dynamics, t, first, values);
+            let Some(mut course) = dynamics.course.take() else { return };
+            course.change(dynamics, 0, |inputs| variable.write(inputs, t, first, values));
             for order in 1..=HIGHEST_ORDER {
-                course.change_rates(dynamics, order, |rates| variable.write(rates, t, &zeros));
+                course.change(dynamics, order, |rates| variable.clear(rates, t, first, values.len()));
             }
             dynamics.course = Some(course);
         } else {
@@ -711,7 +841,7 @@ impl Change<'_> {
                 Some(course) => course,
                 None => Box::new(Course::resting(&dynamics.model, &dynamics.inputs, t)),
             };
-            course.change_rates(dynamics, order, |rates| variable.write(rates, t, values));
+            course.change(dynamics, order, |rates| variable.write(rates, t, first, values));
             dynamics.inputs.flow_taken |= course.takes_flow();
             dynamics.course = Some(course);
         }

@@ -6,7 +6,9 @@ pub fn number(x: f64) -> String {
     if size != 0.0 && !(1e-3..1e5).contains(&size) {
         return format!("{x:.2e}").replace(".00e", "e").replace("0e", "e");
     }
-    let text = format!("{x:.4}");
+    // Four decimals, or as many as show four digits.
+    let decimals = if (1e-3..0.1).contains(&size) { (3.0 - size.log10().floor()) as usize } else { 4 };
+    let text = format!("{x:.decimals$}");
     let text = text.trim_end_matches('0').trim_end_matches('.');
     if text == "-0" { "0".to_string() } else { text.to_string() }
 }
@@ -19,4 +21,27 @@ pub fn two_digits(x: f64) -> String {
 /// A part of one in per cent, in two digits.
 pub fn percent(part: f64) -> String {
     format!("{} %", two_digits(100.0 * part))
+}
+
+/// A number in so many significant digits, with an exponent where it is very large or small; zero has no sign.
+pub fn significant(x: f64, digits: usize) -> String {
+    let size = x.abs();
+    if size == 0.0 {
+        return "0".to_string();
+    }
+    if !(1e-3..1e5).contains(&size) {
+        return format!("{x:.*e}", digits.saturating_sub(1));
+    }
+    let decimals = (digits as i32 - 1 - size.log10().floor() as i32).max(0) as usize;
+    format!("{x:.decimals$}")
+}
+
+/// A number with its sign and so many decimals; what rounds to zero has none.
+pub fn signed(x: f64, decimals: usize) -> String {
+    let text = format!("{x:+.decimals$}");
+    if text.bytes().any(|digit| (b'1'..=b'9').contains(&digit)) || !x.is_finite() {
+        text
+    } else {
+        text[1..].to_string()
+    }
 }

@@ -138,6 +138,30 @@ fn inputs_that_a_host_sets_before_every_step_allocate_nothing() {
     }
 }
 
+#[test]
+fn inputs_that_a_host_sets_allocate_nothing_whatever_the_rung_and_the_pace() {
+    for rung in RUNGS {
+        for pace in ["solver.integrator=implicit-euler", "solver.integrator=esdirk3"] {
+            let model = format!("solver.model={}", rung.name);
+            let time_step = if pace.ends_with("3") { "solver.tolerance=1e-3" } else { "solver.time_step_s=1e-3" };
+            let changes = [SILICONE, WAVE, DRAG, GLYCEROL, "rod.nodes=33", &model, pace];
+            let scene = common::scene_of(common::SOFT, &[&changes[..], &[time_step]].concat());
+            let mut stepper = Stepper::of(&scene).unwrap();
+            let amplitude = stepper.find("actuation_amplitude").unwrap();
+            let mut drive = |k: u32| {
+                let values = [0.6 + 1e-3 * f64::from(k)];
+                let change = Change { variable: amplitude, order: 0, values: &values };
+                stepper.set_all([change].into_iter()).unwrap();
+                stepper.do_step(1e-3).unwrap();
+            };
+            (0..3).for_each(&mut drive);
+            let before = CALLS.get();
+            (3..20).for_each(&mut drive);
+            assert_eq!(CALLS.get(), before, "{model}, {pace}");
+        }
+    }
+}
+
 /// A step (s) that the method can make on these rods.
 fn step(method: &Method) -> f64 {
     if method.implicit { 1e-3 } else { 1e-9 }

@@ -89,6 +89,16 @@ pub struct Wave {
     pub phase_rate: f64,
 }
 
+/// How many times the phase of a sum of sines of `harmonics` (n, h_n) counts for the steps that resolve them. A method of third order
+/// follows the rate n h_n of each as well as it follows the largest of the rates at some steps a period, where its steps are
+/// n (n h_n/max n h_n)^⅓ times shorter.
+pub(crate) fn fastest(harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
+    let rate = |(order, size): (f64, f64)| (order * size).abs();
+    let most = harmonics.clone().map(rate).fold(0.0, f64::max);
+    let part = |harmonic: (f64, f64)| harmonic.0 * (rate(harmonic) / most).cbrt();
+    harmonics.map(part).fold(1.0, f64::max)
+}
+
 /// A kind of actuation.
 pub trait Actuation: std::fmt::Debug + Send + Sync {
     /// Adds the dimensionless natural curvature κ̄_k to `natural` and dκ̄_k/dt (1/s) to `rate`, one entry per node; a
@@ -97,6 +107,16 @@ pub trait Actuation: std::fmt::Debug + Send + Sync {
 
     /// Adds `sizes[i]` times the `i`-th derivative by phase of that function of `phase` (rad) to `out`, one entry per node.
     fn add_derivatives(&self, sizes: [f64; 3], phase: f64, out: &mut [f64]);
+
+    /// How many times the phase counts for the steps that resolve it: more than once where the function of phase has harmonics.
+    fn fastest(&self) -> f64 {
+        1.0
+    }
+
+    /// Order n and relative size of every harmonic of the function of phase.
+    fn harmonics(&self) -> Vec<(f64, f64)> {
+        vec![(1.0, 1.0)]
+    }
 
     /// Wavelength λ along the rod, m, where it has one.
     fn wavelength(&self) -> Option<f64> {

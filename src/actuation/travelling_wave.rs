@@ -3,7 +3,7 @@
 
 use std::f64::consts::TAU;
 
-use super::{Actuation, Kind, Recipe, Wave};
+use super::{Actuation, Kind, Recipe, Wave, fastest};
 
 /// This kind.
 pub static KIND: Kind = Kind {
@@ -21,6 +21,8 @@ pub struct TravellingWave {
     harmonics: Vec<Harmonic>,
     /// λ, m; infinite where all of the rod bends at once.
     wavelength: f64,
+    /// See [`Actuation::fastest`].
+    fastest: f64,
 }
 
 /// Its part of order n.
@@ -28,6 +30,8 @@ pub struct TravellingWave {
 struct Harmonic {
     /// n.
     order: f64,
+    /// h_n.
+    size: f64,
     /// Its size times ΔL(e₀ + e₁ξ_k) times (cos n b_k, sin n b_k), b_k = 2πs_k/λ.
     table: Vec<[f64; 2]>,
 }
@@ -41,7 +45,7 @@ impl TravellingWave {
     }
 
     /// The wave κ_amp (ΔL/`length`)(e₀ + e₁ξ) Σ h_n sin nψ of `harmonics` (n, h_n) with envelope and wavelength of `recipe`.
-    pub fn of(recipe: &Recipe<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)>) -> Self {
+    pub fn of(recipe: &Recipe<'_>, length: f64, harmonics: impl Iterator<Item = (f64, f64)> + Clone) -> Self {
         let Recipe { nodes, spacing, envelope, wavelength, .. } = *recipe;
         let harmonic = |(order, part): (f64, f64)| {
             let at = |k: usize| {
@@ -49,9 +53,10 @@ impl TravellingWave {
                 let (sin, cos) = (order * (TAU * recipe.place(k) * spacing / wavelength)).sin_cos();
                 [size * cos, size * sin]
             };
-            Harmonic { order, table: (0..nodes).map(at).collect() }
+            Harmonic { order, size: part, table: (0..nodes).map(at).collect() }
         };
-        Self { harmonics: harmonics.map(harmonic).collect(), wavelength }
+        let fastest = fastest(harmonics.clone());
+        Self { harmonics: harmonics.map(harmonic).collect(), wavelength, fastest }
     }
 }
 
@@ -59,7 +64,7 @@ impl Actuation for TravellingWave {
     fn add(&self, wave: Wave, natural: &mut [f64], rate: &mut [f64]) {
         let size = wave.amplitude * wave.gain;
         let growing = wave.amplitude * wave.gain_rate;
-        for Harmonic { order, table } in &self.harmonics {
+        for Harmonic { order, table, .. } in &self.harmonics {
             let (sin, cos) = (order * wave.phase).sin_cos();
             let turning = order * size * wave.phase_rate;
             for ((natural, rate), [c, s]) in natural.iter_mut().zip(&mut *rate).zip(table) {
@@ -71,7 +76,7 @@ impl Actuation for TravellingWave {
     }
 
     fn add_derivatives(&self, [value, first, second]: [f64; 3], phase: f64, out: &mut [f64]) {
-        for Harmonic { order, table } in &self.harmonics {
+        for Harmonic { order, table, .. } in &self.harmonics {
             let (sin, cos) = (order * phase).sin_cos();
             let (even, odd) = (value - order * order * second, order * first);
             for (out, [c, s]) in out.iter_mut().zip(table) {
@@ -80,17 +85,25 @@ impl Actuation for TravellingWave {
         }
     }
 
+    fn fastest(&self) -> f64 {
+        self.fastest
+    }
+
+    fn harmonics(&self) -> Vec<(f64, f64)> {
+        self.harmonics.iter().map(|harmonic| (harmonic.order, harmonic.size)).collect()
+    }
+
     fn wavelength(&self) -> Option<f64> {
         Some(self.wavelength).filter(|wavelength| wavelength.is_finite())
     }
 
     fn profiled(&self, factors: &[f64], phases: &[f64]) -> Box<dyn Actuation> {
-        let turned = |Harmonic { order, table }: &Harmonic| {
+        let turned = |Harmonic { order, size, table }: &Harmonic| {
             let turn = |(([c, s], factor), phase): ((&[f64; 2], &f64), &f64)| {
                 let (sin, cos) = (order * phase).sin_cos();
                 [factor * (c * cos - s * sin), factor * (s * cos + c * sin)]
             };
-            Harmonic { order: *order, table: table.iter().zip(factors).zip(phases).map(turn).collect() }
+            Harmonic { order: *order, size: *size, table: table.iter().zip(factors).zip(phases).map(turn).collect() }
         };
         Box::new(Self { harmonics: self.harmonics.iter().map(turned).collect(), ..*self })
     }

@@ -241,15 +241,15 @@ impl LawInLanes for CrossFlow {
 }
 
 impl LawInLanes for WeakInertia {
-    type Numbers = Two;
+    type Numbers = [Two; 2];
 
-    fn numbers(gather: impl Fn(fn(&f64x2) -> f64x2) -> Two) -> Two {
-        gather(|radius| *radius)
+    fn numbers(gather: impl Fn(fn(&[f64x2; 2]) -> f64x2) -> Two) -> [Two; 2] {
+        [gather(|halves| halves[0]), gather(|halves| halves[1])]
     }
 
     #[inline(always)]
-    fn slopes(radius: &Two, fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
-        Self::slopes(*radius, fluids, u, w)
+    fn slopes(halves: &[Two; 2], fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
+        Self::slopes(*halves, fluids, u, w)
     }
 }
 

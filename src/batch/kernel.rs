@@ -67,6 +67,8 @@ struct Moment {
     natural_rate: Vec<Lanes>,
     /// The tangent before the first joint of a held head.
     wall: Option<Vector2<Lanes>>,
+    /// The same where the steps begin.
+    wall_before: Option<Vector2<Lanes>>,
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
@@ -185,6 +187,7 @@ impl Kernel {
                 natural: vec![zero; nodes],
                 natural_rate: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
+                wall_before: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
                 flow: Vector2::new(zero, zero),
                 fluids: [Fluid::NONE; WIDTH],
                 loads: vec![vectors(); loads],
@@ -286,7 +289,10 @@ impl Kernel {
             #[inline(always)]
             || Ended {
                 least: bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
-                least_turn: lengths::least_turn(at.wall, &before.motion.q, &motion.q).unwrap_or(at.flow.x.like(0.0)),
+                least_turn: {
+                    let walls = at.wall_before.zip(at.wall).map(|(before, after)| [before, after]);
+                    lengths::least_turn(walls, &before.motion.q, &motion.q).unwrap_or(at.flow.x.like(0.0))
+                },
             },
         )
     }
@@ -328,6 +334,9 @@ impl Kernel {
         write_vector(&mut at.flow, lane, dynamics.inputs.fluid.flow);
         at.fluids[lane] = dynamics.inputs.fluid;
         if let (Some(to), Some(wall)) = (&mut at.wall, dynamics.wall()) {
+            write_vector(to, lane, wall);
+        }
+        if let (Some(to), Some(wall)) = (&mut at.wall_before, dynamics.wall_before(from.t)) {
             write_vector(to, lane, wall);
         }
         for (to, (force, factor)) in at.loads.iter_mut().zip(dynamics.loads()) {

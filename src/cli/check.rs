@@ -20,7 +20,7 @@ pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
         let content = json!({
             "name": scene.name,
             "facts": facts,
-            "warnings": assessment.warnings,
+            "warnings": assessment.all_warnings().collect::<Vec<_>>(),
             "first_frequency_rad_s": assessment.first_frequency,
             "tip_amplitude_m": assessment.tip_amplitude,
             "reynolds_number": assessment.reynolds,
@@ -37,7 +37,7 @@ pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
         let blanks = " ".repeat(width - fact.name.chars().count());
         say(&format!("{}{blanks}  {}", fact.name, fact.text));
     }
-    for warning in &assessment.warnings {
+    for warning in assessment.all_warnings() {
         say(&format!("warning: {warning}"));
     }
     Ok(refused.map_or(ExitCode::SUCCESS, |error| refuse(&error)))

@@ -7,15 +7,15 @@ use std::sync::atomic::Ordering;
 
 use caudal::design::{Answer, Design};
 use caudal::error::Result;
-use caudal::report::check_writable;
+use caudal::report::Claim;
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, complain, exit, output_folder, refuse, say, say_kept};
+use super::{SceneArguments, complain, exit, refuse, say, say_kept};
 
-pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCode> {
+pub fn design(arguments: &SceneArguments, out: Option<PathBuf>, force: bool) -> Result<ExitCode> {
     let (document, scene) = arguments.read()?;
-    let folder = out.unwrap_or_else(|| output_folder(&scene));
-    if let Err(error) = check_writable(&folder) {
+    let folder = out.unwrap_or_else(|| Design::folder(&scene));
+    if let Err(error) = Design::claim(&scene, &folder, Claim::forced(force)) {
         return Ok(refuse(&error));
     }
     let interrupted = watch_for_interrupts();
@@ -41,7 +41,7 @@ pub fn design(arguments: &SceneArguments, out: Option<PathBuf>) -> Result<ExitCo
             ExitCode::from(exit::INTERRUPTED)
         }
         Answer::Found(found) if !found.converged => {
-            complain("the search did not converge: the files hold its best design; try more design.iterations");
+            complain(&format!("the search did not converge: the files hold its best design; {}", design.advice()));
             ExitCode::from(exit::FAILED)
         }
         _ => whole,

@@ -10,6 +10,7 @@ use caudal::report::film::{Film, Motion};
 use caudal::report::picture::{self, Format};
 use caudal::report::trajectory::Trajectory;
 use caudal::report::vtk;
+use caudal::report::{Claim, Folder, Owner};
 use caudal::run::{Ending, run as run_scene};
 use clap::{ArgGroup, Args};
 
@@ -39,6 +40,9 @@ pub struct Arguments {
     /// Write NAME.mp4, the same by the program ffmpeg
     #[arg(long)]
     mp4: bool,
+    /// Replace files of the same names that were made of other results
+    #[arg(long)]
+    force: bool,
     /// Folder for the files [default: the run's, or out/<name of the scene>; of --vtk its folder vtk]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -71,7 +75,7 @@ impl Arguments {
     /// Turns the figures of `folder` into other files.
     fn convert(&self, folder: &Path) -> Result<ExitCode> {
         let out = self.out.as_deref().unwrap_or(folder);
-        let kept = picture::convert(folder, self.figures.as_deref(), &self.formats(), out)?;
+        let kept = picture::convert(folder, self.figures.as_deref(), &self.formats(), out, Claim::forced(self.force))?;
         let last = kept.files.last().and_then(|path| path.file_name()).unwrap_or_default();
         Ok(say_written(&kept, out, &last.to_string_lossy()))
     }
@@ -112,6 +116,7 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
     if folder.is_none() && !arguments.formats().is_empty() {
         whole = arguments.convert(&own)?;
     }
+    let owner = || Owner::of("export", &scene);
     let fields = match &arguments.fields {
         None if arguments.vtk => vtk::fields(&stepper),
         named => vtk::POSITIONS.map(str::to_string).into_iter().chain(named.iter().flatten().cloned()).collect(),
@@ -129,7 +134,8 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
     trajectory.finish(&stepper);
     if arguments.vtk {
         let out = arguments.out.clone().unwrap_or_else(|| own.join("vtk"));
-        let kept = vtk::write(&out, &scene.name, &stepper.model().rod, trajectory.columns())?;
+        let mut held = Folder::export(&out, owner(), Claim::forced(arguments.force))?;
+        let kept = vtk::write(&mut held, &scene.name, &stepper.model().rod, trajectory.columns())?;
         whole = say_written(&kept, &out, &format!("{}.pvd", scene.name));
     }
     let column = |name: &str| {
@@ -139,7 +145,10 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
     let motion = Motion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
     let film = Film { per_second: arguments.fps, speed: arguments.speed, ..Film::default() };
     for ending in arguments.films() {
-        let path = arguments.out.as_ref().unwrap_or(&own).join(format!("{}.{ending}", scene.name));
+        let name = format!("{}.{ending}", scene.name);
+        let place = arguments.out.as_ref().unwrap_or(&own);
+        Folder::export(place, owner(), Claim::forced(arguments.force))?.exports().admit(&name)?;
+        let path = place.join(name);
         let bar = progress_bar();
         let drawn = film.write(&path, &motion, |part| {
             bar.set_position((part * bar.length().unwrap_or(0) as f64) as u64);

@@ -60,10 +60,10 @@ enum Command {
         /// Folder for the results [default: out/<name of the scene>]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
-        /// Run the whole model beside it (esdirk3, small steps), and report the difference
+        /// Run the whole model beside it, on the same mesh (esdirk3, small steps), and report the difference
         #[arg(long)]
         verify: bool,
-        /// Replace the results of another scene in the folder
+        /// Replace the results of others in the folder
         #[arg(long)]
         force: bool,
         /// Print the content of summary.json, and nothing else
@@ -77,9 +77,12 @@ enum Command {
     Design {
         #[command(flatten)]
         scene: SceneArguments,
-        /// Folder for the results [default: out/<name of the scene>]
+        /// Folder for the results [default: out/<name of the scene>-design]
         #[arg(long, value_name = "DIR")]
         out: Option<PathBuf>,
+        /// Replace the results of others in the folder
+        #[arg(long)]
+        force: bool,
     },
     /// Say what a scene will compute, its dimensionless numbers, and where it leaves the model's range
     Check {
@@ -212,7 +215,7 @@ pub fn main() -> ExitCode {
         Command::Run { scene, out, verify, force, json } => run::run(&scene, out, verify, force, json),
         Command::Sweep(arguments) => sweep::sweep(&arguments),
         #[cfg(feature = "design")]
-        Command::Design { scene, out } => design::design(&scene, out),
+        Command::Design { scene, out, force } => design::design(&scene, out, force),
         Command::Check { scene, json } => check::check(&scene, json),
         Command::Study(study) => study::study(&study),
         Command::Fmu { scene, out, fmi, library, variables, nodes, plain } => {

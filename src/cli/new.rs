@@ -140,6 +140,7 @@ fn scene(name: &str, kind: Kind, fluid: Fluid, length: f64, frequency: f64) -> S
         true => (1.6e3 * by_inertia).max(6e8 * by_viscosity),
         false => (5.1e5 * by_inertia).max(1.3e7 * by_viscosity),
     };
+    let depth = 0.1 * length;
     let (period, profile) = (1.0 / frequency, [0.01, 0.0275, 0.0225, 0.005].map(|part| part * length));
     let radius = match swims {
         true => format!(
@@ -192,6 +193,7 @@ reactive = "auto"                  # the water that the body accelerates, where 
 nodes = 33                         # more are finer; `caudal study accuracy` says what that is worth
 length_m = {length:e}
 outer_radius_m = {radius}
+# depth_m = {depth:.2e}                # across the plane of motion; with it the section is an ellipse, or section = "rectangle" (a strip)
 youngs_modulus_pa = {stiffness:.3e}
 density_kg_m3 = {density:.1}             # neutrally buoyant
 {actuation}

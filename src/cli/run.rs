@@ -8,7 +8,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::{Error, Result};
 use caudal::reduced::Measure;
-use caudal::report::Output;
+use caudal::report::{Claim, Output};
 use caudal::run::{Ending, Summary, Verification, run as run_scene};
 use caudal::scene::Scene;
 use indicatif::ProgressBar;
@@ -31,10 +31,7 @@ pub fn run(
         return Ok(refuse(&error));
     }
     let folder = out.unwrap_or_else(|| output_folder(&scene));
-    if !force && let Err(error) = Output::is_free(&folder, &scene) {
-        return Ok(refuse(&error));
-    }
-    let mut output = match Output::create(&folder, &scene, &stepper) {
+    let mut output = match Output::create(&folder, &scene, &stepper, Claim::forced(force)) {
         Ok(output) => output,
         Err(error) => return Ok(refuse(&error)),
     };
@@ -79,7 +76,10 @@ pub fn run(
         say(&format!("fluid {}: {}", choice.name(), choice.reason));
     }
     if let Some(Verification { net_displacement_m, relative_differences, noise, wall_s, .. }) = &summary.verification {
-        say(&format!("the whole model: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s"));
+        say(&format!(
+            "the whole model on the same {} nodes: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s",
+            summary.nodes
+        ));
         for measure in Measure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };
             let [name, relative] = measure.meaning();

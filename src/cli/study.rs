@@ -2,13 +2,17 @@
 
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::{Mutex, PoisonError};
 
 use caudal::error::Error;
+use caudal::integrator::METHODS;
+use caudal::reduced::RUNGS;
+use caudal::report::Claim;
 use caudal::study::{self, Accuracy, Desk, Fluid, Scaling, Spectrum, Stability, Studied, Vary};
 use clap::{Args, Subcommand};
 
 use super::run::watch_for_interrupts;
-use super::{SceneArguments, bar_of, complain, exit, say, say_kept};
+use super::{SceneArguments, bar_of, complain, exit, refuse, say, say_kept};
 
 /// What may be studied.
 #[derive(Debug, Clone, Subcommand)]
@@ -45,6 +49,9 @@ pub enum Study {
         /// Tolerances of adaptive methods and cheaper models, separated by commas [default: 1e-2 … 1e-7]
         #[arg(long, value_delimiter = ',')]
         tolerances: Vec<f64>,
+        /// Methods and cheaper models that are left out, separated by commas
+        #[arg(long, value_delimiter = ',', value_name = "NAMES", value_parser = method_or_model)]
+        without: Vec<String>,
     },
     /// The same motion under every law of the fluid that can hold: speed, power, cost, and which law the scene needs
     Fluid {
@@ -83,6 +90,13 @@ fn vary(text: &str) -> Result<Vary, String> {
         .ok_or_else(|| format!("allowed: {}", names()))
 }
 
+/// The name of a method, or of a model other than the whole.
+fn method_or_model(text: &str) -> Result<String, String> {
+    let cheaper = RUNGS.iter().filter(|rung| rung.method.is_some()).map(|rung| rung.name);
+    let names: Vec<_> = METHODS.iter().map(|method| method.name).chain(cheaper).collect();
+    if names.contains(&text) { Ok(text.to_string()) } else { Err(format!("allowed: {}", names.join(", "))) }
+}
+
 /// Two numbers.
 fn low_high(text: &str) -> Result<[f64; 2], String> {
     let number = |text: &str| text.trim().parse::<f64>();
@@ -98,6 +112,9 @@ pub struct Common {
     /// Folder for the results [default: out/<name of the scene>-study-<kind>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replace the results of others in the folder
+    #[arg(long)]
+    force: bool,
 }
 
 /// Makes a study, with a bar of its runs on a terminal, and writes what it found.
@@ -105,8 +122,8 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
     let (common, study) = match study.clone() {
         Study::Modes { common, count } => (common, study::Study::Modes(Spectrum { count })),
         Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(Scaling { nodes, steps })),
-        Study::Accuracy { common, nodes, steps, tolerances } => {
-            (common, study::Study::Accuracy(Accuracy { nodes, steps, tolerances }))
+        Study::Accuracy { common, nodes, steps, tolerances, without } => {
+            (common, study::Study::Accuracy(Accuracy { nodes, steps, tolerances, without }))
         }
         Study::Fluid { common } => (common, study::Study::Fluid(Fluid::default())),
         Study::Stability { common, vary, range, steps, points, accurate } => {
@@ -115,17 +132,22 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
     };
     let (document, scene) = common.scene.read()?;
     let folder = common.out.unwrap_or_else(|| study.folder(&scene));
+    let held = match study.claim(&scene, &folder, Claim::forced(common.force)) {
+        Ok(held) => Mutex::new(held),
+        Err(error) => return Ok(refuse(&error)),
+    };
     let interrupted = watch_for_interrupts();
     let bar = bar_of(0, "run {pos}/{len}  {eta} left");
     let progress = |done: usize, of: usize| {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     };
-    let made = study.make(&scene, Desk::new(&folder, &interrupted, &progress));
+    let made = study.make(&scene, Desk::new(&held, &interrupted, &progress));
     bar.finish_and_clear();
     match made? {
         Studied::Complete(findings) => {
-            let kept = study::keep(&findings, &folder, &scene.name, &document)?;
+            let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
+            let kept = study::keep(&findings, &mut held, &scene.name, &document)?;
             for answer in &findings.answers {
                 say(answer);
             }

@@ -1,22 +1,19 @@
 //! `caudal sweep`.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
-use caudal::report::Folder;
+use caudal::report::{Claim, Folder, JOURNAL};
 use caudal::sweep::{Fresh, Results, Sweep, Written, run as run_sweep};
 use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
 use super::run::watch_for_interrupts;
 use super::{bar_of, complain, exit, refuse, say, say_kept};
-
-/// Names of journals end in this.
-const JOURNAL: &str = "journal";
 
 #[derive(Debug, Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -31,7 +28,7 @@ pub struct Arguments {
     /// Run only one of n equal parts of the cases, such as 1/8; `caudal sweep merge` puts the parts together
     #[arg(long, value_name = "I/N")]
     shard: Option<Shard>,
-    /// Forget what an earlier sweep left in the folder and begin anew
+    /// Forget what this sweep left in the folder before and begin anew
     #[arg(long)]
     restart: bool,
     /// List and check the cases, run none
@@ -63,6 +60,9 @@ struct Common {
     /// Folder for the results [default: out/<name of the sweep>]
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
+    /// Replace the results of others in the folder
+    #[arg(long)]
+    force: bool,
 }
 
 impl Common {
@@ -118,16 +118,25 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
     let mut cases = wanted(&sweep, arguments);
     let name =
         arguments.shard.map_or_else(|| "cases".to_string(), |Shard { number, of }| format!("shard-{number}-of-{of}"));
-    let path = folder.join(format!("{name}.{JOURNAL}"));
-    let room = sweep.fits(cases.len(), &folder).and_then(|()| Folder::open(&folder));
-    let _made = match room {
-        Ok(made) => made,
+    let name = format!("{name}{JOURNAL}");
+    // Only what is still to be done needs room.
+    let path = folder.join(&name);
+    let left = || {
+        let done = Journal::read(&path).ok();
+        let done = done.filter(|journal| !arguments.restart && job.difference(journal.job()).is_none());
+        cases.iter().filter(|index| !done.as_ref().is_some_and(|journal| journal.has(**index))).count()
+    };
+    let room = sweep.fits(cases.len(), &folder).or_else(|_| sweep.fits(left(), &folder));
+    let held = room.and_then(|()| sweep.claim(&folder, &job, Claim::forced(common.force)));
+    let mut held = match held {
+        Ok(held) => held,
         Err(error) => return Ok(refuse(&error)),
     };
-    if arguments.restart && path.exists() {
-        Journal::clear(&path)?;
+    if arguments.restart {
+        held.begin_anew(arguments.shard.is_some().then_some(&name))?;
     }
-    let mut journal = sweep.journal(&path, &job)?;
+    let mut journal = sweep.journal(&mut held, &name, &job)?;
+    held.let_others(); // at other shards; nobody else gets the folder while there are journals in it
     let all = cases.len();
     cases.retain(|index| !journal.has(*index));
     if cases.len() < all {
@@ -161,11 +170,12 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
         say(&format!("{}: when all shards are there, `caudal sweep merge` makes table and report", path.display()));
         return Ok(ExitCode::SUCCESS);
     }
-    finish(&Results::new(&sweep, &job, vec![journal])?.with(fresh), &folder)
+    held.hold_again()?;
+    finish(&Results::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
 }
 
 /// Table, figures and report, and a word on what failed.
-fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
+fn finish(results: &Results<'_>, folder: &mut Folder) -> Result<ExitCode> {
     let Written { kept, failed } = results.write(folder)?;
     for (index, ending) in failed.iter().take(3) {
         complain(&format!("case {index}: {ending}"));
@@ -173,7 +183,7 @@ fn finish(results: &Results<'_>, folder: &Path) -> Result<ExitCode> {
     if !failed.is_empty() {
         complain(&format!("{} cases failed; their rows in table.csv say why", failed.len()));
     }
-    let whole = say_kept(&kept, folder);
+    let whole = say_kept(&kept, folder.path());
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
 }
 
@@ -190,13 +200,16 @@ fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
         let failed = |e: std::io::Error| Error::Read { path: place.clone(), reason: e.to_string() };
         for entry in std::fs::read_dir(place).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
-            if path.extension().is_some_and(|extension| extension == JOURNAL) {
+            if path.to_string_lossy().ends_with(JOURNAL) {
                 paths.push(path);
             }
         }
     }
     paths.sort();
-    let journals: Vec<Journal> = paths.iter().map(|path| Journal::read(path)).collect::<Result<_>>()?;
+    // One that is only begun has no results yet.
+    let journals: Vec<Journal> =
+        paths.iter().filter_map(|path| Journal::read_begun(path).transpose()).collect::<Result<_>>()?;
+    let claimed = || sweep.claim(&folder, &job, Claim::forced(common.force));
     let results = Results::new(&sweep, &job, journals)?;
     let missing: Vec<usize> = results.missing().collect();
     if let Some(first) = missing.first() {
@@ -208,12 +221,12 @@ fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
         );
         if partial {
             say(&lacking);
-            return finish(&results, &folder);
+            return finish(&results, &mut claimed()?);
         }
         complain(&format!("{lacking}; let their shards finish, or take what is there with --partial"));
         return Ok(ExitCode::from(exit::WRONG_INPUT));
     }
-    finish(&results, &folder)
+    finish(&results, &mut claimed()?)
 }
 
 /// A bar of cases with the time left and failures so far.

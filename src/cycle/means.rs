@@ -13,7 +13,7 @@ const CANCELLED: f64 = 0.01;
 pub struct Means {
     /// Forward speed of a free swimmer, speed of a free rod that nothing bends (m/s), or thrust on a held head (N).
     pub motion: f64,
-    /// Mean modulus of the velocity (m/s), or of the force on the head (N).
+    /// Mean modulus of the velocity against the flow (m/s), or of the force on the head (N).
     pub modulus: f64,
     /// Power that goes into the fluid, W.
     pub power: f64,

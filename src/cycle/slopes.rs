@@ -30,6 +30,8 @@ pub struct Weights {
 pub struct Dependence {
     /// By the change over the cycle of: position, x and y.
     pub position: [f64; 2],
+    /// Of the integral of the flow's velocity.
+    pub flow: [f64; 2],
     /// Of the integral of the head's axis.
     pub axis: [f64; 2],
     /// Of the force on a held head.
@@ -72,25 +74,41 @@ impl Cycles {
         span.into_iter().flat_map(move |(before, after)| ends_in(before, after).map(end))
     }
 
+    /// The frequency (Hz) that the ends of its cycles follow, as `dynamics` has it, of the same scene or one that hardly differs.
+    pub(crate) fn frequency(&self, dynamics: &Dynamics) -> Option<f64> {
+        match (self.source, Source::of(&dynamics.model)) {
+            (Source::Actuation, _) => Some(dynamics.inputs.drive.frequency),
+            (Source::Head(_), Source::Head(frequency)) => Some(frequency),
+            _ => None,
+        }
+    }
+
+    /// The mean of `measure` over the last whole cycles, which are between the last of `ends`, by the formula that it has in
+    /// `dynamics`, a scene that hardly differs. Where what drives the cycles has the frequency f/(1 + `stretch`) there instead of f, an
+    /// end at t = n/f moves, and the integrals between the ends follow it to first order.
+    pub(crate) fn mean_as(&self, measure: &Measure, dynamics: &Dynamics, ends: &[End], stretch: f64) -> Option<f64> {
+        let cycles = self.whole(f64::INFINITY);
+        let ends = &ends[ends.len().checked_sub(1 + cycles.len())?..];
+        let moved = |(cycle, ends): (&Cycle, &[End])| {
+            let [from, until] = [ends[0], ends[1]].map(|end| end.time * stretch);
+            let change = cycle.change + ends[1].rates * until - ends[0].rates * from;
+            (measure.of)(&Cycle { from: cycle.from + from, until: cycle.until + until, change, ..*cycle }, dynamics)
+        };
+        let means: Vec<f64> = cycles.iter().zip(ends.windows(2)).map(moved).collect::<Option<_>>()?;
+        (!means.is_empty()).then(|| means.iter().sum::<f64>() / means.len() as f64)
+    }
+
     /// The derivative of the mean of `measure` over the last whole cycles by the actuation's frequency (Hz) as far as it moves
     /// the ends t = n/f of these cycles, which are the last of `ends`; zero where others drive the cycles.
     pub(crate) fn by_frequency(&self, measure: &Measure, dynamics: &Dynamics, ends: &[End]) -> f64 {
-        let (cycles, frequency) = (self.whole(f64::INFINITY), dynamics.inputs.drive.frequency);
-        if self.source != Source::Actuation || ends.len() <= cycles.len() {
+        if self.source != Source::Actuation {
             return 0.0;
         }
-        let ends = &ends[ends.len() - 1 - cycles.len()..];
-        let mean = |change: f64| {
-            let moved = |(cycle, ends): (&Cycle, &[End])| {
-                let [from, until] = [ends[0], ends[1]].map(|end| -end.time * change);
-                let change = cycle.change + ends[1].rates * until - ends[0].rates * from;
-                (measure.of)(&Cycle { from: cycle.from + from, until: cycle.until + until, change, ..*cycle }, dynamics)
-            };
-            cycles.iter().zip(ends.windows(2)).filter_map(moved).sum::<f64>() / cycles.len() as f64
-        };
-        // A smooth function of the change of the frequency over itself, by differences of fourth order.
-        let central = |change: f64| (mean(change) - mean(-change)) / (2.0 * change);
-        (4.0 * central(MOVED) - central(2.0 * MOVED)) / (3.0 * frequency)
+        // A smooth function of the logarithm of the frequency, by differences of fourth order.
+        let mean = |change: f64| self.mean_as(measure, dynamics, ends, (-change).exp_m1());
+        let central = |change: f64| Some((mean(change)? - mean(-change)?) / (2.0 * change));
+        let by = central(MOVED).zip(central(2.0 * MOVED));
+        by.map_or(f64::NAN, |(near, far)| (4.0 * near - far) / (3.0 * dynamics.inputs.drive.frequency))
     }
 
     /// The last whole cycles of a run of single steps between `times` from the start: the ends of each, as number of the
@@ -154,6 +172,7 @@ impl Cycles {
             let by = by * part;
             Some(Dependence {
                 position: vector(&by, place::POSITION).into(),
+                flow: vector(&by, place::FLOW).into(),
                 axis: vector(&by, place::AXIS).into(),
                 force: vector(&by, place::FORCE).into(),
                 moment: by[place::MOMENT],
@@ -183,6 +202,8 @@ fn slopes(measure: &Measure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Inte
     let mut keys = Vec::new();
     let period = cycle.period();
     let velocity = cycle.velocity();
+    // At rest no direction is ahead.
+    let direction = velocity.try_normalize(0.0).unwrap_or_default();
     let per = 1.0 / period;
     // The part of a mean vector along the axis.
     let mut along = |at: usize, mean: Vector2<f64>, size: f64| {
@@ -199,8 +220,8 @@ fn slopes(measure: &Measure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Inte
             along(place::POSITION, velocity, period / actuation.wavelength()?)?;
         }
         "cycle_thrust_n" => along(place::FORCE, cycle.mean_vector(place::FORCE), 1.0)?,
-        "cycle_speed_m_s" => put(&mut by, place::POSITION, velocity.normalize() * per),
-        "cycle_body_lengths" => put(&mut by, place::POSITION, velocity.normalize() / dynamics.model.rod.length),
+        "cycle_speed_m_s" => put(&mut by, place::POSITION, direction * per),
+        "cycle_body_lengths" => put(&mut by, place::POSITION, direction / dynamics.model.rod.length),
         "cycle_head_force_x_n" => by[place::FORCE] = per,
         "cycle_head_force_y_n" => by[place::FORCE + 1] = per,
         "cycle_head_moment_n_m" => by[place::MOMENT] = per,
@@ -225,6 +246,9 @@ fn slopes(measure: &Measure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Inte
         }
         _ => return None,
     }
+    // U is that against the flow.
+    let against = -vector(&by, place::POSITION);
+    put(&mut by, place::FLOW, against);
     Some((by, keys))
 }
 

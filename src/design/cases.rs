@@ -34,6 +34,8 @@ pub(super) struct Case {
     /// EI of its sections over that of the scene itself, joint by joint: a rod of the same profile that is stiffer. Empty where
     /// the stiffness follows from the scene.
     stiffer: Vec<f64>,
+    /// EI of its joints as its scene has it, N m².
+    own_stiffness: Vec<f64>,
 }
 
 /// The cases that `table` asks for, of `document` with `scene`; none where it is for this scene alone.
@@ -86,7 +88,8 @@ impl Case {
         } else {
             Vec::new()
         };
-        Ok(Self { name, document, objective, problem, limits, stiffer })
+        let own_stiffness = problem.stiffness();
+        Ok(Self { name, document, objective, problem, limits, stiffer, own_stiffness })
     }
 
     /// What `profile`, of the scene itself, is in it.
@@ -95,7 +98,7 @@ impl Case {
         let stiffness_n_m2 = if self.stiffer.is_empty() && !profile.numbers.is_empty() {
             Vec::new()
         } else if self.stiffer.is_empty() {
-            self.problem.stiffness()
+            self.own_stiffness.clone()
         } else {
             stiffness
         };

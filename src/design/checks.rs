@@ -8,7 +8,7 @@ use super::markers::Markers;
 use super::memory::Memory;
 use super::report::{Check, changed, gain_percent, simulations};
 use super::search::Objective;
-use super::table::{Table, Variable};
+use super::table::Table;
 use super::trust::higher_fluids;
 use super::unknowns::Profile;
 use crate::jobs;
@@ -40,12 +40,8 @@ impl<'a> Checks<'a> {
         target: Option<&'a Markers>,
         profile: &Profile,
     ) -> Self {
-        let before = Problem::of(scene).ok().map(|problem| {
-            let even = problem.model().rod.ei * table.mean.unwrap_or(1.0);
-            let own = problem.stiffness();
-            let has = table.variables.contains(&Variable::Stiffness);
-            Profile::of(if has { vec![even; own.len()] } else { own })
-        });
+        let before =
+            Problem::of(scene).ok().map(|problem| Profile::before(table, &problem.stiffness(), problem.model().rod.ei));
         let allowed = |(_, changes): &(String, Vec<String>)| {
             changed(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
         };

@@ -579,13 +579,15 @@ impl Design {
                     row.extend(has(Variable::Phase).then(|| json!(found.profile.phase_rad[i])));
                     let deviation = found.deviations.get(i);
                     row.extend(self.table.fits_positions().then(|| json!(deviation.map(|d| d * ei))));
+                    let identifies = self.table.goal == Goal::Identify;
+                    let together = identifies && found.confused.iter().any(|group| group.len() > 1);
                     match deviation {
                         _ if bound => Verdict::AtABound.words(),
+                        Some(deviation) if together && *deviation > KNOWN => Verdict::NotToldApart.words(),
+                        Some(_) if identifies && !found.converged => Verdict::NotConverged.words(),
+                        Some(_) if found.misfit.is_some() => Verdict::DoesNotFit.words(),
                         Some(deviation) if *deviation <= KNOWN => Verdict::Identified.words(),
-                        Some(_) if self.table.goal == Goal::Identify => {
-                            let together = found.confused.iter().any(|group| group.len() > 1);
-                            if together { Verdict::NotToldApart.words() } else { Verdict::Unobservable.words() }
-                        }
+                        Some(_) if identifies => Verdict::Unobservable.words(),
                         Some(_) => Verdict::PriorDriven.words(),
                         None => "",
                     }

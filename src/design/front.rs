@@ -12,6 +12,9 @@ use super::unknowns::Profile;
 use crate::error::Result;
 use crate::sensitivity::Problem;
 
+/// A design that is nearer to an end of a gap than this part of it has closed it.
+const NEAR: f64 = 1e-3;
+
 /// A value that is worse by less than this part is as good.
 const ALIKE: f64 = 1e-6;
 
@@ -46,13 +49,14 @@ pub(super) fn front(
     let second = Objective::new(&other, &problem()?, None)?.like(objective);
     second.check(&mut problem()?)?;
     let mut points = Vec::new();
-    let mut add = |found: &Found| -> Result<Option<f64>> {
+    let mut add = |found: &Found| -> Result<Option<[f64; 2]>> {
         let [a, b] = [objective, &second].map(|goal| goal.measure(&mut problem().ok()?, &found.profile));
-        if let Some((first, second)) = a.zip(b) {
+        let both = a.zip(b).map(|(first, second)| [first, second]);
+        if let Some([first, second]) = both {
             let (profile, converged) = (found.profile.clone(), found.converged);
             points.push(Compromise { first, second, profile, converged, best: true });
         }
-        Ok(b)
+        Ok(both)
     };
     let from = add(found)?;
     let mut best = |table: &Table, objective: &Objective, from: &[f64]| -> Result<Found> {
@@ -66,17 +70,37 @@ pub(super) fn front(
     let to = add(&end)?;
     let mut interrupted = end.interrupted;
     if let Some((from, to)) = from.zip(to).filter(|_| !interrupted) {
-        let mut last = found.at.1.clone();
-        for i in 1..wanted.points - 1 {
-            let floor = from + (to - from) * i as f64 / (wanted.points - 1) as f64;
-            let table = Table { floor: Some([floor, from.abs().max(to.abs())]), ..table.clone() };
-            let found = best(&table, objective, &last)?;
-            add(&found)?;
+        // Each search splits the widest gap, measured in both goals over what they span, so that steep ends have designs too.
+        let spans = [0, 1].map(|i| (to[i] - from[i]).abs().max(f64::MIN_POSITIVE));
+        let size = from[1].abs().max(to[1].abs());
+        let mut along = vec![(from, found.at.1.clone(), true), (to, end.at.1.clone(), false)];
+        for _ in 1..wanted.points - 1 {
+            let gap = |i: &usize| {
+                let [a, b] = [along[*i].0, along[*i + 1].0];
+                ((b[0] - a[0]) / spans[0]).hypot((b[1] - a[1]) / spans[1])
+            };
+            let open = (0..along.len() - 1).filter(|i| along[*i].2);
+            let Some(i) = open.max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
+            let width = gap(&i);
+            let floor = 0.5 * (along[i].0[1] + along[i + 1].0[1]);
+            let table = Table { floor: Some([floor, size]), ..table.clone() };
+            let found = best(&table, objective, &along[i].1.clone())?;
             interrupted = found.interrupted;
+            match add(&found)? {
+                Some(value) => {
+                    let near = |other: [f64; 2]| {
+                        ((value[0] - other[0]) / spans[0]).hypot((value[1] - other[1]) / spans[1]) < NEAR * width
+                    };
+                    // Where it comes to one of the ends there is nothing in between.
+                    let open = !near(along[i].0) && !near(along[i + 1].0);
+                    along[i].2 = open;
+                    along.insert(i + 1, (value, found.at.1.clone(), open));
+                }
+                None => along[i].2 = false,
+            }
             if interrupted {
                 break;
             }
-            last = found.at.1.clone();
         }
     }
     points.sort_by(|a, b| a.second.total_cmp(&b.second));

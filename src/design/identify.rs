@@ -13,10 +13,12 @@ use serde::Serialize;
 
 use super::markers::{Markers, Motion};
 use super::qp::{Constraint, Quadratic};
+use super::refit::Refit;
 use super::table::{Basis, Table};
 use crate::error::{Error, Result};
+use crate::fluid::force::{OnEdge, OnTip};
 use crate::model::Dynamics;
-use crate::rod::{bend, node};
+use crate::rod::{add, bend, node};
 use crate::system::{Direction, State, System};
 
 /// A standard deviation above this part of the stiffness identifies nothing.
@@ -28,6 +30,13 @@ const SIGNAL: f64 = 5.0;
 
 /// Joints of which nothing is known stay at the scene's own stiffness, pulled by this part of the least information there is.
 const WEAK: f64 = 1e-8;
+
+/// Mean square of what is left of a balance over that of noise, from which on a joint does not fit.
+const MISFIT: f64 = 1.5;
+
+/// The strength of the actuation is looked for within this factor of the scene's, as a logarithm, in such steps.
+const GAINS: i32 = 70;
+const GAIN_STEP: f64 = 0.1;
 
 /// Passes of the weights, which depend on the stiffness.
 const PASSES: usize = 3;
@@ -44,6 +53,10 @@ pub enum Verdict {
     AtABound,
     /// The data know it only together with others.
     NotToldApart,
+    /// What is left of its balance or of the simulation is more than noise: the scene is not that of the data.
+    DoesNotFit,
+    /// The search ended before it was stationary.
+    NotConverged,
     /// Neither data nor anything else says anything.
     Unobservable,
 }
@@ -56,6 +69,8 @@ impl Verdict {
             Self::PriorDriven => "prior-driven",
             Self::AtABound => "at a bound",
             Self::NotToldApart => "not told apart",
+            Self::DoesNotFit => "does not fit",
+            Self::NotConverged => "not converged",
             Self::Unobservable => "unobservable",
         }
     }
@@ -74,8 +89,17 @@ pub struct Joint {
     pub deviation_n_m2: f64,
     /// Σc² over what noise alone makes of it.
     pub signal_to_noise: f64,
+    /// Root of the mean square of EI c − m over what noise alone makes of it: about 1 where the scene is that of the data.
+    pub residual_over_noise: f64,
     /// What can be said of it.
     pub verdict: Verdict,
+}
+
+impl Joint {
+    /// True where what it bends beyond its natural curvature drowns in noise.
+    pub fn drowns(&self) -> bool {
+        self.signal_to_noise <= SIGNAL
+    }
 }
 
 /// What identification finds.
@@ -85,6 +109,8 @@ pub struct Identified {
     pub joints: Vec<Joint>,
     /// Strength of the actuation over the scene's, where it was asked for.
     pub actuation_gain: Option<f64>,
+    /// True where that is at an edge of what is looked for.
+    pub gain_at_edge: bool,
     /// Standard deviation of the positions, m, as asked for or as found.
     pub noise_m: f64,
     /// Samples to either side in the filter.
@@ -93,6 +119,8 @@ pub struct Identified {
     pub samples: usize,
     /// Root of the mean of squares of EI c − m over that of m: how well the balance holds.
     pub misfit: f64,
+    /// How the simulation with it meets the markers; none where there is none.
+    pub refit: Option<Refit>,
     /// Of a free rod: root mean squares of the sums of forces (N, x and y) and moments (N m) that must vanish, over those of
     /// their parts.
     pub balances: Option<[f64; 3]>,
@@ -101,9 +129,29 @@ pub struct Identified {
     /// Square roots of the eigenvalues of the data's part of the scaled Hessian, falling: how many numbers the data know, and how well (the
     /// inverse is a standard deviation over the reference stiffness).
     pub singular_values: Vec<f64>,
-    /// Samples left out.
+    /// Samples without a marker, and glitches.
     pub missing: Vec<String>,
+    /// How many other samples were left out, and why.
+    pub left_out: Vec<String>,
 }
+
+impl Identified {
+    /// Judges it by its simulation too: deviations grow by what that asks for, and where more than noise is left the scene is not that of
+    /// the data, which balances of single joints may hide.
+    pub fn judge(&mut self, refit: Refit) {
+        for (joint, stiffer) in self.joints.iter_mut().zip(&refit.stiffer_n_m2) {
+            let left = if refit.fits() { 1.0 } else { refit.residual_over_noise };
+            joint.deviation_n_m2 = (left * joint.deviation_n_m2).hypot(*stiffer);
+            if joint.verdict == Verdict::Identified && !refit.fits() {
+                joint.verdict = Verdict::DoesNotFit;
+            }
+        }
+        self.refit = Some(refit);
+    }
+}
+
+/// What a force is differentiated along, in the order of [`Moves`].
+const DIRECTIONS: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS];
 
 /// How a number moves with positions: index of the entry, and by its value, velocity and acceleration.
 type Moves = Vec<(usize, [f64; 3])>;
@@ -159,25 +207,31 @@ pub(super) fn series(
         .map(|_| Series { still: vec![], driven: vec![], moment: vec![], by: [vec![], vec![]] })
         .collect();
     let (mut sums, mut parts) = ([0.0; 3], [0.0; 3]);
+    let mut by_moment = [0, 1, 2].map(|_| vec![0.0; 2 * nodes]);
+    let mut levers = vec![Vector2::zeros(); nodes];
     for sample in &motion.samples {
         let time = markers.times[sample.index];
         dynamics.move_to(time, &mut state);
         state.q.copy_from_slice(&sample.q);
         state.v.copy_from_slice(&sample.v);
+        state.a.copy_from_slice(&sample.a);
         let bent = dynamics.shape(&state)?;
         let (dynamics, rod) = (bent.dynamics, &bent.dynamics.model.rod);
         let mut force: Vec<Vector2<f64>> =
             (0..nodes).map(|k| node(&sample.a, k) * rod.mass[k] - dynamics.load(k)).collect();
-        let mut damping = vec![nalgebra::Matrix2::zeros(); nodes];
         let moving = bent.kinematics();
         let edges = 0..moving.edges.len();
-        dynamics.model.forces.on_edges(&moving, Some(Direction::VELOCITIES), edges, |e, on| {
-            for i in 0..2 {
-                force[e + i] += on.force(i);
-                damping[e + i] += nalgebra::Matrix2::from(on.own(i));
-            }
+        // What acts on the edges and on the tip, with its derivatives by positions, velocities and accelerations.
+        let along = DIRECTIONS.map(|direction| {
+            let mut on = vec![OnEdge::ZERO; moving.edges.len()];
+            dynamics.model.forces.on_edges(&moving, Some(direction), edges.clone(), |e, acting| on[e] = *acting);
+            let tips: Vec<OnTip> = dynamics.model.forces.on_tip(&moving, Some(direction)).collect();
+            (on, tips)
         });
-        dynamics.model.forces.on_tip(&moving, None).for_each(|tip| force[nodes - 1] += tip.force);
+        for (e, on) in along[0].0.iter().enumerate() {
+            (0..2).for_each(|i| force[e + i] += on.force(i));
+        }
+        along[0].1.iter().for_each(|tip| force[nodes - 1] += tip.force);
         let position = |k: usize| node(&state.q, k);
         for (i, k) in joints.clone().enumerate() {
             let kappa = bent.kappa()[k];
@@ -207,20 +261,34 @@ pub(super) fn series(
             let tail = held || nodes - 1 - k <= k;
             let (side, sign) = if tail { (k + 1..nodes, 1.0) } else { (0..k, -1.0) };
             let (mut moment, mut total) = (0.0, Vector2::zeros());
-            let mut by_m = Vec::with_capacity(2 * side.len() + 2);
-            for j in side {
+            by_moment.iter_mut().for_each(|by| by.fill(0.0));
+            levers.fill(Vector2::zeros());
+            for j in side.clone() {
                 let r = position(j) - position(k);
                 moment -= sign * r.perp(&force[j]);
                 total += force[j];
-                let lever = turned(r) * sign;
-                let (v, a) = (damping[j].transpose() * lever, lever * rod.mass[j]);
-                let x = -turned(force[j]) * sign;
-                by_m.push((2 * j, [x.x, v.x, a.x]));
-                by_m.push((2 * j + 1, [x.y, v.y, a.y]));
+                levers[j] = turned(r) * sign;
+                add(&mut by_moment[2], j, levers[j] * rod.mass[j]);
+                add(&mut by_moment[0], j, -turned(force[j]) * sign);
             }
-            let x = turned(total) * sign;
-            by_m.push((2 * k, [x.x, 0.0, 0.0]));
-            by_m.push((2 * k + 1, [x.y, 0.0, 0.0]));
+            add(&mut by_moment[0], k, turned(total) * sign);
+            for ((on, tips), by) in along.iter().zip(&mut by_moment) {
+                for e in side.start.saturating_sub(1)..side.end.min(on.len()) {
+                    for end in 0..2 {
+                        let [first, second] = on[e].change_transposed(end, levers[e + end]);
+                        add(by, e, first);
+                        add(by, e + 1, second);
+                    }
+                }
+                for tip in tips {
+                    let [first, second] = tip.edges.map(|by| by.tr_mul(&levers[nodes - 1]));
+                    add(by, nodes - 3, -first);
+                    add(by, nodes - 2, first - second);
+                    add(by, nodes - 1, second + tip.own.tr_mul(&levers[nodes - 1]));
+                }
+            }
+            let entry = |i: usize| (i, [0, 1, 2].map(|order| by_moment[order][i]));
+            let by_m: Moves = (0..2 * nodes).map(entry).filter(|(_, by)| *by != [0.0; 3]).collect();
             series.moment.push(moment);
             series.by[0].push(by_c);
             series.by[1].push(by_m);
@@ -268,6 +336,13 @@ struct Known {
     variance: f64,
 }
 
+impl Known {
+    /// Σc² beyond noise, over what noise alone makes of it.
+    fn signal(&self) -> f64 {
+        (self.square - self.noise) / self.noise.max(f64::MIN_POSITIVE)
+    }
+}
+
 fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, sigma: f64) -> Known {
     let c = series.curvature(gain);
     let of_c = |i: usize| {
@@ -300,8 +375,30 @@ fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, s
     }
 }
 
-/// The gain of the actuation that leaves the least of EI c − m where every joint takes its best stiffness.
-fn best_gain(all: &[Series]) -> f64 {
+/// Σ of the variances of EI c − m over the samples: what noise leaves of the balance.
+fn noise_left(series: &Series, motion: &Motion, entries: usize, ei: f64, sigma: f64) -> f64 {
+    let mut moves = vec![[0.0; 3]; entries];
+    let of_residual = |i: usize| {
+        moves.fill([0.0; 3]);
+        let [by_c, by_m] = [&series.by[0][i], &series.by[1][i]];
+        let all =
+            by_c.iter().map(|(entry, by)| (entry, by.map(|by| ei * by))).chain(by_m.iter().map(|(e, by)| (e, *by)));
+        for (entry, by) in all {
+            (0..3).for_each(|order| moves[*entry][order] += by[order]);
+        }
+        let weights = &motion.samples[i].weights;
+        let gram = |a: usize, b: usize| weights.iter().map(|w| w[a] * w[b]).sum::<f64>();
+        let gram: [[f64; 3]; 3] = std::array::from_fn(|a| std::array::from_fn(|b| gram(a, b)));
+        let square =
+            |by: &[f64; 3]| (0..3).map(|a| (0..3).map(|b| by[a] * by[b] * gram[a][b]).sum::<f64>()).sum::<f64>();
+        moves.iter().map(square).sum::<f64>()
+    };
+    sigma * sigma * (0..motion.samples.len()).map(of_residual).sum::<f64>()
+}
+
+/// The gain of the actuation that leaves the least of EI c − m where every joint takes its best stiffness, and whether it is at an
+/// edge of what is looked for.
+fn best_gain(all: &[Series]) -> (f64, bool) {
     let misfit = |gain: f64| -> f64 {
         let of = |series: &Series| {
             let c = series.curvature(gain);
@@ -311,15 +408,15 @@ fn best_gain(all: &[Series]) -> f64 {
         all.iter().map(of).sum()
     };
     // Golden section in the logarithm, after a look around for the right valley.
-    let grid = |i: i32| (f64::from(i) * 0.1).exp();
-    let middle = (-14..=14).min_by(|a, b| misfit(grid(*a)).total_cmp(&misfit(grid(*b)))).unwrap_or(0);
-    let (mut low, mut high) = (f64::from(middle - 1) * 0.1, f64::from(middle + 1) * 0.1);
+    let at = |i: i32| f64::from(i) * GAIN_STEP;
+    let middle = (-GAINS..=GAINS).min_by(|a, b| misfit(at(*a).exp()).total_cmp(&misfit(at(*b).exp()))).unwrap_or(0);
+    let (mut low, mut high) = (at(middle - 1), at(middle + 1));
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     for _ in 0..60 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if misfit(a.exp()) < misfit(b.exp()) { high = b } else { low = a }
     }
-    (0.5 * (low + high)).exp()
+    ((0.5 * (low + high)).exp(), middle.abs() == GAINS)
 }
 
 /// Bounds, order and mean of the stiffness over `reference`, as constraints of the unknowns.
@@ -388,7 +485,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     if table.actuation_gain && all.iter().all(|series| series.driven.iter().all(|x| *x == 0.0)) {
         return Err(Error::Design { reason: "actuation_gain is asked for where nothing is actuated".to_string() });
     }
-    let gain = if table.actuation_gain { best_gain(&all) } else { 1.0 };
+    let (gain, at_edge) = if table.actuation_gain { best_gain(&all) } else { (1.0, false) };
     let basis = table.basis(rod);
     let demands = constraints(table, &basis, true);
     let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
@@ -435,15 +532,41 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     singular_values.sort_by(|a, b| b.total_cmp(a));
     let active = programme.active(&solution);
     let prior = table.smoothness > 0.0 || table.knots.is_some() || table.monotone || table.mean.is_some();
-    let joints: Vec<Joint> = (rod.joints().zip(&stiffness).zip(&knowns))
-        .map(|((k, ei), known)| {
+    // What is left of the balances: in all, beyond what may be noise, and the moments themselves.
+    let independent = (motion.samples.len() as f64 / (motion.half + 1) as f64).max(1.0);
+    let allowed = MISFIT + 4.0 * (2.0 / independent).sqrt();
+    let left: Vec<[f64; 4]> = (all.iter().zip(&stiffness).zip(&knowns))
+        .map(|((series, ei), known)| {
+            let noise = noise_left(series, &motion, entries, *ei, sigma);
+            let c = series.curvature(gain);
+            let square: f64 = c.iter().zip(&series.moment).map(|(c, m)| (ei * c - m).powi(2)).sum();
+            // Where noise drowns what the rod bends there is nothing to judge by.
+            let beyond = if known.signal() > SIGNAL { (square - noise * allowed).max(0.0) } else { 0.0 };
+            [square, beyond, dot(&series.moment, &series.moment), noise]
+        })
+        .collect();
+    let sum = |i: usize| left.iter().map(|left| left[i]).sum::<f64>();
+    // What the scene lacks at one joint it lacks at others, where noise may hide it.
+    let lacking = (sum(1) / sum(2).max(f64::MIN_POSITIVE)).sqrt();
+    let joints: Vec<Joint> = (rod.joints().zip(&stiffness).zip(knowns.iter().zip(&left)))
+        .map(|((k, ei), (known, [own, beyond, _, noise]))| {
             let square = known.square - known.noise;
-            let signal = square / known.noise.max(f64::MIN_POSITIVE);
-            let deviation = if square > 0.0 { known.variance.sqrt() / square } else { f64::INFINITY };
+            let signal = known.signal();
+            let residual = (own / noise.max(f64::MIN_POSITIVE)).sqrt();
+            let deviation = if square > 0.0 {
+                // Noise, and what does not fit, which more samples do not make smaller.
+                (known.variance / (square * square) + beyond / square + (lacking * ei).powi(2)).sqrt()
+            } else {
+                f64::INFINITY
+            };
             let factor = ei / reference;
             let bound = table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
             let verdict = if bound {
                 Verdict::AtABound
+            } else if *beyond > 0.0 {
+                Verdict::DoesNotFit
+            } else if at_edge {
+                Verdict::NotToldApart
             } else if signal > SIGNAL && deviation <= IDENTIFIED * ei {
                 Verdict::Identified
             } else if prior {
@@ -451,24 +574,27 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             } else {
                 Verdict::Unobservable
             };
-            let xi = rod.xi(k);
-            Joint { node: k, xi, stiffness_n_m2: *ei, deviation_n_m2: deviation, signal_to_noise: signal, verdict }
+            Joint {
+                node: k,
+                xi: rod.xi(k),
+                stiffness_n_m2: *ei,
+                deviation_n_m2: deviation,
+                signal_to_noise: signal,
+                residual_over_noise: residual,
+                verdict,
+            }
         })
         .collect();
-    let (mut left, mut size) = (0.0, 0.0);
-    for (series, ei) in all.iter().zip(&stiffness) {
-        for (c, m) in series.curvature(gain).iter().zip(&series.moment) {
-            left += (ei * c - m).powi(2);
-            size += m * m;
-        }
-    }
     Ok(Identified {
         joints,
         actuation_gain: table.actuation_gain.then_some(gain),
         noise_m: sigma,
         window_samples: motion.half,
         samples: motion.samples.len(),
-        misfit: (left / size).sqrt(),
+        gain_at_edge: at_edge,
+        misfit: (sum(0) / sum(2).max(f64::MIN_POSITIVE)).sqrt(),
+        refit: None,
+        left_out: motion.left_out.clone(),
         balances,
         active,
         singular_values,

@@ -8,10 +8,15 @@ use super::unknowns::Profile;
 use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
+use crate::rod::Shape;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 
-/// The largest of many is limited by their norm of this order, which is above it by a few per cent at most.
+/// Steps of a search go along the norm of this order of all values instead of the largest of them, which has kinks. It is above that
+/// by a few per cent, so that it is over its own value where a step begins that it limits the largest.
 const ORDER: i32 = 100;
+
+/// A load with a smaller logarithm over its limit is out of reach of a step, which is not told its derivatives.
+const FAR: f64 = -0.5;
 
 /// A share below this in a derivative is none.
 const LEAST: f64 = 1e-14;
@@ -19,13 +24,39 @@ const LEAST: f64 = 1e-14;
 /// A limit, at a point of the search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Limited {
-    /// In words.
+    /// In words; what is limited together, one after the other, has the same.
     pub name: String,
     /// The logarithm of the value over the limit; the other way round where the value is to be large. It is to be 0 at most. In
     /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
+    /// What is between it and the smooth function that `by` is of: for steps from another point that of the point counts.
+    pub rounding: f64,
     /// Its derivatives, by the parameters, later by the unknowns.
     pub by: Vec<f64>,
+}
+
+impl Limited {
+    /// What it is beyond the limit for a step from where it is `from`.
+    pub fn after(&self, from: &Self) -> f64 {
+        self.excess + self.rounding - from.rounding
+    }
+}
+
+/// Numbers the limits that `limits` are of.
+pub(super) fn groups(limits: &[Limited]) -> Vec<usize> {
+    let new = |i: usize| usize::from(i > 0 && limits[i].name != limits[i - 1].name);
+    let count = |group: &mut usize, i: usize| {
+        *group += new(i);
+        Some(*group)
+    };
+    (0..limits.len()).scan(0, count).collect()
+}
+
+/// The sum over `groups` of what the largest of each, by `excess`, is beyond its limit.
+pub(super) fn beyond(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
+    let mut worst = vec![0.0_f64; groups.last().map_or(0, |last| last + 1)];
+    groups.iter().enumerate().for_each(|(i, group)| worst[*group] = worst[*group].max(excess(i)));
+    worst.iter().sum()
 }
 
 /// A limit in words, and how much of it is used.
@@ -40,8 +71,8 @@ pub struct Used {
 /// A limit of the body: in words, and value over the limit.
 type OfBody = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 
-/// A limit of the load: in words, what is limited, and to what.
-type OfLoad = (String, Vec<Output>, f64);
+/// A limit of the load: in words, what is limited, to what, and whether its sign counts: what is below zero is no load then.
+type OfLoad = (String, Vec<Output>, f64, bool);
 
 /// A mean over the cycles, or a second goal: in words, what it has to reach, and its size where it may have any sign.
 type OfMean = (String, Objective, f64, Option<f64>);
@@ -65,42 +96,42 @@ impl Limits {
         }
         if table.neutral_buoyancy {
             // Mass over the mass of the fluid that it displaces, from both sides.
-            let weight = |model: &Model| {
-                let volume: f64 = model.rod.halves().flatten().map(|half| half.displaced * half.length).sum();
-                let body = model.rod.body.as_ref().map_or(0.0, crate::rod::Spheroid::volume);
-                model.rod.total_mass() / (model.fluid.density * (volume + body))
-            };
+            let weight = |model: &Model| model.rod.total_mass() / (model.fluid.density * model.rod.displaced_volume());
             body.push(("no heavier than the fluid".into(), Box::new(weight)));
             body.push(("no lighter than the fluid".into(), Box::new(move |model| weight(model).recip())));
         }
         if let Some(least) = table.least_wall_m {
             let sections = &problem.model().rod.sections;
-            let mut places: Vec<f64> = sections.outer.places().chain(sections.inner.places()).collect();
+            let depths = sections.depth.iter().flat_map(crate::rod::Profile::places);
+            let mut places: Vec<f64> = sections.outer.places().chain(sections.inner.places()).chain(depths).collect();
             places.sort_by(f64::total_cmp);
             places.dedup();
             for xi in places {
-                let wall = move |model: &Model| {
-                    let section = model.rod.sections.at(xi);
-                    least / (section.outer - section.inner)
-                };
-                body.push((format!("wall at least {least} m at xi = {xi}"), Box::new(wall)));
+                // In the plane of motion, and across it where the wall is another there.
+                for (axis, says) in ["", " across the plane"].into_iter().enumerate() {
+                    if axis == 0 || sections.shape != Shape::Round {
+                        let wall = move |model: &Model| least / model.rod.sections.at(xi).walls()[axis];
+                        body.push((format!("wall{says} at least {least} m at xi = {xi}"), Box::new(wall)));
+                    }
+                }
             }
         }
         let joints = || problem.model().rod.joints();
         let mut load: Vec<OfLoad> = Vec::new();
         if let Some(most) = table.largest_moment_n_m {
             let all = joints().map(|k| Quantity::JointMoment(k).into()).collect();
-            load.push((format!("moment in a joint at most {most} N m"), all, most));
+            load.push((format!("moment in a joint at most {most} N m"), all, most, false));
         }
         if let Some(most) = table.largest_strain {
             let all = joints().map(|k| Quantity::JointStrain(k).into()).collect();
-            load.push((format!("strain at most {most}"), all, most));
+            load.push((format!("strain at most {most}"), all, most, false));
         }
         if let Some(most) = table.largest_power_w {
             load.push((
                 format!("power of the actuation at most {most} W"),
                 vec![Quantity::ActuationPower.into()],
                 most,
+                true, // what it takes back is none that it puts in
             ));
         }
         let mut means: Vec<OfMean> = Vec::new();
@@ -129,7 +160,7 @@ impl Limits {
         Ok(Self { body, load, means })
     }
 
-    /// All of them at the point that `problem` was set to; none where a simulation fails.
+    /// All of them at the point that `problem` was set to, a limit of several loads several times; none where a simulation fails.
     pub fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Vec<Limited>> {
         let mut all = Vec::new();
         for (name, used) in &self.body {
@@ -139,33 +170,35 @@ impl Limits {
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(Limited { name: name.clone(), excess: own.ln(), by });
+            all.push(Limited { name: name.clone(), excess: own.ln(), rounding: 0.0, by });
         }
         if !self.load.is_empty() {
             let mut trajectory = Trajectory::default();
-            let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, _)| outputs.iter().cloned()).collect();
+            let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, ..)| outputs.iter().cloned()).collect();
             let found = problem.forward(&[], &outputs, 1, |state| trajectory.push(state)).ok()?;
-            let mut first = 0;
-            for (name, outputs, most) in &self.load {
-                let width = outputs.len();
-                let values: Vec<f64> =
-                    found.values.chunks(self.width()).flat_map(|row| &row[first..first + width]).copied().collect();
-                first += width;
-                let largest = values.iter().fold(f64::MIN_POSITIVE, |max, x| max.max(x.abs()));
-                let sum: f64 = values.iter().map(|x| (x.abs() / largest).powi(ORDER)).sum();
-                let norm = sum.powf(1.0 / f64::from(ORDER));
-                // What is far from the largest does not count, and costs nothing.
-                let weight = |x: &f64| {
-                    let part = (x.abs() / largest / norm).powi(ORDER - 1);
-                    if part < LEAST { 0.0 } else { x.signum() * part / (largest * norm) }
-                };
-                let weights: Vec<f64> = values.iter().map(weight).collect();
-                let by = if parameters.is_empty() {
-                    Vec::new()
-                } else {
-                    problem.adjoint(parameters, outputs, &weights, &trajectory).ok()?
-                };
-                all.push(Limited { name: name.clone(), excess: (largest * norm / most).ln(), by });
+            let loads = self.load.iter().flat_map(|load| load.1.iter().map(move |output| (load, output)));
+            for (o, ((name, _, most, signed), output)) in loads.enumerate() {
+                // Each joint and each way by itself: where the largest of all is another one there is a kink.
+                for way in [1.0, -1.0].into_iter().take(if *signed { 1 } else { 2 }) {
+                    let value = |n: usize| (way * found.value(n, o)).max(0.0);
+                    let values: Vec<f64> = (0..found.times.len()).map(value).collect();
+                    let largest = values.iter().fold(f64::MIN_POSITIVE, |max, x| max.max(*x));
+                    let sum: f64 = values.iter().map(|x| (x / largest).powi(ORDER)).sum();
+                    let norm = sum.powf(1.0 / f64::from(ORDER));
+                    let excess = (largest / most).ln();
+                    // What is far from the largest does not count, and costs nothing.
+                    let weight = |x: &f64| {
+                        let part = (x / largest / norm).powi(ORDER - 1);
+                        if part < LEAST { 0.0 } else { way * part / (largest * norm) }
+                    };
+                    let by = if excess < FAR || parameters.is_empty() {
+                        vec![0.0; parameters.len()]
+                    } else {
+                        let weights: Vec<f64> = values.iter().map(weight).collect();
+                        problem.adjoint(parameters, std::slice::from_ref(output), &weights, &trajectory).ok()?
+                    };
+                    all.push(Limited { name: name.clone(), excess, rounding: norm.ln(), by });
+                }
             }
         }
         for (name, objective, floor, size) in &self.means {
@@ -175,7 +208,8 @@ impl Limits {
                 Some(size) => ((floor - value) / size, -1.0 / size),
                 None => below(value / floor, 1.0 / floor),
             };
-            all.push(Limited { name: name.clone(), excess, by: by.into_iter().map(|by| slope * by).collect() });
+            let by = by.into_iter().map(|by| slope * by).collect();
+            all.push(Limited { name: name.clone(), excess, rounding: 0.0, by });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
@@ -184,10 +218,6 @@ impl Limits {
     pub fn leave_motion(&mut self) {
         self.load.clear();
         self.means.clear();
-    }
-
-    fn width(&self) -> usize {
-        self.load.iter().map(|(_, outputs, _)| outputs.len()).sum()
     }
 }
 

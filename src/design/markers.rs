@@ -20,6 +20,14 @@ const BENT: f64 = 1.03;
 /// A sample whose residual is more than this many times the usual one is left out.
 const FITS: f64 = 4.0;
 
+/// A marker that is further than this many usual distances off the path that it has before and after is a glitch, where the others
+/// about it are no further than the second number, in root mean square, from that path. So many of a window may be glitches.
+const OFF: [f64; 2] = [6.0, 2.0];
+const GLITCHES: usize = 4;
+
+/// Samples to either side of one that is looked at for a glitch.
+const ABOUT: usize = 7;
+
 /// A window that spans more than this many usual ones has a gap in it.
 const GAP: f64 = 1.5;
 
@@ -198,6 +206,91 @@ impl Markers {
         Some((sample, usize::from(off(1) > off(0)), problem))
     }
 
+    /// The same without the samples in which a marker is off its path for a moment, which are named as missing.
+    pub fn without_glitches(mut self) -> Self {
+        let glitches = self.glitches();
+        let name = |(sample, node, off): &(usize, usize, f64)| {
+            format!("node {node} at t = {} s, {off:.1e} m off its path", self.times[*sample])
+        };
+        let names: Vec<String> = glitches.iter().map(name).collect();
+        self.missing.extend(names);
+        let clean: Vec<bool> = (0..self.times.len()).map(|i| glitches.iter().all(|glitch| glitch.0 != i)).collect();
+        let mut keep = clean.iter();
+        self.times.retain(|_| keep.next() == Some(&true));
+        let mut keep = clean.iter();
+        self.positions.retain(|_| keep.next() == Some(&true));
+        self
+    }
+
+    /// Samples and nodes that are off their path, and by how much (m).
+    fn glitches(&self) -> Vec<(usize, usize, f64)> {
+        let (count, span) = (self.times.len(), 2 * ABOUT + 1);
+        let nodes = self.positions.first().map_or(0, |row| row.len() / 2);
+        let mut found = Vec::new();
+        if count < 2 * span {
+            return found;
+        }
+        let first = |i: usize| i.saturating_sub(ABOUT).min(count - span);
+        let all: Vec<usize> = (0..span).collect();
+        let fits: Vec<Option<Vec<f64>>> =
+            (0..count).map(|i| fitted(&self.times[first(i)..first(i) + span], &all, i - first(i))).collect();
+        for node in 0..nodes {
+            let at = |i: usize| [self.positions[i][2 * node], self.positions[i][2 * node + 1]];
+            // Distance from what the samples of `chosen` about `i` say of it, over the deviation that noise of one would give it.
+            let off = |i: usize, first: usize, chosen: &[usize], weights: &[f64]| {
+                let own = at(i);
+                let [x, y] = [0, 1].map(|axis| {
+                    let said: f64 = chosen.iter().zip(weights).map(|(j, w)| w * at(first + j)[axis]).sum();
+                    own[axis] - said
+                });
+                let part = chosen.iter().position(|j| first + j == i);
+                let squares: f64 = weights.iter().map(|w| w * w).sum();
+                // Inside a fit a residual is smaller, beside it larger than the noise.
+                let scale = part.map_or(1.0 + squares, |_| (1.0 - squares).max(0.01));
+                (x.hypot(y), (x.hypot(y) / std::f64::consts::SQRT_2) / scale.sqrt())
+            };
+            let usual: Vec<f64> =
+                (0..count).filter_map(|i| Some(off(i, first(i), &all, fits[i].as_ref()?).1)).collect();
+            let usual = median(&usual);
+            for i in (0..count).filter(|_| usual > 0.0) {
+                let begin = first(i);
+                let window = begin..begin + span;
+                let suspicious =
+                    |j: usize| fits[j].as_ref().is_some_and(|fit| off(j, first(j), &all, fit).1 > 3.0 * usual);
+                if !window.clone().any(suspicious) {
+                    continue;
+                }
+                // The path without those that are furthest off it, one after the other.
+                let mut chosen = all.clone();
+                let mut last = f64::INFINITY;
+                for _ in 0..=GLITCHES {
+                    let distance = |j: usize, chosen: &[usize]| {
+                        let fit = fitted(&self.times[window.clone()], chosen, j)?;
+                        Some(off(begin + j, begin, chosen, &fit).1)
+                    };
+                    let own: Vec<(usize, f64)> =
+                        chosen.iter().filter_map(|j| Some((*j, distance(*j, &chosen)?))).collect();
+                    let rms = (own.iter().map(|(_, d)| d * d).sum::<f64>() / own.len().max(1) as f64).sqrt();
+                    last = rms;
+                    let Some((worst, far)) = own.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
+                    if rms <= OFF[1] * usual && far <= 4.0 * usual {
+                        break;
+                    }
+                    chosen.retain(|j| *j != worst);
+                }
+                let out = !chosen.contains(&(i - begin));
+                if let Some(fit) = fitted(&self.times[window.clone()], &chosen, i - begin).filter(|_| out) {
+                    let (distance, over) = off(i, begin, &chosen, &fit);
+                    if over > OFF[0] * usual && last <= OFF[1] * usual {
+                        found.push((i, node, distance));
+                    }
+                }
+            }
+        }
+        found.sort_by_key(|(sample, node, _)| (*sample, *node));
+        found
+    }
+
     /// The smooth motion at all samples with a full window about them: `half` samples to either side, or as many as the
     /// data bear: the longest window over which polynomials still fit as well as over shorter ones.
     ///
@@ -231,9 +324,11 @@ impl Markers {
         let usual = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
         let mut motion = Motion { half, ..Motion::default() };
         let mut squares = Vec::new();
+        let mut beside = 0;
         for i in half..count.saturating_sub(half) {
             let window = &self.times[i - half..=i + half];
             if window[2 * half] - window[0] > GAP * usual {
+                beside += 1;
                 continue;
             }
             let Some(weights) = weights(window, self.times[i]) else { continue };
@@ -258,7 +353,16 @@ impl Markers {
         let median = sorted[sorted.len() / 2];
         motion.noise = median.sqrt();
         let mut fits = squares.iter().map(|square| *square <= FITS * FITS * median);
+        let before = motion.samples.len();
         motion.samples.retain(|_| fits.next().unwrap_or(false));
+        for (left_out, why) in [
+            (beside, "with a gap about them, or rows further apart than most"),
+            (before - motion.samples.len(), "that move too fast for the window, or stray"),
+        ] {
+            if left_out > 0 {
+                motion.left_out.push(format!("{left_out} samples {why}"));
+            }
+        }
         Ok(motion)
     }
 }
@@ -272,6 +376,8 @@ pub struct Motion {
     pub noise: f64,
     /// The samples with a full window.
     pub samples: Vec<Sample>,
+    /// How many others were left out, and why, in words.
+    pub left_out: Vec<String>,
 }
 
 /// The motion at one sample.
@@ -287,6 +393,12 @@ pub struct Sample {
     pub a: Vec<f64>,
     /// Weights of the window's samples in value, rate and second rate.
     pub weights: Vec<[f64; 3]>,
+}
+
+/// The weights of the samples `chosen` of those at `times` in the value at sample `at` of the polynomial of least squares through them.
+fn fitted(times: &[f64], chosen: &[usize], at: usize) -> Option<Vec<f64>> {
+    let own: Vec<f64> = chosen.iter().map(|j| times[*j]).collect();
+    (own.len() > DEGREE).then(|| weights(&own, times[at])).flatten().map(|all| all.into_iter().map(|w| w[0]).collect())
 }
 
 /// The weights of samples at `times` in value, first and second derivative at `time` of the polynomial of least squares.

@@ -11,11 +11,14 @@ use serde_json::Value;
 use super::table::Table;
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
-use crate::report::Folder;
+use crate::report::{Claim, Folder, Owner};
 use crate::scene::Scene;
 
 /// Its file in the folder of a design.
 pub(super) const JOURNAL: &str = "design.journal";
+
+/// Files that every design has.
+pub(super) const CERTAIN: [&str; 2] = ["design.json", "report.html"];
 
 /// A result, and what it is of.
 #[derive(Debug, Serialize, Deserialize)]
@@ -44,15 +47,20 @@ impl Memory {
     /// That of the design of `scene` in `folder`; what another one left there is forgotten. Without room for it there is none.
     ///
     /// # Errors
-    /// [`Error::Journal`] where another program is at work on it; [`Error::Read`] for the files that the design names.
+    /// [`Error::Busy`] where another program is at work on it, [`Error::Occupied`]; [`Error::Read`] for the files that the design names.
     pub fn open(folder: &Path, scene: &Scene, table: &Table) -> Result<Self> {
         let mut inputs = scene.fingerprint_text().into_bytes();
         for file in [&table.data, &table.over].into_iter().flatten() {
             inputs.extend(scene.read_from.read(&scene.folder.join(file))?);
         }
         let job = Job::new(&format!("design {}", scene.name), &inputs, 0);
-        let path = folder.join(JOURNAL);
-        let Ok(made) = Folder::open(folder) else { return Ok(Self::default()) };
+        let claimed = Folder::claim(folder, Owner::of("design", scene), Claim::Own, &CERTAIN);
+        let (claimed, path) = match claimed.and_then(|mut claimed| claimed.journal(JOURNAL).map(|path| (claimed, path)))
+        {
+            Ok(held) => held,
+            Err(Error::Write { .. }) => return Ok(Self::default()),
+            Err(error) => return Err(error),
+        };
         if Journal::read(&path).is_ok_and(|journal| !journal.is_held() && job.difference(journal.job()).is_some()) {
             let _ = std::fs::remove_file(&path); // else it is refused
         }
@@ -68,7 +76,7 @@ impl Memory {
             }
         }
         let next = journal.indices().last().map_or(0, |last| last + 1);
-        Ok(Self { journal: Some(journal), lines, next, recorded: None, _folder: Some(made) })
+        Ok(Self { journal: Some(journal), lines, next, recorded: None, _folder: Some(claimed) })
     }
 
     /// One for another program.
@@ -132,13 +140,5 @@ impl Memory {
             return known.value;
         }
         self.keep(Known { of, value: make() })
-    }
-}
-
-/// Forgets what is kept in `folder`, of a design that is complete.
-pub(super) fn forget(folder: &Path) {
-    let path = folder.join(JOURNAL);
-    if Journal::read(&path).is_ok() {
-        let _ = std::fs::remove_file(path); // of use to nobody, and of no harm
     }
 }

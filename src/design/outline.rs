@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use serde_json::{Value, json};
 
-use crate::rod::{Rod, Sections};
+use crate::rod::{Rod, Sections, Shape};
 
 /// Stations along the rod beside the points of its profiles, and corners of a section.
 const STATIONS: usize = 64;
@@ -55,25 +55,29 @@ pub(super) fn sections(rod: &Rod, stiffness: &[f64]) -> Vec<Vec<Value>> {
     stations(&rod.sections).into_iter().map(row).collect()
 }
 
-/// The straight rod as a closed surface in STL (text, mm): sections are ellipses of the breadth 2R_o in the plane of motion, y, and
-/// of the depth across it, z, with a round bore where the rod is hollow. Source: 3D Systems, StereoLithography Interface
+/// The straight rod as a closed surface in STL (text, mm): its sections with the thickness 2R_o in the plane of motion, y, and the depth
+/// across it, z, with the hole where the rod is hollow. Of a round core with a membrane it is the core. Source: 3D Systems, StereoLithography Interface
 /// Specification (1989).
 pub fn stl(name: &str, rod: &Rod) -> String {
     let least = THIN * rod.length;
-    let ring = |xi: f64, across: f64, deep: f64| -> Vec<[f64; 3]> {
-        let corner = |i: usize| {
-            let (sin, cos) = (TAU * i as f64 / CORNERS as f64).sin_cos();
-            [xi * rod.length, across.max(least) * cos, deep.max(least) * sin].map(|x| 1e3 * x)
-        };
-        (0..CORNERS).map(corner).collect()
+    // Round sections are polygons; a rectangle's corners are at odd eighths of a turn.
+    let unit = |i: usize| -> [f64; 2] {
+        let (sin, cos) = (TAU * i as f64 / CORNERS as f64).sin_cos();
+        match rod.sections.shape {
+            Shape::Round | Shape::Ellipse => [cos, sin],
+            Shape::Rectangle => [cos, sin].map(|x| x / sin.abs().max(cos.abs())),
+        }
+    };
+    let ring = |xi: f64, part: f64| -> Vec<[f64; 3]> {
+        let [across, deep] = rod.sections.at(xi).semi_axes().map(|axis| part * axis.max(least));
+        let corner = |[y, z]: [f64; 2]| [xi * rod.length, across * y, deep * z].map(|x| 1e3 * x);
+        (0..CORNERS).map(unit).map(corner).collect()
     };
     let places = stations(&rod.sections);
-    let outer: Vec<_> =
-        places.iter().map(|xi| ring(*xi, rod.sections.at(*xi).outer, 0.5 * rod.sections.depth_at(*xi))).collect();
+    let outer: Vec<_> = places.iter().map(|xi| ring(*xi, 1.0)).collect();
     let hollow = places.iter().any(|xi| rod.sections.at(*xi).inner > 0.0);
-    // A bore is inside the shallower of both semi-axes.
-    let bore = |xi: f64| rod.sections.at(xi).inner.min(0.98 * 0.5 * rod.sections.depth_at(xi));
-    let inner: Vec<_> = places.iter().map(|xi| ring(*xi, bore(*xi), bore(*xi))).collect();
+    let hole = |xi: f64| rod.sections.at(xi).inner / rod.sections.at(xi).outer;
+    let inner: Vec<_> = places.iter().map(|xi| ring(*xi, hole(*xi))).collect();
     let mut text = format!("solid {name}\n");
     let mut quad = |a: [f64; 3], b: [f64; 3], c: [f64; 3], d: [f64; 3]| {
         triangle(&mut text, [a, b, c]);

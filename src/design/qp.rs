@@ -157,11 +157,17 @@ impl Quadratic {
         for (k, z) in order.iter().zip(&found.z) {
             duals[*k] = z * scale;
         }
-        if found.status == SolverStatus::Solved {
-            let rough = Solution { x: found.x.clone(), duals, iterations: found.iterations };
-            return Ok(self.polished(&rough, scale).unwrap_or(rough));
-        }
         let infeasible = matches!(found.status, SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible);
+        if !infeasible {
+            let rough = Solution { x: found.x.clone(), duals: duals.clone(), iterations: found.iterations };
+            let polished = self.polished(&rough, scale);
+            // What is nearly solved is a solution where the constraints that bind in it say so to rounding.
+            match polished {
+                Some(solution) => return Ok(solution),
+                None if found.status == SolverStatus::Solved => return Ok(rough),
+                None => {}
+            }
+        }
         let size = largest(&mut duals.iter().copied());
         let conflict: Vec<&str> = (self.constraints.iter().zip(&duals))
             .filter(|(_, dual)| infeasible && dual.abs() > IN_CONFLICT * size)

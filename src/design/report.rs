@@ -2,7 +2,7 @@
 //! profile.
 
 use std::ops::ControlFlow;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
@@ -11,29 +11,37 @@ use serde_json::{Map, Value, json};
 use super::cases::{Case, cases};
 use super::checks::Checks;
 use super::front::{Compromise, front};
-use super::identify::{Identified, Verdict, identify};
+use super::identify::{Identified, Joint, Verdict, identify};
 use super::limits::Used;
 use super::markers::{LEAST, Markers};
 use super::memory::{self, Memory};
 use super::outline;
-use super::search::{CASE, Found, FoundNumber, Iteration, Objective, SAME, Search};
-use super::shape::{Resting, rest};
+use super::refit::Refit;
+use super::search::{CASE, EXHAUSTED, Found, FoundNumber, Iteration, Objective, SAME, Search};
+use super::shape::{Rest, Resting, rest};
 use super::table::{Goal, Table, Variable};
 use super::trust::{LOOSE, Tolerance, Trust};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
 use crate::fluid::laws;
-use crate::linear_stability::RESTED;
+use crate::integrator::Pace;
+use crate::linear_stability::{RESTED, SteadyState, come_to_rest, grows};
 use crate::model::Dynamics;
 use crate::newton::Newton;
-use crate::report::tables::{Kept, write_all};
+use crate::report::{Claim, Folder, Kept, Owner};
 use crate::rod;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::number::{Number, keys_with};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 use crate::stepper::Stepper;
-use crate::system::{Direction, System};
+use crate::system::System;
+
+/// A limit that is passed by a smaller part is kept.
+const PASSED: f64 = 1e-6;
+
+/// Steps of a period, and of a duration without one, where a scene gives none.
+const STEPS: [f64; 2] = [200.0, 1000.0];
 
 /// A tip that moves by less than this part of the length for twice the stiffness hardly feels it.
 const HARDLY: f64 = 1e-2;
@@ -144,13 +152,26 @@ impl Design {
     /// next goes on there, to the same bits.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of); [`Error::Journal`] where another program is at work on it.
+    /// Those of [`of`](Self::of); those of [`claim`](Self::claim).
     pub fn resumed(
         document: &Document,
         folder: &Path,
         tell: impl FnMut(&Iteration) -> ControlFlow<()>,
     ) -> Result<Self> {
         Self::made(document, Some(folder), tell)
+    }
+
+    /// The folder of the results on `scene` where none is asked for.
+    pub fn folder(scene: &Scene) -> PathBuf {
+        PathBuf::from("out").join(format!("{}-design", scene.name))
+    }
+
+    /// Claims `folder` for the results on `scene`, see [`Folder::claim`]: before a long search, or to replace results of others.
+    ///
+    /// # Errors
+    /// Those of [`Folder::claim`].
+    pub fn claim(scene: &Scene, folder: &Path, claim: Claim) -> Result<Folder> {
+        Folder::claim(folder, Owner::of("design", scene), claim, &memory::CERTAIN)
     }
 
     fn made(
@@ -183,23 +204,39 @@ impl Design {
                     );
                     return Err(document.refuse(&crate::scene::Fault { key: "drag.law".into(), problem }));
                 }
-                let markers = data(LEAST)?.unwrap_or_default();
-                let found = identify(&mut dynamics, &markers, &table)?;
-                lines.extend(say_identified(&found));
-                lines.extend(say_effect(&scene));
+                let markers = data(LEAST)?.unwrap_or_default().without_glitches();
+                let mut found = identify(&mut dynamics, &markers, &table)?;
+                let unfit = say_unfit(&found);
                 let mut profile = Profile::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
                 profile.amplitude.fill(found.actuation_gain.unwrap_or(1.0));
-                match simulated(&scene, &profile) {
+                let steps = fixed_steps(&scene);
+                let with_step = |step: f64| {
+                    let changes = [&steps[..], &[format!("solver.time_step_s={step:e}")]].concat();
+                    changed(document, &[], &changes, &Profile::of(Vec::new()))
+                };
+                let step = changed(document, &[], &steps, &Profile::of(Vec::new()))?.typical_step();
+                let deviations: Vec<f64> = found.joints.iter().map(|joint| joint.deviation_n_m2).collect();
+                if let Ok(refit) =
+                    Refit::of(with_step, step, &profile, (&markers, found.noise_m), (&deviations, table.actuation_gain))
+                {
+                    found.judge(refit);
+                }
+                lines.extend(say_identified(&found).into_iter().chain(unfit));
+                lines.extend(say_effect(&scene));
+                match changed(document, &[], &steps, &Profile::of(Vec::new()))
+                    .and_then(|scene| simulated(&scene, &profile))
+                {
                     Ok(motions) => evidence.motions = motions.into(),
                     Err(error) => lines.push(format!("no simulation beside the data: {error}")),
                 }
                 evidence.checks = replay(document, &scene, &table, &markers, &profile);
+                lines.extend(found.refit.as_ref().and_then(say_refit));
                 evidence.target = Some(markers);
                 (Answer::Identified(found), profile)
             }
             Goal::StaticShape => {
                 let markers = data(1)?.unwrap_or_default();
-                let found = rest(&mut dynamics, &markers.positions[0], &table)?;
+                let mut found = rest(&mut dynamics, &markers.positions[0], &table)?;
                 for (node, ei) in &found.missed {
                     lines.push(format!("node {node} misses the shape: it would take EI = {ei:.4e} N m²"));
                 }
@@ -214,6 +251,8 @@ impl Design {
                     let check = Check { simulation: simulation.into(), designed, before: None, gain_percent: None };
                     evidence.checks.push(check);
                 }
+                found.state = rest_of(document, &profile, &markers.positions[0], &found);
+                lines.extend(found.state.words());
                 evidence.target = Some(markers);
                 (Answer::Resting(found), profile)
             }
@@ -303,7 +342,7 @@ impl Design {
     /// put in place whole.
     ///
     /// # Errors
-    /// [`Error::Write`] for the folder, [`Error::Page`].
+    /// Those of [`claim`](Self::claim), [`Error::Page`].
     pub fn write(&self, folder: &Path) -> Result<Kept> {
         let failed = |reason: String| Error::Page { reason };
         let findings = self.findings()?;
@@ -323,10 +362,11 @@ impl Design {
         }
         texts.extend(findings.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
         texts.push(("report.html".to_string(), findings.page(&self.scene.name, &self.document)?));
-        let kept = write_all(folder, texts.iter())?;
+        let mut folder = Self::claim(&self.scene, folder, Claim::Own)?;
+        let kept = folder.results().all(&texts);
         let going_on = matches!(&self.answer, Answer::Found(found) if found.interrupted) || self.evidence.unfinished;
         if kept.lost.is_empty() && !going_on {
-            memory::forget(folder);
+            folder.forget_journals();
         }
         Ok(kept)
     }
@@ -358,10 +398,22 @@ impl Design {
         }))
     }
 
+    /// What can be done where its search did not converge.
+    pub fn advice(&self) -> &'static str {
+        match &self.answer {
+            Answer::Found(found) if found.why == EXHAUSTED => "try more design.iterations",
+            Answer::Found(found) if !found.kept => {
+                "it does not keep its limits; try more design.starts, or weaker limits"
+            }
+            _ => "it ended by itself; try more design.starts, a smaller solver.newton_tolerance, or fewer variables",
+        }
+    }
+
     pub(super) fn status(&self) -> &'static str {
         match &self.answer {
             Answer::Found(found) if found.interrupted => "interrupted",
             Answer::Found(found) if !found.converged => "not converged",
+            Answer::Resting(found) => found.state.name(),
             _ => "solved",
         }
     }
@@ -380,18 +432,23 @@ pub(super) fn objective_label(goal: Goal) -> &'static str {
 fn say_identified(found: &Identified) -> Vec<String> {
     let count = |verdict: Verdict| found.joints.iter().filter(|joint| joint.verdict == verdict).count();
     let all = found.joints.len();
+    let unfit = match count(Verdict::DoesNotFit) {
+        0 => String::new(),
+        some => format!("{some} that do not fit, "),
+    };
     let mut lines = vec![format!(
-        "{} of {all} joints identified, {} prior-driven, {} at a bound, {} unobservable; noise {:.2e} m, {} samples, \
+        "{} of {all} joints identified, {} prior-driven, {} at a bound, {}{} unobservable; noise {:.2e} m, {} samples, \
          windows of {}",
         count(Verdict::Identified),
         count(Verdict::PriorDriven),
         count(Verdict::AtABound),
+        unfit,
         count(Verdict::Unobservable),
         found.noise_m,
         found.samples,
         2 * found.window_samples + 1,
     )];
-    if count(Verdict::Identified) == 0 {
+    if found.joints.iter().all(|joint| joint.drowns()) {
         lines.push(
             "stiffness cannot be identified from these data: what the rod bends beyond its natural curvature drowns in the \
              noise of the positions"
@@ -399,8 +456,10 @@ fn say_identified(found: &Identified) -> Vec<String> {
         );
     }
     if let Some(gain) = found.actuation_gain {
-        lines.push(format!("the actuation is {gain:.5} times the scene's"));
+        let edge = if found.gain_at_edge { ", an edge of what is looked for: nothing is identified" } else { "" };
+        lines.push(format!("the actuation is {gain:.5} times the scene's{edge}"));
     }
+    lines.extend(found.left_out.iter().map(|what| format!("left out: {what}")));
     if let Some([x, y, moment]) = found.balances {
         lines.push(format!(
             "balances that need no stiffness, over the sizes of their parts: force x {x:.1e}, y {y:.1e}, moment {moment:.1e}"
@@ -416,6 +475,20 @@ fn say_identified(found: &Identified) -> Vec<String> {
     }
     lines.extend(found.active.iter().map(|(name, dual)| format!("binding: {name} (dual {dual:.3e})")));
     lines
+}
+
+/// How many joints do not fit by their balance, and by how much.
+fn say_unfit(found: &Identified) -> Option<String> {
+    let unfit: Vec<&Joint> = found.joints.iter().filter(|joint| joint.verdict == Verdict::DoesNotFit).collect();
+    let worst = unfit.iter().fold(0.0, |max: f64, joint| max.max(joint.residual_over_noise));
+    (!unfit.is_empty()).then(|| {
+        format!(
+            "{} of {} joints do not fit: what is left of their balance is up to {worst:.1} times what noise leaves, so that mass, \
+             fluid, loads, drive or mesh of the scene are not those of the data; deviations include it",
+            unfit.len(),
+            found.joints.len()
+        )
+    })
 }
 
 /// How much stiffness matters in the scene, where its simulation can be differentiated.
@@ -452,6 +525,9 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
             starts.join(", ")
         ),
     ];
+    if !found.converged && !found.interrupted {
+        lines.push(format!("the search ended because {}", found.why));
+    }
     if found.starts.len() > 1 {
         let known = found.optima.iter().flatten();
         let (came, count) = (known.clone().count(), known.copied().max().unwrap_or(0));
@@ -467,6 +543,12 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
     if let Some(noise) = found.noise_m {
         let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
         lines.push(format!("deviations are those of positions that are uncertain by {noise:.2e} m, {whose}"));
+    }
+    if let Some(misfit) = found.misfit {
+        lines.push(format!(
+            "the simulation does not fit: {misfit:.1} times the noise of the markers is left, so that start, drive, fluid, mass, loads, steps \
+             or mesh of the scene are not those of the data; deviations include it"
+        ));
     }
     for names in &found.confused {
         lines.push(match &names[..] {
@@ -484,9 +566,16 @@ fn say_found(found: &Found, table: &Table) -> Vec<String> {
         let worth = if table.fits_positions() {
             format!("dual {dual:.3e}")
         } else {
-            // Unknowns are logarithms, and limits are over themselves.
-            format!("1 % more room is worth {dual:.3} % of the objective")
+            // Unknowns are logarithms, and limits are over themselves; phases are angles.
+            let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
+            format!("{unit} more room is worth {dual:.3} % of the objective")
         };
+        if found.limits.iter().any(|limit| limit.limit == *name && limit.used > 1.0 + PASSED) {
+            return format!("passed: {name}, which this design does not keep");
+        }
+        if !found.kept {
+            return format!("binding: {name}"); // beside what it does not keep no room has a worth
+        }
         format!("binding: {name} ({worth})")
     }));
     lines
@@ -618,18 +707,17 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
         ] {
             numbers.insert(name.to_string(), json!(value));
         }
-        numbers.insert("warnings".to_string(), json!(assessed.warnings));
+        numbers.insert("warnings".to_string(), json!(assessed.all_warnings().collect::<Vec<_>>()));
     }
     numbers
 }
 
 /// The even profile, the study's gradient and the best linear one of the same mean, and the design, with their objectives.
 fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compared> {
-    let own = Profile { numbers: table.own_numbers(), ..Profile::of(found.own_stiffness_n_m2.clone()) };
-    let _ = search.objective.set(&mut search.problem, &own); // it has been simulated
+    let before = Profile::before(table, &search.own_stiffness, search.reference);
     let rod = &search.problem.model().rod;
     let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
-    let reference = rod.ei;
+    let reference = search.reference;
     let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
     let of = |factors: Vec<f64>| Profile {
@@ -643,7 +731,7 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
         profiles.push(Compared { name: name.to_string(), profile, objective });
     };
     if table.variables.contains(&Variable::Stiffness) {
-        add("even stiffness", of(vec![even; xi.len()]), search);
+        add("even stiffness", before, search);
         if table.goal != Goal::TrackTip && !found.interrupted {
             add("the study's gradient", of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect()), search);
             if let Some((slope, _)) = search.best_linear() {
@@ -651,7 +739,7 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
             }
         }
     } else {
-        add("the scene's own", own, search);
+        add("the scene's own", before, search);
     }
     let designed = Compared { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
     profiles.push(designed);
@@ -693,6 +781,7 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
 pub(super) fn changed(document: &Document, numbers: &[Number], changes: &[String], profile: &Profile) -> Result<Scene> {
     let keys = keys(document, numbers, profile)?;
     let mut document = document.clone();
+    document.begin_layer();
     for change in changes {
         document.set(change)?;
     }
@@ -702,22 +791,54 @@ pub(super) fn changed(document: &Document, numbers: &[Number], changes: &[String
     document.scene()
 }
 
+/// That the simulation with what was found is not the motion of the markers, where it is not.
+fn say_refit(refit: &Refit) -> Option<String> {
+    (!refit.fits()).then(|| {
+        format!(
+            "simulated with what was found each coordinate is {:.2e} m from the markers, {:.1} times what noise and steps of {:e} s \
+             leave: start, drive, fluid, mass, loads or mesh of the scene are not those of the data; deviations include it",
+            refit.residual_m, refit.residual_over_noise, refit.step_s
+        )
+    })
+}
+
+/// What gives a scene fixed steps of a method of one stage, where it has none.
+fn fixed_steps(scene: &Scene) -> Vec<String> {
+    let one_stage = |step: f64| scene.integrator().is_ok_and(|integrator| integrator.rule(step).is_some());
+    if let Pace::Fixed(step) = scene.pace()
+        && one_stage(step)
+    {
+        return Vec::new();
+    }
+    let step = match (scene.pace(), scene.spectrum().fastest()) {
+        (Pace::Fixed(step), _) => step,
+        (_, Some(frequency)) => 1.0 / frequency / STEPS[0],
+        (_, None) => scene.solver.duration_s.get() / STEPS[1],
+    };
+    vec!["solver.integrator=generalized-alpha".to_string(), format!("solver.time_step_s={step:e}")]
+}
+
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.
 fn replay(document: &Document, scene: &Scene, table: &Table, markers: &Markers, profile: &Profile) -> Vec<Check> {
+    let fixed = fixed_steps(scene);
     let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
-        let changed = changed(document, &table.numbers, changes, profile).ok()?;
+        let changes = [&fixed[..], changes].concat();
+        let changed = changed(document, &table.numbers, &changes, profile).ok()?;
         let trajectory = Problem::of(&changed).ok()?.simulate().ok()?;
         let finer = (changed.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
         distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
     };
-    let own = Problem::of(scene).map(|problem| Profile::of(problem.stiffness()));
+    let scene_of = |changes: &[String]| changed(document, &[], changes, &Profile::of(Vec::new()));
+    let fixed_scene = scene_of(&fixed);
+    let own = fixed_scene.as_ref().ok().and_then(|scene| Problem::of(scene).ok());
+    let own = own.map(|problem| Profile::of(problem.stiffness()));
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
-        let before = own.as_ref().ok().and_then(|own| measure(&changes, own));
+        let before = own.as_ref().and_then(|own| measure(&changes, own));
         let gain_percent = designed.zip(before).map(|(designed, before)| gain_percent(table, designed, before));
         Check { simulation, designed, before, gain_percent }
     };
-    simulations(scene).into_iter().map(check).collect()
+    simulations(fixed_scene.as_ref().unwrap_or(scene)).into_iter().map(check).collect()
 }
 
 pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
@@ -739,6 +860,19 @@ pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize
     .collect()
 }
 
+/// What the rest is that the rod of a profile has next to `positions`.
+fn rest_of(document: &Document, profile: &Profile, positions: &[f64], found: &Resting) -> Rest {
+    let steady = || -> Option<SteadyState> {
+        SteadyState::near(changed(document, &[], &[], profile).ok()?.model().ok()?, positions).ok()
+    };
+    match steady().map(|mut steady| steady.eigenvalues()) {
+        None => Rest::Unknown,
+        Some(Ok(values)) if values.iter().any(|(value, uncertainty)| grows(*value, *uncertainty)) => Rest::Unstable,
+        Some(_) if !found.missed.is_empty() => Rest::Missed,
+        Some(_) => Rest::Stable,
+    }
+}
+
 /// How far (m, root mean square) the rod of a profile rests from `positions`; none where no equilibrium is found from there.
 fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<f64> {
     let scene = changed(document, &[], &[], profile).ok()?;
@@ -746,7 +880,7 @@ fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<
     let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;
     let mut state = dynamics.first_state();
     state.q.copy_from_slice(positions);
-    newton.solve(&mut dynamics, &mut state, Direction::POSITIONS).ok()?;
+    come_to_rest(&mut dynamics, &mut newton, &mut state).ok()?;
     let nodes = state.q.as_chunks::<2>().0.iter().zip(positions.as_chunks::<2>().0);
     Some(rms(nodes.map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]))))
 }
@@ -787,23 +921,14 @@ fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Ve
 /// The scene with the designed profile and without `[design]`; files that it names are found from anywhere.
 fn designed(document: &Document, scene: &Scene, numbers: &[Number], profile: &Profile) -> Result<Document> {
     let failed = |reason: String| Error::Page { reason };
-    let mut table: toml::Table = document.text().parse().map_err(|e: toml::de::Error| failed(e.to_string()))?;
-    for change in document.overrides() {
-        let over: toml::Table = change.parse().map_err(|e: toml::de::Error| failed(e.to_string()))?;
-        merge(&mut table, over);
+    let mut document = document.clone();
+    document.begin_layer();
+    for (key, value) in keys(&document, numbers, profile)? {
+        document.put("the design", &key, &value);
     }
+    let mut table: toml::Table = document.read_as()?;
     table.remove("design");
     table.insert("name".to_string(), toml::Value::String(format!("{}-designed", scene.name)));
-    for (key, value) in keys(document, numbers, profile)? {
-        let (tables, key) = key.rsplit_once('.').unwrap_or(("", &key));
-        let part = tables.split('.').try_fold(&mut table, |part, name| part.get_mut(name)?.as_table_mut());
-        if let Some(part) = part {
-            if key == "stiffness_profile" {
-                part.remove("stiffness_gradient");
-            }
-            part.insert(key.to_string(), value);
-        }
-    }
     if let Some(toml::Value::Table(head)) = table.get_mut("head") {
         for (_, value) in head.iter_mut() {
             if let Some(toml::Value::String(file)) = value.get_mut("table") {
@@ -815,15 +940,4 @@ fn designed(document: &Document, scene: &Scene, numbers: &[Number], profile: &Pr
     let text = toml::to_string(&table).map_err(|e| failed(e.to_string()))?;
     let head = format!("# Designed by caudal {} from {}.\n", env!("CARGO_PKG_VERSION"), scene.name);
     Ok(Document::new(format!("{}-designed.toml", scene.name), head + &text))
-}
-
-fn merge(base: &mut toml::Table, over: toml::Table) {
-    for (key, value) in over {
-        match (base.get_mut(&key), value) {
-            (Some(toml::Value::Table(base)), toml::Value::Table(over)) => merge(base, over),
-            (_, value) => {
-                base.insert(key, value);
-            }
-        }
-    }
 }

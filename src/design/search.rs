@@ -21,13 +21,14 @@ use serde::{Deserialize, Serialize};
 
 use super::cases::{Case, each};
 use super::identify::Verdict;
-use super::limits::{Limited, Limits, Used};
+use super::limits::{Limited, Limits, Used, beyond, groups};
 use super::markers::Markers;
 use super::memory::Memory;
 use super::qp::{Constraint, Quadratic};
+use super::refit::allowed;
 use super::table::{Goal, Robust, Table, Variable};
 use super::trust::{Tolerance, tolerance};
-use super::unknowns::{NOTHING, Profile, Unknowns};
+use super::unknowns::{FIXED, NOTHING, Profile, Unknowns};
 use crate::cycle::{MEASURES, Measure};
 use crate::error::{Error, Result};
 use crate::scene::Document;
@@ -95,6 +96,15 @@ const WON: f64 = 1e-4;
 /// the same optimum.
 pub(super) const SAME: [f64; 2] = [1e-4, 1e-2];
 
+/// A start that ends beyond a limit goes on so many times, at a higher price.
+const AGAIN: usize = 3;
+
+/// A tracked tip's step that is damped by more goes nowhere.
+const MOST_DAMPED: f64 = 1e12;
+
+/// Why a search ends that has used all its iterations.
+pub(super) const EXHAUSTED: &str = "its iterations are used up";
+
 /// What a step is kept within, which is no demand.
 const TRUST: &str = "trust region";
 
@@ -109,12 +119,16 @@ pub struct Objective {
     sign: f64,
     /// Samples that are to be met: steps, and the coordinates of the tip or of all nodes (m).
     target: Vec<(usize, Vec<f64>)>,
+    /// Standard deviation of these positions about smooth paths, m, where there are enough.
+    noise: Option<f64>,
     /// All of them are at multiples of this number of steps.
     every: usize,
     outputs: Vec<Output>,
     length: f64,
     /// True where it is a distance from given positions, which is to be small.
     fits: bool,
+    /// True where it is the root of an efficiency, with its sign.
+    rooted: bool,
     smaller_is_better: bool,
     /// The scene, where numbers of it are unknown.
     document: Option<Document>,
@@ -190,6 +204,8 @@ impl Objective {
             times.get(n).filter(|t| (**t - time).abs() <= 1e-6 * times[1]).map(|_| n)
         };
         let width = outputs.len();
+        let identifies = target.filter(|_| table.goal == Goal::Identify);
+        let noise = identifies.and_then(|markers| Some(markers.smooth(None).ok()?.noise));
         let target = match target {
             Some(markers) if fits => {
                 let rows = markers.times.iter().zip(&markers.positions);
@@ -208,10 +224,12 @@ impl Objective {
             goal: table.goal,
             sign,
             target,
+            noise,
             every,
             outputs,
             length,
             fits,
+            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.counted() == Robust::Worst),
             smaller_is_better: table.smaller_is_better(),
             document: None,
             numbers: table.numbers.clone(),
@@ -286,7 +304,12 @@ impl Objective {
         let moved = self.sign * found[0];
         match found.get(1) {
             None => (-moved, vec![-self.sign]),
-            // D|D|/W, as efficiency is a constant times D²/W.
+            // D|D|/W, as efficiency is a constant times D²/W. Its root D/√W, which rises with it, has a slope where the rod gets
+            // nowhere too, so that a search finds its way from designs that swim the wrong way; a mean over cases has no root.
+            Some(work) if self.rooted => {
+                let f = -moved / work.sqrt();
+                (f, vec![-self.sign / work.sqrt(), -0.5 * f / work])
+            }
             Some(work) => {
                 let f = -moved * moved.abs() / work;
                 (f, vec![-2.0 * self.sign * moved.abs() / work, -f / work])
@@ -344,6 +367,7 @@ impl Objective {
         match self.goal {
             _ if self.fits => (2.0 * f).sqrt(),
             Goal::Cycle(_) => -self.sign * f,
+            _ if self.rooted => -f * f.abs(),
             _ => -f,
         }
     }
@@ -365,6 +389,7 @@ impl Objective {
         let slope = match self.goal {
             Goal::TrackTip => 1.0 / shown,
             Goal::Cycle(_) => -self.sign,
+            _ if self.rooted => -2.0 * value.f.abs(),
             _ => -1.0,
         };
         Some((shown, value.by.iter().map(|by| slope * by).collect()))
@@ -404,6 +429,10 @@ pub struct Found {
     pub stationarity: f64,
     /// True where that is below the limit, or the tip is met.
     pub converged: bool,
+    /// Why its search ended.
+    pub why: String,
+    /// True where it keeps its limits.
+    pub kept: bool,
     /// The objective of every start's end.
     pub starts: Vec<f64>,
     /// The optimum that each start came to, numbered from 1, the best; none where it did not converge.
@@ -425,6 +454,8 @@ pub struct Found {
     pub confused: Vec<Vec<String>>,
     /// Of identification: standard deviation of a coordinate of the markers, m, as given or as left.
     pub noise_m: Option<f64>,
+    /// Of identification: what is left between simulation and markers over the noise of these, where it is more than that.
+    pub misfit: Option<f64>,
     /// Limits that are no bounds, and how much of them is used.
     pub limits: Vec<Used>,
     /// True where it was stopped.
@@ -454,6 +485,7 @@ pub struct FoundNumber {
 }
 
 /// A point of the search.
+#[derive(Clone)]
 struct Point {
     x: DVector<f64>,
     value: Value,
@@ -463,7 +495,12 @@ struct Point {
 impl Point {
     /// The sum of what is beyond the limits.
     fn violation(&self) -> f64 {
-        self.limits.iter().map(|limit| limit.excess.max(0.0)).sum()
+        self.violation_from(self, &groups(&self.limits))
+    }
+
+    /// The same as a step from `here` sees it that limits these `groups` together.
+    fn violation_from(&self, here: &Self, groups: &[usize]) -> f64 {
+        beyond(groups, |i| self.limits[i].after(&here.limits[i]))
     }
 }
 
@@ -472,6 +509,8 @@ struct End {
     point: Point,
     stationarity: f64,
     active: Vec<(String, f64)>,
+    /// Why it ended, in words.
+    why: String,
     interrupted: bool,
 }
 
@@ -487,12 +526,16 @@ pub struct Search<'a> {
     pub(super) cases: Vec<Case>,
     /// What was simulated before.
     pub(super) memory: Memory,
+    /// EI of the joints as the scene has it, N m², and EI before its profile.
+    pub(super) own_stiffness: Vec<f64>,
+    pub(super) reference: f64,
 }
 
 impl<'a> Search<'a> {
-    /// Of the scene of `problem`.
+    /// Of the scene of `problem`, as it is.
     pub fn new(table: &'a Table, objective: &'a Objective, problem: Problem) -> Self {
-        Self { table, objective, problem, cases: Vec::new(), memory: Memory::default() }
+        let (own_stiffness, reference) = (problem.stiffness(), problem.model().rod.ei);
+        Self { table, objective, problem, cases: Vec::new(), memory: Memory::default(), own_stiffness, reference }
     }
 
     /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
@@ -592,7 +635,7 @@ impl<'a> Search<'a> {
         only: Option<usize>,
         mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
     ) -> Result<Found> {
-        let own_stiffness_n_m2 = self.problem.stiffness();
+        let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
         let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
         if !self.cases.is_empty() {
@@ -614,12 +657,24 @@ impl<'a> Search<'a> {
             if only.is_some_and(|only| only != start) {
                 continue;
             }
-            ends.push(self.descend((&unknowns, &limits), rough, first, |mut iteration| {
+            let mut told = |mut iteration: Iteration| {
                 iteration.start = start;
                 let told = tell(&iteration);
                 history.push(iteration);
                 told
-            })?);
+            };
+            // What is limited together has one price. Where that ends at a least of its largest that is beyond the limit, a price for each
+            // leads another way.
+            let groups = groups(&first.limits);
+            let each: Vec<usize> = (0..groups.len()).collect();
+            let mut end = self.descend((&unknowns, &limits, &groups), rough, first.clone(), &mut told)?;
+            if end.point.violation() > VIOLATED && !end.interrupted && each != groups {
+                let other = self.descend((&unknowns, &limits, &each), rough, first, &mut told)?;
+                if other.interrupted || other.point.violation() < end.point.violation() {
+                    end = other;
+                }
+            }
+            ends.push(end);
             if ends.last().is_some_and(|end| end.interrupted) {
                 break;
             }
@@ -642,12 +697,21 @@ impl<'a> Search<'a> {
             return Err(Error::Design { reason });
         };
         let converged = self.has_converged(&best);
+        let (why, kept) = (best.why.clone(), best.point.violation() <= VIOLATED);
         let limits = best.point.limits.iter();
-        let limits = limits.map(|limit| Used { limit: limit.name.clone(), used: limit.excess.exp() }).collect();
+        let limits = limits.fold(Vec::new(), |mut all: Vec<Used>, limit| {
+            let (name, used) = (&limit.name, limit.excess.exp());
+            match all.iter_mut().find(|other| other.limit == *name) {
+                Some(other) => other.used = other.used.max(used),
+                None => all.push(Used { limit: name.clone(), used }),
+            }
+            all
+        });
         let value = best.point.value;
         let objective = self.objective.shown(value.f);
         let (mut singular_values, mut deviations) = (Vec::new(), Vec::new());
         let (mut of_numbers, mut confused, mut noise_m) = (Vec::new(), Vec::new(), None);
+        let (mut misfit, mut together) = (None, 1.0);
         if let Some((residuals, rows)) = &value.residuals {
             let svd = jacobian(rows, n).svd(false, true);
             singular_values.extend(svd.singular_values.iter().copied());
@@ -657,16 +721,27 @@ impl<'a> Search<'a> {
                 // Of one coordinate, from what is left.
                 let free = residuals.len().saturating_sub(n).max(1) as f64;
                 let left = residuals.iter().map(|r| r * r).sum::<f64>() / free;
-                let noise = self.table.noise_m.unwrap_or(left.sqrt() / scale);
-                noise_m = Some(noise);
-                noise * scale
+                let left = left.sqrt() / scale;
+                let own = self.table.noise_m.or(self.objective.noise).unwrap_or(left);
+                let over = left / own.max(MET * self.objective.length);
+                noise_m = Some(self.table.noise_m.unwrap_or(left));
+                misfit = Some(over).filter(|over| *over > allowed(residuals.len() as f64));
+                if misfit.is_some() {
+                    // What does not fit is no noise, which more samples make smaller.
+                    together = (self.objective.target.len() as f64).sqrt();
+                    left.max(own) * scale
+                } else {
+                    self.table.noise_m.unwrap_or(left) * scale
+                }
             } else {
                 objective.max(UNCERTAIN * self.objective.length) / (self.objective.target.len() as f64).sqrt()
             };
             if let Some(v_t) = &svd.v_t {
                 let x = best.point.x.as_slice();
-                let of =
-                    |variable: &Variable| unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), noise);
+                let of = |variable: &Variable| {
+                    let size = noise * together;
+                    unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), size)
+                };
                 deviations = of(&Variable::Stiffness);
                 confused = confusions(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
                 for variable in self.table.variables.iter().filter(|v| matches!(v, Variable::Number(_))) {
@@ -684,8 +759,10 @@ impl<'a> Search<'a> {
             let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
             let verdict = match deviation {
                 _ if bound => Some(Verdict::AtABound),
+                Some(deviation) if together && deviation > KNOWN => Some(Verdict::NotToldApart),
+                Some(_) if !converged => Some(Verdict::NotConverged),
+                Some(_) if misfit.is_some() => Some(Verdict::DoesNotFit),
                 Some(deviation) if deviation <= KNOWN => Some(Verdict::Identified),
-                Some(_) if together => Some(Verdict::NotToldApart),
                 Some(_) => Some(Verdict::Unobservable),
                 None => None,
             };
@@ -700,11 +777,14 @@ impl<'a> Search<'a> {
             numbers,
             confused,
             noise_m,
+            misfit,
             own_stiffness_n_m2,
             deviations,
             objective,
             stationarity: best.stationarity,
             converged,
+            why,
+            kept,
             limits,
             starts,
             optima,
@@ -743,10 +823,10 @@ impl<'a> Search<'a> {
         optima
     }
 
-    /// Goes down from `first`. All of a step's programme is in units of the objective.
+    /// Goes down from `first`; limits of the same of the `groups` have one price. All of a step's programme is in units of the objective.
     fn descend(
         &mut self,
-        (unknowns, limits): (&Unknowns, &Limits),
+        (unknowns, limits, groups): (&Unknowns, &Limits, &[usize]),
         rough: &DMatrix<f64>,
         first: Point,
         mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
@@ -759,13 +839,12 @@ impl<'a> Search<'a> {
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
         let mut here = first;
         let mut hessian: Option<DMatrix<f64>> = None;
-        let (beyond, cases) = (here.limits.len(), here.value.cases.len());
-        // Unknowns of a step: it, how far each limit is passed, and the worst case.
-        let width = n + beyond + usize::from(cases > 0);
+        let (all, cases) = (groups.len(), here.value.cases.len());
         let (mut price, mut updates) = (PRICE[0], 0);
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
-        let mut here_again = false;
+        let mut why = EXHAUSTED.to_string();
+        let (mut here_again, mut again) = (false, 0);
         for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
@@ -781,6 +860,9 @@ impl<'a> Search<'a> {
                         DMatrix::identity(n, n) * (steepest.norm() / unit / RADIUS[0]).max(1e-12)
                     }
                 };
+            // Unknowns of a step: it, how far each limit is passed, and the worst case.
+            let limited = groups.last().map_or(0, |last| last + 1);
+            let width = n + limited + usize::from(cases > 0);
             let mut programme = Quadratic::new(width);
             let damped = if squares { &model + &metric * damping } else { model.clone() };
             for i in 0..n {
@@ -789,16 +871,17 @@ impl<'a> Search<'a> {
             }
             // How far each limit is passed has a price.
             for (i, limit) in here.limits.iter().enumerate() {
-                programme.gradient[n + i] = price;
-                programme.constraints.push(Constraint::at_most(TRUST, vec![(n + i, -1.0)], 0.0));
+                let passed = n + groups[i];
+                programme.gradient[passed] = price;
+                programme.constraints.push(Constraint::at_most(TRUST, vec![(passed, -1.0)], 0.0));
                 let row = limit.by.iter().copied().enumerate().filter(|(_, by)| *by != 0.0);
-                let row = row.chain([(n + i, -1.0)]).collect();
+                let row = row.chain([(passed, -1.0)]).collect();
                 programme.constraints.push(Constraint::at_most(limit.name.clone(), row, -limit.excess));
             }
             for (i, (f, by)) in here.value.cases.iter().enumerate() {
-                programme.gradient[n + beyond] = 1.0;
+                programme.gradient[n + limited] = 1.0;
                 let row = by.iter().map(|by| by / unit).enumerate().filter(|(_, by)| *by != 0.0);
-                let row = row.chain([(n + beyond, -1.0)]).collect();
+                let row = row.chain([(n + limited, -1.0)]).collect();
                 let name = format!("{CASE}{}", self.cases[i].name);
                 programme.constraints.push(Constraint::at_most(name, row, (here.value.f - f) / unit));
             }
@@ -808,7 +891,21 @@ impl<'a> Search<'a> {
                 }
             }
             unknowns.constrain(&mut programme, here.x.as_slice());
-            let solution = programme.solve()?;
+            let solution = match programme.solve() {
+                Ok(solution) => solution,
+                Err(error) => {
+                    // A shorter step has an easier programme.
+                    why = format!("the programme of its next step was not solved ({error})");
+                    radius *= 0.25;
+                    damping *= growth;
+                    growth *= 2.0;
+                    here_again = true;
+                    if radius < RADIUS[2] || damping > MOST_DAMPED {
+                        break;
+                    }
+                    continue;
+                }
+            };
             // The gradient of the Lagrangian without the trust region's duals.
             let mut lagrangian = gradient.clone();
             for (constraint, dual) in programme.constraints.iter().zip(&solution.duals) {
@@ -826,14 +923,17 @@ impl<'a> Search<'a> {
                 None => lagrangian.amax(),
             };
             let mut active = programme.active(&solution);
-            active.retain(|(name, _)| name != TRUST);
+            active.retain(|(name, _)| name != TRUST && name != FIXED);
+            active = together(active);
             // A radius that shrinks about a point hides bounds beyond it: what was known of the point stays.
             if here_again && end.0 < stationarity {
                 (stationarity, active) = (end.0, end.1);
             }
-            let of_limits: Vec<f64> = (0..beyond).map(|i| solution.duals[2 * i + 1]).collect();
-            let of_cases = solution.duals[2 * beyond..2 * beyond + cases].to_vec();
-            let dearest = of_limits.iter().copied().fold(0.0, f64::max);
+            let of_limits: Vec<f64> = (0..all).map(|i| solution.duals[2 * i + 1]).collect();
+            let of_cases = solution.duals[2 * all..2 * all + cases].to_vec();
+            let mut dear = vec![0.0; limited];
+            of_limits.iter().zip(groups).for_each(|(dual, group)| dear[*group] += dual);
+            let dearest = dear.into_iter().fold(0.0, f64::max);
             if dearest > 0.5 * price {
                 price = (4.0 * price).min(PRICE[1]);
             }
@@ -841,38 +941,60 @@ impl<'a> Search<'a> {
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
             let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
-            let kept = here.violation() - solution.x[n..n + beyond].iter().map(|x| x.max(0.0)).sum::<f64>();
-            let worst = solution.x[n + beyond..].iter().sum::<f64>();
+            let kept =
+                here.violation_from(&here, groups) - solution.x[n..n + limited].iter().map(|x| x.max(0.0)).sum::<f64>();
+            let worst = solution.x[n + limited..].iter().sum::<f64>();
             let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
-            if promised < ROUNDING
-                || (stationarity <= STATIONARY[usize::from(promised < LITTLE)] && here.violation() <= 0.1 * VIOLATED)
-                || self.objective.is_met(here.value.f)
-                || longest.min(radius) < RADIUS[2]
-            {
+            let ends = if self.objective.is_met(here.value.f) {
+                Some("the target is met")
+            } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)] && here.violation() <= 0.1 * VIOLATED {
+                Some("it is stationary")
+            } else if promised < ROUNDING {
+                Some("no step promises more than rounding")
+            } else if longest.min(radius) < RADIUS[2] {
+                Some("no step however short is better")
+            } else {
+                None
+            };
+            // What still passes a limit tries once more from there, at a higher price.
+            if ends.is_some() && here.violation() > VIOLATED && again < AGAIN && !squares {
+                again += 1;
+                price = (100.0 * price).min(PRICE[1]);
+                (radius, hessian, here_again) = (RADIUS[0], None, false);
+                if tell(report).is_break() {
+                    end.2 = true;
+                    break;
+                }
+                continue;
+            }
+            if let Some(reason) = ends {
+                why = reason.to_string();
                 end.2 = tell(report).is_break();
                 break;
             }
             let mut next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
             let won = |next: &Point| {
                 if promised >= JUDGED_BY_GRADIENTS || squares || cases > 0 {
-                    return (merit(&here) - merit(next)) / unit + price * (here.violation() - next.violation());
+                    return (merit(&here) - merit(next)) / unit
+                        + price * (here.violation_from(&here, groups) - next.violation_from(&here, groups));
                 }
                 let moved = &next.x - &here.x;
-                let passed = |(from, to): (&Limited, &Limited)| {
+                let after = |i: usize| {
+                    let (from, to) = (&here.limits[i], &next.limits[i]);
                     let by = from.by.iter().zip(&to.by).zip(&moved).map(|((from, to), d)| 0.5 * (from + to) * d);
-                    from.excess.max(0.0) - (from.excess + by.sum::<f64>()).max(0.0)
+                    from.excess + by.sum::<f64>()
                 };
-                let kept: f64 = here.limits.iter().zip(&next.limits).map(passed).sum();
+                let kept = here.violation_from(&here, groups) - beyond(groups, after);
                 price * kept - 0.5 * (slope(&here) + slope(next)).dot(&moved) / unit
             };
             let mut ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
-            if let Some(tried) = next.as_ref().filter(|_| beyond > 0 && ratio < POOR) {
+            if let Some(tried) = next.as_ref().filter(|_| all > 0 && ratio < POOR) {
                 // A limit that bends away from its tangent: the same step, with the limits as they are at its end.
                 let moved = &tried.x - &here.x;
                 for (i, (limit, tried)) in here.limits.iter().zip(&tried.limits).enumerate() {
                     let linear: f64 = limit.by.iter().zip(&moved).map(|(by, d)| by * d).sum();
-                    programme.constraints[2 * i + 1].bound = linear - tried.excess;
+                    programme.constraints[2 * i + 1].bound = linear - tried.after(limit);
                 }
                 let corrected = programme.solve().ok().and_then(|solution| {
                     let step = DVector::from_column_slice(&solution.x[..n]);
@@ -935,7 +1057,7 @@ impl<'a> Search<'a> {
             }
         }
         let (stationarity, active, interrupted) = end;
-        Ok(End { point: here, stationarity, active, interrupted })
+        Ok(End { point: here, stationarity, active, why, interrupted })
     }
 
     /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of
@@ -982,7 +1104,7 @@ impl<'a> Search<'a> {
     /// The objective as shown with factors of the reference stiffness at the joints and the scene's own actuation; none where
     /// it fails.
     pub fn measure(&mut self, factors: &[f64]) -> Option<f64> {
-        let reference = self.problem.model().rod.ei;
+        let reference = self.reference;
         self.value(&Profile::of(factors.iter().map(|factor| factor * reference).collect()))
     }
 
@@ -1020,6 +1142,17 @@ impl<'a> Search<'a> {
         }
         best
     }
+}
+
+/// The duals of constraints of the same name together: those of one limit.
+fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
+    duals.into_iter().fold(Vec::new(), |mut all: Vec<(String, f64)>, (name, dual)| {
+        match all.iter_mut().find(|(other, _)| *other == name) {
+            Some((_, sum)) => *sum += dual,
+            None => all.push((name, dual)),
+        }
+        all
+    })
 }
 
 fn gcd(a: usize, b: usize) -> usize {

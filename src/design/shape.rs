@@ -15,9 +15,49 @@ const NONE: f64 = 1e-6;
 /// A residual moment above this part of a joint's own is said.
 const MISSED: f64 = 1e-6;
 
+/// What the rest of the designed rod is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Rest {
+    /// In the shape, and small motions about it die out or stay small.
+    #[default]
+    Stable,
+    /// A small motion about it grows.
+    Unstable,
+    /// Not in the shape, which the demands exclude.
+    Missed,
+    /// None was found next to the shape, or its motions are not known.
+    Unknown,
+}
+
+impl Rest {
+    /// The status of the design.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Stable => "solved",
+            Self::Unstable => "unstable",
+            Self::Missed => "missed",
+            Self::Unknown => "not verified",
+        }
+    }
+
+    /// What is worth saying of it.
+    pub fn words(self) -> Option<String> {
+        let text = match self {
+            Self::Stable => return None,
+            Self::Unstable => "the rod balances in this shape but does not stay in it: a small motion about it grows",
+            Self::Missed => "the rod rests, but not in this shape: bounds or other demands exclude it",
+            Self::Unknown => "no rest was found next to this shape, or its small motions are not known",
+        };
+        Some(text.to_string())
+    }
+}
+
 /// The stiffness that rests in a shape.
 #[derive(Debug, Clone, Serialize)]
 pub struct Resting {
+    /// What its rest is.
+    pub state: Rest,
     /// EI of the joints, N m².
     pub stiffness_n_m2: Vec<f64>,
     /// Joints whose stiffness nothing decides: neither curvature nor moment.
@@ -40,7 +80,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result
     let markers = Markers { times: vec![0.0], positions: vec![positions.to_vec()], missing: Vec::new() };
     let still = vec![0.0; positions.len()];
     let sample = Sample { index: 0, q: positions.to_vec(), v: still.clone(), a: still, weights: vec![[1.0, 0.0, 0.0]] };
-    let motion = Motion { half: 0, noise: 0.0, samples: vec![sample] };
+    let motion = Motion { samples: vec![sample], ..Motion::default() };
     let (all, _) = series(dynamics, &markers, &motion)?;
     let rod = &dynamics.model.rod;
     let (reference, basis) = (rod.ei, table.basis(rod));
@@ -81,6 +121,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result
         .map(|((k, [c, m]), _)| (k, m / c))
         .collect();
     Ok(Resting {
+        state: Rest::Unknown,
         undecided: rod.joints().zip(&pairs).filter(|(_, pair)| is_none(pair, 0)).map(|(k, _)| k).collect(),
         missed,
         active: programme.active(&solution),

@@ -119,7 +119,7 @@ impl Trust {
 /// scene gives, or which a plane decides.
 pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let rod = scene.model().map(|model| model.rod);
-    let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime(rod)?)));
+    let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime().ok()?)));
     let Some((law, regime)) = of.filter(|_| scene.medium.is_some()) else { return Vec::new() };
     if law == &cross_flow::LAW {
         let water = ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]);

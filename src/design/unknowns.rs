@@ -35,6 +35,18 @@ impl Profile {
         Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
+    /// What a design of `table` is compared with: even stiffness of the same mean where that is among the variables, else the scene as
+    /// it is, whose joints have the stiffness `own` (N m²) and whose EI before its profile is `reference`.
+    pub fn before(table: &Table, own: &[f64], reference: f64) -> Self {
+        let mut before = Self { numbers: table.own_numbers(), ..Self::of(own.to_vec()) };
+        if table.variables.contains(&Variable::Stiffness) {
+            before.stiffness_n_m2.fill(reference * table.mean.unwrap_or(1.0));
+        } else if !table.numbers.is_empty() {
+            before.stiffness_n_m2.clear(); // it follows from the scene
+        }
+        before
+    }
+
     /// The values of its numbers.
     pub fn values(&self) -> Vec<f64> {
         self.numbers.iter().map(|(_, value)| *value).collect()
@@ -46,12 +58,16 @@ impl Profile {
     /// Those of [`Document::scene`].
     pub fn numbers_in(&self, document: &Document, numbers: &[Number]) -> Result<Scene> {
         let mut document = document.clone();
+        document.begin_layer();
         for (key, value) in keys_with(numbers, &self.values()) {
             document.put("the design", &key, &value);
         }
         document.scene()
     }
 }
+
+/// The name of the constraint of an unknown whose bounds are the same, which is no demand.
+pub const FIXED: &str = "fixed";
 
 /// Bounds of what has none, over the scene's.
 pub const WIDE: [f64; 2] = [0.01, 100.0];
@@ -84,6 +100,8 @@ struct Block {
     /// Its first unknown, and the values that follow from its unknowns.
     first: usize,
     basis: Basis,
+    /// The values that its unknowns begin with, where these are not those of an even profile.
+    own: Option<Vec<f64>>,
     /// Where each unknown is, and its place in words.
     xi: Vec<f64>,
     places: Vec<String>,
@@ -119,6 +137,16 @@ impl Block {
             Map::Inverse => -value * value,
             Map::Same => 1.0,
         }
+    }
+
+    /// True where its bounds leave it nothing.
+    fn is_fixed(&self) -> bool {
+        self.bounds[0] == self.bounds[1]
+    }
+
+    /// The largest mean, where it limits anything.
+    fn limited_mean(&self) -> Option<f64> {
+        self.mean.filter(|_| !self.is_fixed())
     }
 
     /// 1 where the value rises with its unknown, else -1.
@@ -166,6 +194,10 @@ impl Unknowns {
                 (joints.iter().map(|k| rod.xi(*k)).collect(), joints.iter().map(|k| format!("joint {k}")).collect())
             }
         };
+        // What is identified begins as the scene has it.
+        let points = joints.iter().zip(&stiffness).map(|(k, ei)| [rod.xi(*k), ei / rod.ei]).collect();
+        let own_factors = crate::rod::Profile::through(points)
+            .map(|profile| xi.iter().map(|xi| profile.at(*xi)).collect::<Vec<f64>>());
         let mut first = 0;
         let block = |variable: &Variable| {
             let along = |unit: f64, map: Map, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| Block {
@@ -176,12 +208,16 @@ impl Unknowns {
                 mean,
                 first,
                 basis: table.basis(rod),
+                own: None,
                 xi: xi.clone(),
                 places: places.clone(),
                 parameters: joints.iter().map(|k| of(*k)).collect(),
             };
             let block = match variable {
-                Variable::Stiffness => along(rod.ei, stiffness_map, table.bounds, table.mean, Parameter::Stiffness),
+                Variable::Stiffness => Block {
+                    own: own_factors.clone().filter(|_| table.goal == Goal::Identify),
+                    ..along(rod.ei, stiffness_map, table.bounds, table.mean, Parameter::Stiffness)
+                },
                 Variable::Amplitude => {
                     let bounds = table.amplitude_bounds.unwrap_or([0.5, 2.0]);
                     along(1.0, Map::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
@@ -199,6 +235,7 @@ impl Unknowns {
                         bounds: table.bounds_of(key),
                         mean: None,
                         first,
+                        own: None,
                         basis: Basis {
                             unknowns: numbers.len(),
                             rows: (0..numbers.len()).map(|i| vec![(i, 1.0)]).collect(),
@@ -287,7 +324,7 @@ impl Unknowns {
     pub fn means(&self, x: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut means = Vec::new();
         for (block, first, part) in self.parts(x) {
-            let Some(most) = block.mean else { continue };
+            let Some(most) = block.limited_mean() else { continue };
             let count = block.basis.rows.len() as f64;
             let values: Vec<f64> = block.basis.joints(part).iter().map(|x| block.value(*x)).collect();
             let mut by = vec![0.0; x.len()];
@@ -337,6 +374,12 @@ impl Unknowns {
         for (block, first, part) in self.parts(x) {
             let sense = block.sense();
             for (i, x) in (first..).zip(part) {
+                if block.is_fixed() {
+                    // Two bounds in one place would leave no room inside them.
+                    let room = block.unknown(block.bounds[0]) - x;
+                    constraints.push(Constraint::equal(FIXED, vec![(i, 1.0)], room));
+                    continue;
+                }
                 let place = block.place(i - first);
                 for (words, bound, sign) in [("at least", block.bounds[0], -sense), ("at most", block.bounds[1], sense)]
                 {
@@ -344,13 +387,13 @@ impl Unknowns {
                     constraints.push(Constraint::at_most(format!("{place} {words} {bound}"), vec![(i, sign)], room));
                 }
             }
-            for i in (1..part.len()).filter(|_| self.is_ordered(block)) {
+            for i in (1..part.len()).filter(|_| self.is_ordered(block) && !block.is_fixed()) {
                 let name = format!("{} not above {}", block.places[i], block.places[i - 1]);
                 let row = vec![(first + i, sense), (first + i - 1, -sense)];
                 constraints.push(Constraint::at_most(name, row, sense * (part[i - 1] - part[i])));
             }
         }
-        let limited = self.blocks.iter().filter_map(|block| block.mean.map(|most| (block, most)));
+        let limited = self.blocks.iter().filter_map(|block| block.limited_mean().map(|most| (block, most)));
         for ((block, most), (mean, by)) in limited.zip(self.means(x)) {
             let what = if block.variable == Variable::Amplitude { "mean amplitude" } else { "mean" };
             let row = by.into_iter().enumerate().filter(|(_, by)| *by != 0.0).collect();
@@ -401,18 +444,24 @@ impl Unknowns {
         let mut x = Vec::with_capacity(self.count());
         for (b, block) in self.blocks.iter().enumerate() {
             for (i, xi) in block.xi.iter().enumerate() {
-                let factor = match start {
-                    0 => 1.0,
-                    _ if b > 0 => 1.0,
-                    n if matches!(block.variable, Variable::Number(_)) => {
-                        (0.3 * (2.399_963 * (n * (i + 1)) as f64).cos()).exp() // the golden angle
+                let factor = match (start, &block.own) {
+                    (0, Some(own)) => {
+                        x.push(block.unknown(own[i]));
+                        continue;
                     }
-                    1 => (2.0 - xi) / 1.5,
-                    2 => (1.0 + xi) / 1.5,
-                    n => {
-                        let phase = 2.399_963 * n as f64; // the golden angle
-                        1.0 + 0.6 * (std::f64::consts::PI * (1.0 + (n % 3) as f64) * xi + phase).cos()
-                    }
+                    _ => match start {
+                        0 => 1.0,
+                        _ if b > 0 => 1.0,
+                        n if matches!(block.variable, Variable::Number(_)) => {
+                            (0.3 * (2.399_963 * (n * (i + 1)) as f64).cos()).exp() // the golden angle
+                        }
+                        1 => (2.0 - xi) / 1.5,
+                        2 => (1.0 + xi) / 1.5,
+                        n => {
+                            let phase = 2.399_963 * n as f64; // the golden angle
+                            1.0 + 0.6 * (std::f64::consts::PI * (1.0 + (n % 3) as f64) * xi + phase).cos()
+                        }
+                    },
                 };
                 let even = if block.variable == Variable::Stiffness { block.mean.unwrap_or(1.0) } else { 1.0 };
                 x.push(block.unknown(if block.variable == Variable::Phase { factor - 1.0 } else { even * factor }));

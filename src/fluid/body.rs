@@ -18,7 +18,9 @@ use std::ops::Range;
 use nalgebra::{Matrix2, Vector2};
 
 use super::force::{Force, Kinematics, OnEdge, Sink, Slopes, Tally, Validity};
+use super::laws::CREEPING;
 use super::medium::{DENSITY, Key, VISCOSITY};
+use super::range::{Bound, Scale};
 use crate::linear::Block;
 use crate::rod::{Spheroid, add, node};
 use crate::system::Direction;
@@ -35,6 +37,9 @@ pub const FORM_DRAG_ACROSS: Key = "head_body.form_drag_across";
 
 /// Up to this e² Λ is summed from its series, where its closed form is a difference of nearly equal numbers.
 const NEARLY_A_SPHERE: f64 = 0.1;
+
+/// Terms of Jeffery's series: what is left of it is 2e-6 at most.
+const SPINNING: u32 = 500;
 
 impl Spheroid {
     /// e² = 1 − (b/a)², negative of an oblate body, and Λ = (atanh e − e)/e³.
@@ -72,6 +77,21 @@ impl Spheroid {
         ]
     }
 
+    /// The same with the centre at `height` (m) above a plane wall that it moves parallel to, spinning about the wall's normal: each
+    /// times what the wall makes of a sphere with that drag. H. Faxén's reflections for translation (Happel & Brenner, Low Reynolds
+    /// Number Hydrodynamics, section 7-4), within 1 % above 1.5 radii and 5 % above 1.13; G. B. Jeffery's series for spin
+    /// (Proc. Lond. Math. Soc. 14, 1915), exact of a sphere. The sphere touches the wall at most.
+    pub fn drag_beside(&self, height: f64) -> [f64; 3] {
+        let [along, across, turning] = self.drag();
+        let moving = |drag: f64| {
+            let near = (drag / (6.0 * PI * height)).min(1.0);
+            let left = [-9.0 / 16.0, 0.0, 1.0 / 8.0, -45.0 / 256.0, -1.0 / 16.0];
+            drag / (1.0 + near * left.iter().rfold(0.0, |sum, factor| factor + near * sum))
+        };
+        let near = ((turning / (8.0 * PI)).cbrt() / height).min(1.0);
+        [moving(along), moving(across), turning * spinning(near)]
+    }
+
     /// The fluid's inertia over its density: added mass along and across the body (m³), and added moment of inertia about an
     /// axis across it (m⁵). A sphere's added mass is half of what it displaces, and its spin moves nothing.
     pub fn added(&self) -> [f64; 3] {
@@ -88,6 +108,22 @@ impl Spheroid {
         };
         [along, across, turning * self.inertia()].map(|factor| factor * self.volume())
     }
+}
+
+/// Σ sinh³α/sinh³nα with cosh α = 1/`near`: the drag of a sphere's spin about a wall's normal over that far from it, `near` its
+/// radius over the height.
+fn spinning(near: f64) -> f64 {
+    // With x = e^−α, sinh nα/sinh α is x^(1−n) (1 − x^2n)/(1 − x²); n where they touch.
+    let x = near / (1.0 + (1.0 - near * near).sqrt());
+    let (square, mut sum) = (x * x, 0.0);
+    // Terms fall as n⁻³ at the slowest.
+    for n in 1..=SPINNING {
+        let n = f64::from(n);
+        let ratio =
+            if square < 1.0 { x.powf(n - 1.0) * (1.0 - square) / -(n * square.ln()).exp_m1() } else { n.recip() };
+        sum += ratio.powi(3);
+    }
+    sum
 }
 
 /// The body's drag.
@@ -183,10 +219,21 @@ impl Force for BodyDrag {
     }
 
     fn validity(&self) -> Validity {
+        const CREEPS: &[Bound] =
+            &[Bound::at_most(Scale::BodyReynolds, CREEPING), Bound::at_least(Scale::BodyHeight, 1.0)];
         Validity {
-            range: "a spheroid in creeping flow, far from walls; form drag on top of it is that of its coefficients",
-            source: "A. T. Chwang & T. Y.-T. Wu, J. Fluid Mech. 67 (1975)",
+            range: "a spheroid; beside a wall it moves parallel to that; form drag is that of its coefficients",
+            bounds: if self.form == [0.0; 2] { CREEPS } else { &CREEPS[1..] },
+            source: "A. T. Chwang & T. Y.-T. Wu, J. Fluid Mech. 67 (1975); H. Faxén (1923) and G. B. Jeffery (1915) for walls",
         }
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn is_linear(&self) -> bool {
@@ -254,9 +301,18 @@ impl Force for BodyInertia {
 
     fn validity(&self) -> Validity {
         Validity {
-            range: "a spheroid in potential flow, fD²/ν of at least 100; no lift, no separation",
+            range: "a spheroid in potential flow; no lift, no separation",
+            bounds: const { &[Bound::at_least(Scale::BodyStokes, 100.0)] },
             source: "H. Lamb, Hydrodynamics (1932), articles 114, 115, 121 and 124",
         }
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn is_inertial(&self) -> bool {

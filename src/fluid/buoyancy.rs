@@ -36,7 +36,11 @@ impl Force for Buoyancy {
     }
 
     fn validity(&self) -> Validity {
-        Validity { range: "layers across gravity, at rest", source: "Archimedes" }
+        Validity { range: "layers across gravity, at rest", bounds: &[], source: "Archimedes" }
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn is_of_fluid(&self) -> bool {

@@ -13,6 +13,7 @@ use nalgebra::{Matrix2, Vector2};
 use wide::f64x2;
 
 use super::medium::{DENSITY, Fluid, Here, Key, Layers, Property};
+use super::range::Bound;
 use super::runs::{Around, Runs};
 use crate::linear::{BlockRow, Coupling, Pair, Real, pair};
 pub use crate::rod::around::{OnEdge, TOGETHER};
@@ -223,10 +224,12 @@ pub struct Slopes<'a> {
 }
 
 /// What is known of how far a force may be believed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Validity {
-    /// Where it holds.
+    /// Where it holds, so far as no number says it.
     pub range: &'static str,
+    /// The numbers of the motion between which it holds.
+    pub bounds: &'static [Bound],
     /// Who says so.
     pub source: &'static str,
 }
@@ -263,13 +266,21 @@ pub trait Whole: Coupling {
     fn add_change(&self, rod: &Kinematics<'_>, change: [&[f64]; 2], flow: Vector2<f64>, out: &mut [f64]);
 }
 
-/// A force on the rod.
+/// A force on the rod. What an implementation says of itself is held against what it does by [`audit`](super::audit::audit).
 pub trait Force: std::fmt::Debug + Send + Sync + Any {
     /// Its name.
     fn name(&self) -> &'static str;
 
     /// Where it holds, and its source.
     fn validity(&self) -> Validity;
+
+    /// True where it is a fluid's: it depends on velocities against the flow, whose power is booked apart. A spring or a damper that is
+    /// fixed to the ground is none.
+    fn is_of_fluid(&self) -> bool;
+
+    /// True where it is the same wherever the rod lies, in one fluid. Sensitivities and the shape model count on it: a spring to a point
+    /// that says so has wrong derivatives.
+    fn is_the_same_everywhere(&self) -> bool;
 
     /// Adds what opposes the motion on `edges` to `sums`, with derivatives along the direction `along` if there is one. The fluid
     /// is known: the same [`everywhere`](Kinematics::everywhere), or what was found [`along`](Around::along) `edges`.
@@ -290,17 +301,7 @@ pub trait Force: std::fmt::Debug + Send + Sync + Any {
         None
     }
 
-    /// True where it is a fluid's: it depends on velocities against the flow, whose power is booked apart.
-    fn is_of_fluid(&self) -> bool {
-        true
-    }
-
-    /// True where it is the same wherever the rod lies.
-    fn is_the_same_everywhere(&self) -> bool {
-        true
-    }
-
-    /// True where it depends on accelerations: it adds to the inertia.
+    /// True where it depends on accelerations: it adds to the inertia. Slopes by accelerations are asked for only where it says so.
     fn is_inertial(&self) -> bool {
         false
     }

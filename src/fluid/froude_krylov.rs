@@ -41,8 +41,17 @@ impl Force for FroudeKrylov {
     fn validity(&self) -> Validity {
         Validity {
             range: "flows that are the same all around the rod",
+            bounds: &[],
             source: "J. N. Newman, Marine Hydrodynamics (1977), section 4.17",
         }
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn evaluate(&self, rod: &Kinematics<'_>, along: Option<Direction>, edges: Range<usize>, sums: &mut Tally<'_>) {

@@ -377,6 +377,14 @@ impl<L: Law> Force for LocalDrag<L> {
         self.law.validity()
     }
 
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
+    }
+
     fn is_linear(&self) -> bool {
         self.law.is_linear()
     }

@@ -153,6 +153,15 @@ impl From<Fluid> for Here {
     }
 }
 
+/// Changes of viscosities, densities and offsets, by their keys.
+pub(crate) fn by_key<'a>(fluid: &Fluid, layers: Option<&'a Layers>) -> impl Iterator<Item = (Key, f64)> + use<'a> {
+    let beyond =
+        layers.into_iter().flat_map(Layers::iter).zip(BEYOND).flat_map(|(layer, [viscosity, density, offset])| {
+            [(viscosity, layer.fluid.viscosity), (density, layer.fluid.density), (offset, layer.offset)]
+        });
+    [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)].into_iter().chain(beyond)
+}
+
 /// r = 10z³ − 15z⁴ + 6z⁵ and its first two derivatives, for z clamped to 0 … 1.
 #[inline(always)]
 fn blend(z: f64) -> [f64; 3] {
@@ -199,6 +208,16 @@ impl Layers {
     /// The same, to change.
     pub fn get_mut(&mut self, j: usize) -> Option<&mut Layer> {
         self.layers[..self.count].get_mut(j)
+    }
+
+    /// The first interface that is not beyond the one before it, or overlaps it.
+    pub fn overlap(&self) -> Option<usize> {
+        let pairs = self.layers[..self.count].windows(2);
+        let apart = |pair: &[Layer]| {
+            let [low, high] = [&pair[0], &pair[1]].map(|layer| (layer.offset, 0.5 * layer.thickness));
+            low.0 + low.1 <= high.0 - high.1
+        };
+        pairs.into_iter().position(|pair| !apart(pair)).map(|j| j + 1)
     }
 
     /// True where they flow as the fluid before the first interface does.

@@ -1,5 +1,6 @@
 //! The fluid and what it does to the rod: one force per file.
 
+pub mod audit;
 pub mod body;
 pub mod buoyancy;
 pub mod force;
@@ -9,6 +10,7 @@ pub mod local;
 pub mod medium;
 #[cfg(feature = "faer")]
 pub mod nonlocal;
+pub mod range;
 pub mod reactive;
 pub mod runs;
 pub mod spray;

@@ -38,7 +38,7 @@ fn blob(radius: f64) -> f64 {
 
 /// The least spacing (m) of nodes on that rod.
 pub fn least_spacing(recipe: &Recipe<'_>) -> f64 {
-    FINEST * blob(recipe.rod.sections.outer.largest())
+    FINEST * blob(recipe.rod.sections.largest_radius())
 }
 
 /// The force.
@@ -544,6 +544,14 @@ impl Force for Nonlocal {
 
     fn validity(&self) -> Validity {
         self.law.validity
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     /// Of the derivatives those by the length that a density acts on; the rest is no edge's own.

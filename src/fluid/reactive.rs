@@ -1,9 +1,9 @@
 //! The water that a slender body accelerates: Lighthill's large-amplitude elongated-body force.
 //!
-//! T_f = ½∫m w² dℓ with m = ¼πρD², w = V·n and the *current* length dℓ. The force is exactly that of this energy, −δT_f/δx,
+//! T_f = ½∫m w² dℓ with m = ¼πρC D², C of the section ([`Section::added`](crate::rod::Section::added)), w = V·n and the *current* length dℓ. The force is exactly that of this energy, −δT_f/δx,
 //! and what leaves the tail takes the wake's: F_tip = m(L) χ S (u w n − ½w² t) on the last node, with S = 1 where the tip moves
 //! ahead of the water (u ≤ 0) and falling to 0 where it runs backwards. Discretely, with e = x_{k+1} − x_k, ℓ = |e|, λ = ė·n and
-//! c = ρ/ΔL ∫ ¼πD² ds over half an edge, T_f = Σ ½ c ℓ w_i², and what opposes end i is
+//! c = ρ/ΔL ∫ ¼πC D² ds over half an edge, T_f = Σ ½ c ℓ w_i², and what opposes end i is
 //! p_i = c[(ℓ a·n + ℓ̇ w − λu) n − λ w t], with ±G on the two ends, G = Σ_i c(½w² t − u w n).
 //!
 //! Sources: M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674 (2011).
@@ -18,6 +18,7 @@ use super::force::{Force, Kinematics, OnEdge, OnTip, Sink, Slopes, Tally, Validi
 use super::laws::{Published, Uncertainty};
 use super::local::both;
 use super::medium::{DENSITY, Fluid, Here, Key, Property};
+use super::range::{Bound, Scale};
 use crate::linear::{Block, Number, Pair, Real, pair};
 use crate::rod::{Alike, Edge, Rod, add, node};
 use crate::system::Direction;
@@ -53,15 +54,20 @@ pub static OMITTED: Published = Published {
 
 /// The range of both.
 const VALIDITY: Validity = Validity {
-    range: "slender bodies whose depth changes slowly, waves longer than the depth, fD²/ν of at least 100",
+    range: "slender bodies whose depth changes slowly",
+    bounds: &[
+        Bound::at_most(Scale::Depth, 0.3),
+        Bound::at_least(Scale::WaveInDepths, 1.0),
+        Bound::at_least(Scale::Stokes, 100.0),
+    ],
     source: "M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674 (2011)",
 };
 
 impl Reactive {
     /// The water around `rod`.
     pub fn new(rod: &Rod) -> Self {
-        // c = ρ g with g = (1/ΔL) ∫ ¼πD² ds, so that T_f is exact for a straight rod.
-        let half = |half: &crate::rod::Half| FRAC_PI_4 * half.depth_squared * half.length / rod.spacing;
+        // c = ρ g with g = (1/ΔL) ∫ ¼πC D² ds, so that T_f is exact for a straight rod.
+        let half = |half: &crate::rod::Half| FRAC_PI_4 * half.added * half.length / rod.spacing;
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
@@ -316,7 +322,7 @@ fn swapped<T: Real, P: Pair<T>>(ends: P) -> P {
 impl Wake {
     /// The wake of `rod` that leaves its tail; `shedding` χ of 1 is a sharp end, 0 a pointed one.
     pub fn new(rod: &Rod, shedding: f64) -> Self {
-        Self { mass: shedding * FRAC_PI_4 * rod.sections.depth_at(1.0).powi(2) }
+        Self { mass: shedding * FRAC_PI_4 * rod.sections.at(1.0).added() }
     }
 }
 
@@ -333,6 +339,14 @@ impl Force for Reactive {
 
     fn validity(&self) -> Validity {
         VALIDITY
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn is_inertial(&self) -> bool {
@@ -510,6 +524,14 @@ impl Force for Wake {
 
     fn validity(&self) -> Validity {
         VALIDITY
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn sink(&self) -> Option<Sink> {

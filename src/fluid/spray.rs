@@ -29,7 +29,7 @@ pub struct Spray {
 impl Spray {
     /// The spray around `rod`.
     pub fn new(rod: &Rod) -> Self {
-        let half = |half: &Half| FRAC_PI_4 * half.depth_squared * half.length / rod.spacing;
+        let half = |half: &Half| FRAC_PI_4 * half.added * half.length / rod.spacing;
         Self { halves: rod.halves().map(|halves| halves.map(|h| half(&h))).collect::<Vec<_>>().into() }
     }
 
@@ -74,8 +74,17 @@ impl Force for Spray {
     fn validity(&self) -> Validity {
         Validity {
             range: "impulses of entry and exit within about 30 %, forces by order of magnitude; no cavity, waves or air cushion",
+            bounds: &[],
             source: "Th. von Kármán, NACA TN 321 (1929)",
         }
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        true
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
     }
 
     fn sink(&self) -> Option<Sink> {

@@ -20,7 +20,7 @@ type Attributes = Vec<(&'static str, String)>;
 struct Unit(&'static str, &'static str, [i32; 4], Option<(&'static str, f64)>);
 
 /// The units of all variables and parameters.
-const UNITS: [Unit; 20] = [
+const UNITS: [Unit; 21] = [
     Unit("s", "Time", [0, 0, 1, 0], Some(("ms", 1e3))),
     Unit("m", "Length", [0, 1, 0, 0], Some(("mm", 1e3))),
     Unit("m/s", "Velocity", [0, 1, -1, 0], Some(("mm/s", 1e3))),
@@ -35,6 +35,7 @@ const UNITS: [Unit; 20] = [
     Unit("N", "Force", [1, 1, -2, 0], Some(("mN", 1e3))),
     Unit("N m", "Moment", [1, 2, -2, 0], Some(("mN m", 1e3))),
     Unit("N m^2", "BendingStiffness", [1, 3, -2, 0], None),
+    Unit("N s", "Momentum", [1, 1, -1, 0], None),
     Unit("J", "Energy", [1, 2, -2, 0], Some(("mJ", 1e3))),
     Unit("W", "Power", [1, 2, -3, 0], Some(("mW", 1e3))),
     Unit("Pa", "Pressure", [1, -1, -2, 0], Some(("MPa", 1e-6))),
@@ -106,19 +107,13 @@ impl Entry {
         let (stepper, model) = (&fmu.stepper, fmu.stepper.model());
         let arrays = fmu.has_arrays(standard);
         let structural = arrays && variable.name == NODES;
-        let counts = ["steps", "newton_iterations", "step_halvings", "step_rejections"].contains(&variable.name);
-        let [causality, variability] = match variable.causality {
-            Causality::Independent => ["independent", "continuous"],
-            Causality::Input => ["input", "continuous"],
-            Causality::Output => ["output", if counts { "discrete" } else { "continuous" }],
-            Causality::Parameter if structural => ["structuralParameter", "fixed"],
-            Causality::Parameter => ["calculatedParameter", "fixed"],
-        };
+        let [causality, variability] =
+            if structural { ["structuralParameter", "fixed"] } else { Catalogue::role(variable, stepper) };
         let mut role = vec![("causality", causality.to_string()), ("variability", variability.to_string())];
         if causality == "calculatedParameter" || (standard == Standard::Fmi3 && causality == "output") {
             role.push(("initial", "calculated".to_string()));
         }
-        if standard == Standard::Fmi3 && ["input", "output"].contains(&causality) && !counts {
+        if standard == Standard::Fmi3 && ["input", "output"].contains(&causality) && variability == "continuous" {
             role.push(("intermediateUpdate", "true".to_string()));
         }
         let kind = match variable.name {
@@ -165,8 +160,8 @@ impl Entry {
         }
     }
 
-    fn parameter(standard: Standard, place: usize, parameter: &Parameter) -> Self {
-        let variability = if parameter.is_tunable() { "tunable" } else { "fixed" };
+    fn parameter(fmu: &Fmu<'_>, standard: Standard, place: usize, parameter: &Parameter) -> Self {
+        let variability = if fmu.catalogue.is_tunable(place, &fmu.stepper) { "tunable" } else { "fixed" };
         let role = ["parameter", variability, "exact"].map(str::to_string);
         let mut value = Vec::new();
         let (least, most) = (*parameter.range.start(), *parameter.range.end());
@@ -319,7 +314,8 @@ fn capabilities(fmu: &Fmu<'_>, standard: Standard) -> Attributes {
             if fmu.has_arrays(standard) {
                 attributes.push(yes("providesPerElementDependencies"));
             }
-            if let Pace::Fixed(step) = fmu.scene.pace() {
+            // Not of a step that is a parameter.
+            if let (Pace::Fixed(step), false) = (fmu.scene.pace(), fmu.shows("solver.time_step_s")) {
                 attributes.push(("fixedInternalStepSize", number(step)));
             }
         }
@@ -375,13 +371,13 @@ fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
         }
     }
     let parameters = fmu.catalogue.parameters.iter().enumerate().filter(|(_, parameter)| fmu.shows(&parameter.name()));
-    entries.extend(parameters.map(|(place, parameter)| Entry::parameter(standard, place, parameter)));
+    entries.extend(parameters.map(|(place, parameter)| Entry::parameter(fmu, standard, place, parameter)));
     entries
 }
 
 /// Outputs with the inputs that they follow at once, and what is unknown until initialisation.
 fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]) -> Result<()> {
-    let (model, form) = (fmu.stepper.model(), fmu.stepper.form());
+    let (model, dynamics, form) = (fmu.stepper.model(), fmu.stepper.view().dynamics, fmu.stepper.form());
     let arrays = fmu.has_arrays(standard);
     let scalar = |variable: &Variable| variable.size == Size::Scalar;
     // What names an entry: its index in FMI 2.0, which counts from 1, its reference in FMI 3.0.
@@ -397,28 +393,42 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
         }
     }
     let inputs: Vec<_> = variables(fmu, standard).filter(|(_, variable)| variable.is_input()).collect();
+    // Parameters and the time are known to FMI 3.0 alone.
+    let others = |variable: &Variable| {
+        let time = VARIABLES.iter().position(|variable| variable.causality == Causality::Independent);
+        let time = time.filter(|_| variable.follows_time(dynamics, form)).map(|place| Target::Variable(place, 0));
+        let shown = |place: &usize| fmu.shows(&fmu.catalogue.parameters[*place].name());
+        let parameters = fmu.catalogue.followed_parameters(variable, &fmu.stepper).filter(shown);
+        let targets = time.into_iter().chain(parameters.map(Target::Parameter));
+        let targets = targets.filter(|_| standard == Standard::Fmi3);
+        targets.map(|target| Catalogue::reference(standard, target)).collect::<Vec<_>>()
+    };
     let dependencies = |variable: &Variable, node: usize| {
-        if arrays {
-            let any =
-                |input: &Variable| variable.entries(model).any(|k| !variable.follows(k, input, model, form).is_empty());
-            return list(inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32));
-        }
-        list(inputs.iter().flat_map(|(place, input)| {
-            variable.follows(node, input, model, form).filter_map(|k| name.get(&(*place, k)).copied())
-        }))
+        let mut known: Vec<u32> = if arrays {
+            let any = |input: &Variable| {
+                variable.entries(model).any(|k| !variable.follows(k, input, dynamics, form).is_empty())
+            };
+            inputs.iter().filter(|(_, input)| any(input)).map(|(place, _)| *place as u32).collect()
+        } else {
+            let followed = inputs.iter().flat_map(|(place, input)| {
+                variable.follows(node, input, dynamics, form).filter_map(|k| name.get(&(*place, k)).copied())
+            });
+            followed.collect()
+        };
+        known.extend(others(variable));
+        list(known.into_iter())
     };
     let key = if standard == Standard::Fmi2 { "index" } else { "valueReference" };
     let kind = if standard == Standard::Fmi2 { "Unknown" } else { "Output" };
     let outputs = |xml: &mut Xml| {
-        variables(fmu, standard).filter(|(_, variable)| variable.causality == Causality::Output).try_for_each(
-            |(place, variable)| {
-                let own: Vec<usize> = if arrays { vec![0] } else { nodes_or_one(fmu, variable) };
-                own.into_iter().try_for_each(|node| {
-                    let own = name.get(&(place, node)).copied().unwrap_or_default().to_string();
-                    leaf(xml, kind, vec![(key, own), ("dependencies", dependencies(variable, node))])
-                })
-            },
-        )
+        let is_output = |variable: &Variable| Catalogue::role(variable, &fmu.stepper)[0] == "output";
+        variables(fmu, standard).filter(|(_, variable)| is_output(variable)).try_for_each(|(place, variable)| {
+            let own: Vec<usize> = if arrays { vec![0] } else { nodes_or_one(fmu, variable) };
+            own.into_iter().try_for_each(|node| {
+                let own = name.get(&(place, node)).copied().unwrap_or_default().to_string();
+                leaf(xml, kind, vec![(key, own), ("dependencies", dependencies(variable, node))])
+            })
+        })
     };
     let unknowns: Vec<_> = entries
         .iter()

@@ -13,10 +13,11 @@ mod package;
 #[cfg(feature = "fmu")]
 mod terminals;
 
+use crate::integrator::Pace;
 use crate::scene::Scene;
 use crate::scene::parameter::Parameter;
 use crate::stepper::Stepper;
-use crate::variable::{VARIABLES, Variable};
+use crate::variable::{Causality, VARIABLES, Variable};
 #[cfg(feature = "fmu")]
 pub use package::{Choice, Fmu, library, library_name};
 
@@ -39,6 +40,9 @@ pub const LOG_CATEGORIES: [(&str, &str); 4] = [
 
 /// The name of the structural parameter.
 pub const NODES: &str = "nodes";
+
+/// The name of the internal step.
+const TIME_STEP: &str = "time_step_s";
 
 /// The variables and parameters of a scene with the value references of both versions.
 ///
@@ -76,6 +80,43 @@ impl Catalogue {
     /// The variables that the scene has, with their places.
     pub fn variables(&self) -> impl Iterator<Item = (usize, &'static Variable)> + '_ {
         VARIABLES.iter().enumerate().filter(|(i, _)| self.exists[*i])
+    }
+
+    /// Causality and variability of a variable of `stepper`, in the standards' words.
+    pub fn role(variable: &Variable, stepper: &Stepper) -> [&'static str; 2] {
+        /// Outputs that count, and so change at internal steps alone.
+        const COUNTS: [&str; 4] = ["steps", "newton_iterations", "step_halvings", "cycles_used"];
+        match variable.causality {
+            Causality::Independent => ["independent", "continuous"],
+            Causality::Input => ["input", "continuous"],
+            Causality::Output if COUNTS.contains(&variable.name) => ["output", "discrete"],
+            Causality::Output => ["output", "continuous"],
+            Causality::Parameter if variable.name == TIME_STEP && matches!(stepper.pace(), Pace::Adaptive(_)) => {
+                ["output", "discrete"]
+            }
+            Causality::Parameter if stepper.can_be_retuned() && Self::follows_stiffness(variable, stepper) => {
+                ["calculatedParameter", "tunable"]
+            }
+            Causality::Parameter => ["calculatedParameter", "fixed"],
+        }
+    }
+
+    fn follows_stiffness(variable: &Variable, stepper: &Stepper) -> bool {
+        variable.follows_parameter("rod.youngs_modulus_pa", stepper.view().dynamics, stepper.form())
+    }
+
+    /// The places of the parameters that `variable` follows at once between steps of `stepper`.
+    pub fn followed_parameters(&self, variable: &Variable, stepper: &Stepper) -> impl Iterator<Item = usize> {
+        let (dynamics, form) = (stepper.view().dynamics, stepper.form());
+        let follows = |place: &usize| {
+            self.is_tunable(*place, stepper) && variable.follows_parameter(&self.parameters[*place].key, dynamics, form)
+        };
+        (0..self.parameters.len()).filter(follows).collect::<Vec<_>>().into_iter()
+    }
+
+    /// True if the parameter at this place may change between steps of `stepper`.
+    pub fn is_tunable(&self, place: usize, stepper: &Stepper) -> bool {
+        self.parameters[place].is_tunable() && stepper.can_be_retuned()
     }
 
     /// What a reference of FMI 3.0 stands for; the node is 0.

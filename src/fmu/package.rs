@@ -7,11 +7,12 @@ use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::{Catalogue, Standard, description, document, terminals, token};
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result};
 use crate::report::tables::{write_by, write_error};
 use crate::scene::parameter::Parameter;
 use crate::scene::{Document, Scene};
 use crate::stepper::Stepper;
+use crate::variable;
 
 /// The folders of binaries in FMI 2.0 and 3.0 of the platform that a shared library is for, and its suffix.
 fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
@@ -87,8 +88,7 @@ impl<'a> Fmu<'a> {
             self.catalogue.variables().map(|(_, variable)| variable.name.to_string()).chain(parameters).collect();
         for name in choice.variables.iter().flatten() {
             if !names.contains(name) {
-                let nearest = nearest(name, self.catalogue.variables().map(|(_, variable)| variable.name));
-                return Err(Error::UnknownVariable { name: name.clone(), nearest });
+                return Err(variable::unknown(name, self.catalogue.variables().map(|(_, variable)| variable.name)));
             }
         }
         let nodes = self.stepper.model().rod.nodes;

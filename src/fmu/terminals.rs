@@ -1,6 +1,6 @@
 //! `terminalsAndIcons.xml` of FMI 3.0: the variables by which an FMU is joined to others, and its icon.
 //!
-//! The head of a held tail is a plug with pose, rates and accelerations in and force and moment out; the tip of any tail gives
+//! The head of a held tail is a bus with pose, rates and accelerations in and force and moment out; the tip of any tail gives
 //! pose and rates under the same names, so that a second tail can be held by it; the drive of the actuation is a plug of its own.
 
 use std::io::Result;
@@ -11,14 +11,15 @@ use quick_xml::writer::Writer;
 use super::Fmu;
 use super::description::{Xml, element, leaf};
 
-/// A terminal: its name, what it is, its kind, and the names of its members with their variables.
-type Terminal = (&'static str, &'static str, &'static str, &'static [(&'static str, &'static str)]);
+/// A terminal: its name, what it is, its kind, how its members are matched, and their names with their variables.
+type Terminal = (&'static str, &'static str, &'static str, &'static str, &'static [(&'static str, &'static str)]);
 
 const TERMINALS: [Terminal; 3] = [
     (
         "head",
         "flange in the plane at the held head: pose, rates and accelerations in, force and moment of the tail out",
         "planar-flange",
+        "bus", // the tip of one tail gives the head of another a part of its members
         &[
             ("x", "head_x_m"),
             ("y", "head_y_m"),
@@ -38,6 +39,7 @@ const TERMINALS: [Terminal; 3] = [
         "tip",
         "pose and rates of the tip",
         "planar-flange",
+        "bus",
         &[
             ("x", "tip_x_m"),
             ("y", "tip_y_m"),
@@ -51,6 +53,7 @@ const TERMINALS: [Terminal; 3] = [
         "drive",
         "the actuation's drive",
         "drive",
+        "plug",
         &[
             ("amplitude", "actuation_amplitude"),
             ("frequency", "actuation_frequency_hz"),
@@ -76,14 +79,18 @@ pub(super) fn write(fmu: &Fmu<'_>) -> Result<Vec<u8>> {
             leaf(xml, "CoordinateSystem", attributes(&system))?;
             leaf(xml, "Icon", attributes(&square))
         })?;
-        let there = |terminal: &&Terminal| terminal.3.iter().any(|(_, variable)| has(variable));
+        let there = |terminal: &&Terminal| terminal.4.iter().any(|(_, variable)| has(variable));
         if TERMINALS.iter().all(|terminal| !there(&terminal)) {
             return Ok(());
         }
         element(xml, "Terminals", Vec::new(), |xml: &mut Xml| {
-            TERMINALS.iter().filter(there).try_for_each(|(name, description, kind, members)| {
-                let own =
-                    [("name", *name), ("matchingRule", "plug"), ("terminalKind", *kind), ("description", *description)];
+            TERMINALS.iter().filter(there).try_for_each(|(name, description, kind, matching, members)| {
+                let own = [
+                    ("name", *name),
+                    ("matchingRule", *matching),
+                    ("terminalKind", *kind),
+                    ("description", *description),
+                ];
                 element(xml, "Terminal", attributes(&own), |xml| {
                     members.iter().filter(|(_, variable)| has(variable)).try_for_each(|(member, variable)| {
                         let own = [("variableName", *variable), ("memberName", *member), ("variableKind", "signal")];

@@ -97,12 +97,15 @@ impl Integrator for Esdirk3 {
 /// The largest difference between the method and its embedded one after a step of `h` (s), from the rates of the first
 /// stages and of the last.
 pub(crate) fn error(h: f64, of: &[Vec<f64>; STAGES - 1], last: &[f64]) -> f64 {
-    let at = |k: usize| {
-        let earlier = (0..STAGES - 1).map(|j| {
-            let embedded = if j == 2 { G } else { WEIGHTS[2][j] };
-            (WEIGHTS[3][j] - embedded) * of[j][k]
-        });
-        h * (earlier.sum::<f64>() + G * last[k])
-    };
-    (0..last.len()).map(at).fold(0.0, |max: f64, e| if e.abs() > max { e.abs() } else { max })
+    let weights: [f64; STAGES - 1] = std::array::from_fn(|j| WEIGHTS[3][j] - if j == 2 { G } else { WEIGHTS[2][j] });
+    let [first, second, third] = of.each_ref().map(|rates| &rates[..last.len()]);
+    let mut most = 0.0;
+    for (k, last) in last.iter().enumerate() {
+        let earlier = weights[0] * first[k] + weights[1] * second[k] + weights[2] * third[k];
+        let error = (h * (earlier + G * last)).abs();
+        if error > most {
+            most = error;
+        }
+    }
+    most
 }

@@ -340,7 +340,7 @@ impl Carried {
 /// a compliance C, of an edge to its tension or of a joint to its moment, takes R to (R⁻¹ + C)⁻¹, which changes it by a column
 /// times a row. So EI/ΔL³ is never formed, and as long as R is positive nothing is divided by less than 1. From the head on
 /// the motions follow. This is the Riccati transfer matrix method (Horner & Pilkey, J. Mech. Des. 100, 1978, 297–302).
-/// Solutions are as accurate as by the band LU, those of a static cantilever too (measured: `tests/chain.rs`). An iterate far
+/// Solutions are as accurate as by the band LU, those of a static cantilever too (measured: `tests/mechanics/chain.rs`). An iterate far
 /// from a solution may have an R that is not positive, so every solution is checked.
 #[derive(Debug)]
 pub struct Riccati {

@@ -11,15 +11,14 @@ use crate::fluid::{Fluid, Layers};
 pub const HIGHEST_ORDER: usize = 3;
 
 /// u(t) = Σ_k u_k (t − t₀)^k/k!, k ≤ [`HIGHEST_ORDER`], for every input u. The phase of the actuation follows the integral
-/// of its frequency; viscosity and frequency stop at zero. A head goes its own way, see [`host`](crate::head::host).
+/// of its frequency. Viscosity, density and frequency are zero where that would be negative, and their rates are zero there. A
+/// head goes its own way, see [`host`](crate::head::host).
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Course {
     /// t₀, s.
     since: f64,
-    /// u₀.
-    values: Inputs,
-    /// u₁, u₂, u₃ in the places of the inputs.
-    rates: [Inputs; HIGHEST_ORDER],
+    /// u₀, u₁, u₂, u₃.
+    jet: [Inputs; HIGHEST_ORDER + 1],
     /// The first derivative at the time last asked for.
     rate: Inputs,
 }
@@ -28,42 +27,43 @@ impl Course {
     /// Inputs that stay as they are.
     pub fn resting(model: &Model, values: &Inputs, since: f64) -> Self {
         let none = || Inputs::none(model);
-        Self { since, values: values.clone(), rates: std::array::from_fn(|_| none()), rate: none() }
+        let jet = std::array::from_fn(|k| if k == 0 { values.clone() } else { none() });
+        Self { since, jet, rate: none() }
     }
 
-    /// Shows `change` the derivatives of `order` 1 to [`HIGHEST_ORDER`] in the place of the inputs, which come back after.
-    pub fn change_rates(&mut self, dynamics: &mut Dynamics, order: usize, change: impl FnOnce(&mut Dynamics)) {
-        let rates = &mut self.rates[order - 1];
-        std::mem::swap(&mut dynamics.inputs, rates);
+    /// Shows `change` the derivatives of `order` 0 (the values) to [`HIGHEST_ORDER`] in the place of the inputs, which come
+    /// back after.
+    pub fn change(&mut self, dynamics: &mut Dynamics, order: usize, change: impl FnOnce(&mut Dynamics)) {
+        let derivatives = &mut self.jet[order];
+        std::mem::swap(&mut dynamics.inputs, derivatives);
         change(dynamics);
-        std::mem::swap(&mut dynamics.inputs, rates);
+        std::mem::swap(&mut dynamics.inputs, derivatives);
     }
 
     /// Its values and derivatives.
     pub fn parts(&self) -> impl Iterator<Item = &Inputs> {
-        [&self.values, &self.rate].into_iter().chain(&self.rates)
+        self.jet.iter().chain([&self.rate])
     }
 
     /// True where it has the flow.
     pub fn takes_flow(&self) -> bool {
-        self.rates.iter().any(|rates| rates.flow_taken)
+        self.jet[1..].iter().any(|rates| rates.flow_taken)
     }
 
     /// Sets `inputs` to what they are at time `t` (s).
     pub fn at(&mut self, t: f64, inputs: &mut Inputs) {
         let tau = t - self.since;
-        let mut phase = self.values.cycle(t);
-        for (rate, factor) in self.rates.iter().zip(factors(tau).skip(1)) {
-            phase += TAU * rate.drive.frequency * factor;
+        taylor(self.jet.iter(), tau, inputs);
+        taylor(self.jet[1..].iter(), tau, &mut self.rate);
+        inputs.phase_origin = [t, self.cycle(t)];
+        inputs.fluid.acceleration = self.rate.fluid.flow;
+        let rate = &mut self.rate;
+        stop_at_zero(&mut inputs.drive.frequency, &mut rate.drive.frequency);
+        stop_fluid_at_zero(&mut inputs.fluid, &mut rate.fluid);
+        let layers = inputs.layers.iter_mut().flat_map(Layers::iter_mut);
+        for (layer, rate) in layers.zip(rate.layers.iter_mut().flat_map(Layers::iter_mut)) {
+            stop_fluid_at_zero(&mut layer.fluid, &mut rate.fluid);
         }
-        let Self { values, rates, rate, .. } = self;
-        taylor(std::iter::once(&*values).chain(&*rates), tau, inputs);
-        taylor(rates.iter(), tau, rate);
-        inputs.phase_origin = [t, phase];
-        inputs.fluid.acceleration = rate.fluid.flow;
-        inputs.drive.frequency = inputs.drive.frequency.max(0.0);
-        inputs.fluid.clamp();
-        inputs.layers.iter_mut().flat_map(Layers::iter_mut).for_each(|layer| layer.fluid.clamp());
     }
 
     /// The first derivative at the time last asked for, in the places of the inputs.
@@ -71,21 +71,123 @@ impl Course {
         &self.rate
     }
 
-    /// Counts from time `t` (s) on, where the inputs are `now`.
-    pub fn rebase(&mut self, t: f64, now: &Inputs) {
+    /// The derivative of `order` of a number of the inputs at time `t` (s).
+    pub fn derivative(&self, order: usize, t: f64, of: impl Fn(&Inputs) -> f64) -> f64 {
         let tau = t - self.since;
-        let mut moved = self.rates.clone();
-        for (k, moved) in moved.iter_mut().enumerate() {
-            taylor(self.rates[k..].iter(), tau, moved);
-        }
-        (self.since, self.rates) = (t, moved);
-        self.values.clone_from(now);
+        let terms = self.jet[order..].iter().map(of);
+        terms.zip(std::iter::once(1.0).chain(factors(tau))).map(|(term, factor)| term * factor).sum()
     }
 
-    /// Takes over `now` as the values.
-    pub fn set_values(&mut self, now: &Inputs) {
-        self.values.clone_from(now);
+    /// Adds `factor` times the second derivative of the host's natural curvature at time `t` (s) to `out`.
+    pub fn add_natural_acceleration(&self, t: f64, factor: f64, out: &mut [f64]) {
+        let factors = std::iter::once(1.0).chain(factors(t - self.since));
+        for (part, own) in self.jet[2..].iter().zip(factors) {
+            let own = own * factor;
+            out.iter_mut().zip(part.natural.iter().flatten()).for_each(|(out, natural)| *out += own * natural);
+        }
     }
+
+    /// The layers at time `t` (s), unless they stay as they are.
+    pub fn layers(&self, t: f64) -> Option<Layers> {
+        let mut terms = self.jet.iter().map(|inputs| inputs.layers);
+        let mut layers = terms.next()??;
+        let moves = self.jet[1..].iter().flat_map(|inputs| &inputs.layers).flat_map(Layers::iter);
+        if moves.into_iter().all(|layer| layer.offset == 0.0) {
+            return None;
+        }
+        for (term, factor) in terms.zip(factors(t - self.since)) {
+            layers.add(&term?, factor);
+        }
+        Some(layers)
+    }
+
+    /// Phase 2π∫f dt of the drive before the offset at time `t` (s), rad; f is zero where its polynomial is negative.
+    fn cycle(&self, t: f64) -> f64 {
+        let tau = t - self.since;
+        let f: [f64; HIGHEST_ORDER + 1] = std::array::from_fn(|k| self.jet[k].drive.frequency);
+        if stays_positive(&f, tau) {
+            let mut phase = self.jet[0].cycle(t);
+            for (rate, factor) in f[1..].iter().zip(factors(tau).skip(1)) {
+                phase += TAU * rate * factor;
+            }
+            return phase;
+        }
+        self.jet[0].cycle(self.since) + TAU * integral_above_zero(&f, tau)
+    }
+
+    /// Counts from time `t` (s) on, where the inputs are `now`.
+    pub fn rebase(&mut self, t: f64, now: &Inputs) {
+        let phase = self.cycle(t);
+        let tau = t - self.since;
+        for k in 0..self.jet.len() {
+            // Those of a higher order are still those of t₀.
+            let [first, higher @ ..] = &mut self.jet[k..] else { continue };
+            for (term, factor) in higher.iter().zip(factors(tau)) {
+                first.add_parts(term, factor);
+            }
+        }
+        self.jet[0].phase_origin = [t, phase];
+        if !now.flow_taken {
+            self.jet[0].fluid.flow = now.fluid.flow; // the scene's, until a host takes it over
+        }
+        self.since = t;
+    }
+}
+
+/// A value that is not negative, and its rate, which is zero while the value would be.
+fn stop_at_zero(value: &mut f64, rate: &mut f64) {
+    if *value < 0.0 || *value == 0.0 && *rate < 0.0 {
+        (*value, *rate) = (0.0, 0.0);
+    }
+}
+
+fn stop_fluid_at_zero(fluid: &mut Fluid, rate: &mut Fluid) {
+    stop_at_zero(&mut fluid.viscosity, &mut rate.viscosity);
+    stop_at_zero(&mut fluid.density, &mut rate.density);
+}
+
+/// f₀ + f₁τ + f₂τ²/2 + f₃τ³/6 at `tau`.
+fn polynomial([f0, f1, f2, f3]: &[f64; 4], tau: f64) -> f64 {
+    f0 + tau * (f1 + 0.5 * tau * (f2 + tau * f3 / 3.0))
+}
+
+/// Where that polynomial turns between 0 and `tau`, with both ends, in order.
+fn turns([_, f1, f2, f3]: &[f64; 4], tau: f64) -> [f64; 4] {
+    // f₁ + f₂τ + f₃τ²/2 = 0, without cancellation.
+    let q = -0.5 * (f2 + (f2 * f2 - 2.0 * f1 * f3).sqrt().copysign(*f2));
+    let inside = |x: f64| if x > 0.0 && x < tau { x } else { 0.0 };
+    let roots = [inside(f1 / q), inside(2.0 * q / f3)]; // never NaN
+    [0.0, roots[0].min(roots[1]), roots[0].max(roots[1]), tau]
+}
+
+/// True where that polynomial is negative nowhere between 0 and `tau`.
+fn stays_positive(f: &[f64; 4], tau: f64) -> bool {
+    tau <= 0.0 || f.iter().all(|x| *x >= 0.0) || turns(f, tau).iter().all(|x| polynomial(f, *x) >= 0.0)
+}
+
+/// ∫₀^`tau` of that polynomial, over where it is positive.
+fn integral_above_zero(f: &[f64; 4], tau: f64) -> f64 {
+    let [f0, f1, f2, f3] = *f;
+    let integral = |x: f64| x * (f0 + x * (f1 / 2.0 + x * (f2 / 6.0 + x * f3 / 24.0)));
+    let mut sum = 0.0;
+    for part in turns(f, tau).windows(2) {
+        let [from, to] = [part[0], part[1]];
+        let signs = [from, to].map(|x| polynomial(f, x) > 0.0);
+        if signs[0] == signs[1] {
+            sum += if polynomial(f, 0.5 * (from + to)) > 0.0 { integral(to) - integral(from) } else { 0.0 };
+            continue;
+        }
+        let (mut low, mut high) = (from, to);
+        loop {
+            let middle = 0.5 * (low + high);
+            if middle <= low || middle >= high {
+                break;
+            }
+            if (polynomial(f, middle) > 0.0) == signs[0] { low = middle } else { high = middle }
+        }
+        sum += if signs[0] { integral(low) - integral(from) } else { integral(to) - integral(low) };
+    }
+    sum
 }
 
 /// Sets all but phase and head of `sum` to Σ_k terms_k τ^k/k!.

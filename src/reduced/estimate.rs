@@ -22,17 +22,18 @@ use nalgebra::Vector2;
 
 use crate::error::Error;
 use crate::fluid::Kinematics;
-use crate::head::{Row, Sample, Signal, hermite};
+use crate::head::{Row, STEPS_A_PERIOD, Sample, hermite};
 use crate::integrator::Pace;
 use crate::model::{Dynamics, Model};
 use crate::rod::{Edge, bend, node};
+use crate::spectrum::Spectrum;
 use crate::start::Start;
 use crate::system::State;
 
-use super::measure::{Course, Differences, Point};
+use super::measure::{Course, Differences, Measure, Point};
 use super::rigid::{Chain, RIGID, Rigid};
 use super::runge_kutta::Step;
-use super::shape::{STABLE, STEPS_A_PERIOD, longest_step};
+use super::shape::STABLE;
 
 /// The estimated errors of a cheaper model, or why there are none.
 pub type Estimate = std::result::Result<Differences, String>;
@@ -44,6 +45,9 @@ pub struct Estimates {
     pub shape: Estimate,
     /// The overdamped model.
     pub overdamped: Estimate,
+    /// The tolerance with which steps of either add no more than [`SHARE_OF_STEPS`] of what that error leaves of the accuracy asked for;
+    /// the estimates have them in it.
+    pub tolerance: f64,
     /// What they have cost, in Newton iterations of the scene.
     pub work: f64,
 }
@@ -59,6 +63,10 @@ pub struct Run {
     pub pace: [Pace; 2],
     /// Newton iterations of a step of the whole model, about.
     pub iterations: f64,
+    /// The accuracy asked for, and of what.
+    pub accuracy: f64,
+    /// What it is asked of.
+    pub measures: [Option<Measure>; 4],
 }
 
 /// The part of the whole model's work that estimates may take, and the part they are planned with: that work is known
@@ -68,6 +76,14 @@ const PLANNED: f64 = 0.022;
 
 /// Steps of the estimates in a period of the fastest drive.
 const STEPS: f64 = 10.0;
+
+/// The part of what a cheaper model's own error leaves of the accuracy that its steps may take, and the least tolerance for it. The error
+/// of the tip's way was found to be 0.3 … 1.7 of the tolerance times the length.
+pub const SHARE_OF_STEPS: f64 = 0.5;
+const LEAST_TOLERANCE: f64 = 1e-8;
+
+/// Steps over which a held rod takes up its deviation.
+const TAKEN_UP: f64 = 4.0;
 
 /// Most steps of an explicit method: half a minute of ten nodes.
 const MOST_STEPS: f64 = 1e7;
@@ -130,7 +146,17 @@ fn unknown<T>(reason: impl Into<String>) -> Result<T, Unknown> {
 /// Why the shape model cannot be run for `duration` (s), where it would take too many steps.
 pub fn endless(model: &Arc<Model>, duration: f64) -> Option<String> {
     let pace = Pace::Fixed(duration);
-    let walk = Walk::new(model, Run { duration, nodes: model.rod.nodes, pace: [pace; 2], iterations: 1.0 });
+    let walk = Walk::new(
+        model,
+        Run {
+            duration,
+            nodes: model.rod.nodes,
+            pace: [pace; 2],
+            iterations: 1.0,
+            accuracy: f64::INFINITY,
+            measures: [None; 4],
+        },
+    );
     let steps = walk.stable_rate() * duration;
     (steps > MOST_STEPS).then(|| {
         format!(
@@ -143,14 +169,15 @@ pub fn endless(model: &Arc<Model>, duration: f64) -> Option<String> {
 impl Estimates {
     /// None of any model, for that reason.
     pub fn none(reason: &str) -> Self {
-        Self { shape: Err(reason.to_string()), overdamped: Err(reason.to_string()), work: 0.0 }
+        let tolerance = LEAST_TOLERANCE;
+        Self { shape: Err(reason.to_string()), overdamped: Err(reason.to_string()), tolerance, work: 0.0 }
     }
 
     /// The estimates for `run` of `model`.
     pub fn of(model: &Arc<Model>, run: Run) -> Self {
         let mut walk = Walk::new(model, run);
         let checked = |estimate: Result<Differences, Unknown>| {
-            let errors = estimate.map_err(|Unknown(reason)| reason)?.map(|error| MARGIN * error);
+            let errors = estimate.map_err(|Unknown(reason)| reason)?;
             if errors.are_finite() {
                 Ok(errors)
             } else {
@@ -158,7 +185,8 @@ impl Estimates {
             }
         };
         let (shape, overdamped) = (checked(walk.shape()), checked(walk.overdamped()));
-        Self { shape, overdamped, work: walk.work * model.rod.nodes as f64 / run.nodes as f64 }
+        let work = walk.work * model.rod.nodes as f64 / run.nodes as f64;
+        Self { shape, overdamped, tolerance: walk.tolerance(), work }
     }
 }
 
@@ -173,6 +201,8 @@ struct Walk {
     times: Times,
     /// Mass of the fluid that goes with the rod across itself, kg.
     added: f64,
+    /// The tolerance of the cheaper model's steps.
+    tolerance: f64,
     acceleration: Vec<f64>,
     moment: Vec<f64>,
     applied: Vec<f64>,
@@ -182,7 +212,7 @@ struct Walk {
 /// The times that decide what a motion is like, s.
 #[derive(Debug, Clone, Copy)]
 struct Times {
-    /// The shortest period of what drives the rod, and the longest.
+    /// The shortest period of what drives the rod, and the longest; infinite for what does not repeat itself.
     periods: [f64; 2],
     /// In which drag stops a node: the shortest time, and the longest.
     stops: [f64; 2],
@@ -239,6 +269,7 @@ impl Walk {
             state: State::zeros(2 * nodes),
             times: Times { periods: [f64::INFINITY; 2], stops: [f64::INFINITY; 2] },
             added: 0.0,
+            tolerance: f64::INFINITY,
             acceleration: zeros(),
             moment: zeros(),
             applied: vec![0.0; 2 * nodes],
@@ -250,15 +281,15 @@ impl Walk {
     }
 
     fn periods(&self) -> [f64; 2] {
-        let shortest = STEPS_A_PERIOD * longest_step(&self.dynamics);
         let model = &self.dynamics.model;
-        let drive = model.actuation.iter().map(|(_, drive)| 1.0 / drive.frequency);
-        let moved = model.head.iter().flatten().chain(model.flow.iter().flatten()).filter_map(|signal| match signal {
-            Signal::Constant(_) => None,
-            Signal::Sinusoid { frequency, .. } => Some(1.0 / frequency),
-            Signal::Table(_) => Some(f64::INFINITY),
-        });
-        [shortest, drive.chain(moved).fold(0.0, f64::max)]
+        let spectrum = Spectrum::of_model(model);
+        let ramp = match model.start {
+            Start::Ramp { duration } if model.actuation.is_some() => duration,
+            _ => f64::INFINITY,
+        };
+        let shortest = spectrum.fastest().map_or(f64::INFINITY, f64::recip).min(ramp);
+        let longest = if spectrum.is_transient { f64::INFINITY } else { spectrum.slowest().map_or(0.0, f64::recip) };
+        [shortest, longest]
     }
 
     /// From the forces on a straight rod that moves along itself and across, about as fast as its tip is driven.
@@ -333,6 +364,31 @@ impl Walk {
         Ok(())
     }
 
+    /// The tolerance of a cheaper model's steps.
+    fn tolerance(&self) -> f64 {
+        match self.run.pace[1] {
+            Pace::Adaptive(tolerance) => self.tolerance.min(tolerance),
+            Pace::Fixed(_) => self.tolerance,
+        }
+    }
+
+    /// What is estimated from the `errors` found of a model that moves as `course`: with its margin, and with the errors of the model's
+    /// steps, for which their tolerance is made small enough.
+    fn with_steps(&mut self, errors: Differences, course: &Course) -> Differences {
+        let (errors, per_length) = (errors.map(|error| MARGIN * error), course.per_length());
+        let needed = self.run.measures.into_iter().flatten().filter_map(|measure| {
+            let left = self.run.accuracy - errors.get(measure)?;
+            Some(SHARE_OF_STEPS * left / per_length.get(measure)?)
+        });
+        let needed = needed.fold(f64::INFINITY, f64::min);
+        // A model that is not accurate enough needs no steps.
+        if needed > 0.0 {
+            self.tolerance = self.tolerance.min(needed.max(LEAST_TOLERANCE));
+        }
+        let tolerance = self.tolerance();
+        errors.with(per_length, |error, per_length| error + tolerance * per_length)
+    }
+
     /// The time that an estimate covers with `rate` steps a second of that much work.
     fn covered(&self, rate: f64, step: f64) -> Result<f64, Unknown> {
         let ramp = match self.dynamics.model.start {
@@ -344,7 +400,14 @@ impl Walk {
         if covered < least {
             return unknown(format!("an estimate would cost more than {} % of the run", 100.0 * SHARE));
         }
-        Ok(covered)
+        // It ends in the same phase as the run: means over other parts of a period are no small differences of large loads.
+        let period = self.times.periods[1];
+        let left_out = ((self.run.duration - covered) / period).ceil();
+        if covered >= self.run.duration || !(left_out * period).is_finite() {
+            return Ok(covered);
+        }
+        let in_phase = self.run.duration - left_out * period;
+        Ok(if in_phase < least { in_phase + period } else { in_phase })
     }
 
     /// Steps a second of the estimates.
@@ -379,8 +442,9 @@ impl Walk {
         let plain = self.follow(true, covered, (1.5 * rate * covered) as usize + 20)?;
         self.check(&plain)?;
         let bent = self.follow_bent(&plain)?;
-        let errors = Self::extrapolated(&bent, &plain.course, self.run.duration);
-        Ok(self.with_loads(errors, &plain, self.ringing(covered)))
+        let errors = self.extrapolated(&bent, &plain.course);
+        let errors = self.with_loads(errors, &plain, self.ringing(covered));
+        Ok(self.with_steps(errors, &bent))
     }
 
     /// Refuses what bends or could buckle so far that a first order says nothing.
@@ -397,18 +461,24 @@ impl Walk {
         Ok(())
     }
 
-    /// The differences of `found` from `truth`, grown over what the run lasts longer as they grow over their second half.
-    fn extrapolated(truth: &Course, found: &Course, duration: f64) -> Differences {
+    /// The differences of `found` from `truth`, grown over what the run lasts longer as they grow over about their second half, a whole
+    /// number of periods.
+    fn extrapolated(&self, truth: &Course, found: &Course) -> Differences {
+        let duration = self.run.duration;
         let all = truth.differences(found);
         let last = truth.points.last().map_or(duration, |point| point.time);
         let longer = duration / last;
         if longer <= 1.0 + 1e-9 {
             return all;
         }
-        let half = truth.points.partition_point(|point| point.time <= 0.5 * last);
+        let period = self.times.periods[1];
+        let late = (0.5 * last / period).floor() * period;
+        let until = if late > 0.0 && late < last { last - late } else { 0.5 * last };
+        let half = truth.points.partition_point(|point| point.time <= until * (1.0 + 1e-9));
         let early = truth.first(half).differences(&found.first(half));
+        let doublings = (last / until).log2();
         all.with(early, |all, early| {
-            let power = if all > early { (all / early).log2().min(2.0) } else { 0.0 };
+            let power = if all > early { ((all / early).log2() / doublings).min(2.0) } else { 0.0 };
             all * longer.powf(power)
         })
     }
@@ -456,14 +526,8 @@ impl Walk {
             return unknown(format!("inertia is {inertia:.1e} of the drag"));
         }
         let Run { duration, pace: [_, pace], .. } = self.run;
-        let whole = self.whole_work();
         if let Pace::Adaptive(tolerance) = pace {
-            let work = duration / self.times.periods[0] * OVERDAMPED_PERIOD * (1e-4 / tolerance).powf(0.2);
-            if work >= whole {
-                return unknown(format!(
-                    "it is not cheaper: about {work:.1e} Newton iterations, the whole model's {whole:.1e}"
-                ));
-            }
+            self.must_be_cheaper(tolerance)?;
         }
         // The net displacement, and means of loads, may be as small as the parts of a path that they are measured against.
         let periods = duration / self.times.periods[1];
@@ -474,12 +538,30 @@ impl Walk {
         if held {
             let mean = inertia.max(late) * 25.0 / periods.min(25.0);
             let errors = Differences { displacement: mean, tip: inertia, force: Some(mean), moment: Some(mean) };
-            return Ok(self.with_loads(errors, &drift, (0.5 * late).sqrt()));
+            let errors = self.with_loads(errors, &drift, (0.5 * late).sqrt());
+            let errors = self.with_steps(errors, &drift.course);
+            self.must_be_cheaper(self.tolerance())?;
+            return Ok(errors);
         }
         self.check(&drift)?;
         let loaded = self.follow_loaded(&drift)?;
-        let errors = Self::extrapolated(&loaded, &drift.course, duration);
-        Ok(errors.map(|error| error + inertia))
+        let errors = self.extrapolated(&loaded, &drift.course);
+        let errors = self.with_steps(errors.map(|error| error + inertia), &drift.course);
+        self.must_be_cheaper(self.tolerance())?;
+        Ok(errors)
+    }
+
+    /// Refuses the overdamped model where steps of that tolerance cost as much as the whole model.
+    fn must_be_cheaper(&self, tolerance: f64) -> Result<(), Unknown> {
+        let whole = self.whole_work();
+        let periods = self.run.duration / self.times.periods[0];
+        let work = periods * OVERDAMPED_PERIOD * (1e-4 / tolerance).powf(0.2);
+        if work >= whole {
+            return unknown(format!(
+                "it is not cheaper: about {work:.1e} Newton iterations, the whole model's {whole:.1e}"
+            ));
+        }
+        Ok(())
     }
 
     /// Follows the prescribed shape, with inertia or without, up to time `until` (s) in at most `steps` steps.
@@ -608,11 +690,13 @@ impl Walk {
     /// Follows the shape that deviates from its natural curvature as `plain` says, at its times. It starts without.
     fn follow_bent(&mut self, plain: &Track) -> Result<Course, Unknown> {
         let mut course = plain.course.emptied();
-        let grows = Start::Ramp { duration: self.times.periods[0] / STEPS };
+        let held = self.dynamics.model.head.is_some();
+        // A held head feels the force with which the rod takes up its deviation: several of the times see it.
+        let steps = if held { TAKEN_UP } else { 1.0 };
+        let grows = Start::Ramp { duration: steps * self.times.periods[0] / STEPS };
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
         let mut rigid = self.chain.fit(&self.dynamics, natural, &first);
-        let held = self.dynamics.model.head.is_some();
         let mut rates = self.bent_rates(plain, &grows, 0.0, &rigid);
         let times = plain.course.points.iter().map(|point| point.time);
         let mut t = 0.0;

@@ -4,29 +4,45 @@
 //! Nothing of the scene is left out but mesh, steps and length: what drives, bends, carries or holds the rod acts as it does in the
 //! run, so flows and heads that change in time are followed as they are.
 
+use std::f64::consts::PI;
 use std::mem::swap;
 use std::sync::Arc;
 
+use nalgebra::Vector2;
+
 use super::Mover;
-use crate::cycle::{Cycles, Means};
+use crate::cycle::{Cycles, KEPT, Means};
 use crate::error::{Error, Result};
-use crate::fluid::laws::DragLaw;
+use crate::fluid::Fluid;
+use crate::fluid::laws::{DragLaw, Uncertainty};
 use crate::integrator::Method;
 use crate::linear::Choice as Linear;
 use crate::metrics::{Meter, Reading};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
-use crate::system::Form;
-use crate::words::percent;
+use crate::regime::{MISALIGNED, Motion, Regime};
+use crate::rod::node;
+use crate::spectrum::Spectrum;
+use crate::system::{Form, State};
+use crate::words::{percent, two_digits};
 
 /// Periods that are followed after a ramp, steps of each, and steps where nothing repeats itself.
 pub const PERIODS: f64 = 8.0;
 const STEPS_A_PERIOD: f64 = 24.0;
 const STEPS: f64 = 128.0;
 
+/// Most steps, where what drives the rod has frequencies far apart: half a second of 17 nodes.
+const MOST_STEPS: f64 = 2048.0;
+
 /// Nodes on a wavelength or, of a longer one, on the rod; and the most of them.
 const NODES_ON_A_WAVE: f64 = 16.0;
 const MOST_NODES: u64 = 49;
+
+/// Directions in which the way of the tip is measured: the largest of their widths is short by 0.1 % at most.
+const DIRECTIONS: u32 = 36;
+
+/// Relative rounding of times.
+const ROUNDING: f64 = 1e-9;
 
 /// Last increment of Newton's method over the length, and how often steps that fail are halved.
 const NEWTON: f64 = 1e-7;
@@ -36,7 +52,7 @@ const HALVINGS: u32 = 2;
 const METHOD: &str = "esdirk3";
 
 /// Estimated errors are this many times the differences found.
-const MARGIN: f64 = 1.5;
+pub const MARGIN: f64 = 1.5;
 /// Smallest error that an estimate says.
 pub const FLOOR: f64 = 0.005;
 
@@ -45,17 +61,61 @@ pub fn nodes(waves: f64) -> u64 {
     ((NODES_ON_A_WAVE * waves.max(1.0)).ceil() as u64 + 1).min(MOST_NODES)
 }
 
-/// Follows `model` over `duration` (s) from its start, in steps that fit its drive's `frequency` (Hz).
+/// The first part of a run, and its steps.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Span {
+    /// Its duration, s.
+    pub duration: f64,
+    /// Number of steps of one size.
+    pub steps: u64,
+    /// Longest period of what drives the rod, s; none where nothing repeats itself.
+    pub period: Option<f64>,
+}
+
+impl Span {
+    /// What is followed of a run of `duration` (s) with that drive: [`PERIODS`] of the slowest line after a ramp (s), or all of it
+    /// where nothing repeats itself; in steps that follow the fastest. Of frequencies far apart fewer periods of the slowest are
+    /// followed, and of a long run in which nothing repeats itself the first part: steps that do not follow the fastest say nothing.
+    pub fn of(spectrum: &Spectrum, duration: f64, ramp: f64) -> Self {
+        let Some((slowest, fastest)) = spectrum.slowest().zip(spectrum.fastest()) else {
+            return Self { duration, steps: STEPS as u64, period: None };
+        };
+        let repeats = if spectrum.is_transient { duration } else { duration.min(ramp + PERIODS / slowest) };
+        let rate = STEPS_A_PERIOD * fastest;
+        let least = duration.min(ramp + PERIODS / fastest);
+        let affordable = MOST_STEPS / rate;
+        let duration = repeats.min(affordable.max(least));
+        let steps = (rate * duration).ceil().clamp(STEPS_A_PERIOD, MOST_STEPS.max(rate * least));
+        Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
+    }
+
+    /// From when on (s) the motion is measured: over the last whole periods but the first, [`KEPT`] at most, or over all.
+    fn measured_from(&self) -> f64 {
+        let whole = |period: f64| ((self.duration / period * (1.0 + ROUNDING)).floor() - 1.0).min(KEPT as f64);
+        let late = self.period.map(|period| whole(period) * period).filter(|late| *late > 0.0);
+        late.map_or(0.0, |late| self.duration - late)
+    }
+}
+
+/// What a motion that was followed comes to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Followed {
+    /// Motion and power.
+    pub means: Means,
+    /// How the rod moves against the fluid.
+    pub motion: Motion,
+}
+
+/// Follows `model` over `span` from its start.
 ///
 /// # Errors
 /// Those of a step; [`Error::NotFinite`] where nothing has come out.
-pub fn follow(model: &Arc<Model>, duration: f64, frequency: Option<f64>) -> Result<Means> {
-    let steps = frequency.map_or(STEPS, |frequency| (STEPS_A_PERIOD * frequency * duration).ceil().max(STEPS_A_PERIOD));
-    let mut outcome = steps_of(model, duration, steps as u64);
+pub fn follow(model: &Arc<Model>, span: Span) -> Result<Followed> {
+    let mut outcome = steps_of(model, span, span.steps);
     for halved in 1..=HALVINGS {
         match &outcome {
             Err(error) if error.is_cured_by_smaller_step() => {
-                outcome = steps_of(model, duration, (steps as u64) << (2 * halved));
+                outcome = steps_of(model, span, span.steps << (2 * halved));
             }
             _ => break,
         }
@@ -63,7 +123,8 @@ pub fn follow(model: &Arc<Model>, duration: f64, frequency: Option<f64>) -> Resu
     outcome
 }
 
-fn steps_of(model: &Arc<Model>, duration: f64, steps: u64) -> Result<Means> {
+fn steps_of(model: &Arc<Model>, span: Span, steps: u64) -> Result<Followed> {
+    let duration = span.duration;
     let nothing = || Error::NotFinite { time_s: duration, node: 0, what: "the motion" };
     let mut dynamics = Dynamics::new(Arc::clone(model));
     let mut newton = Newton::with(Form::Positions, Linear::Auto, model.rod.nodes, NEWTON)?;
@@ -74,6 +135,7 @@ fn steps_of(model: &Arc<Model>, duration: f64, steps: u64) -> Result<Means> {
     let mut meter = Meter::start(&mut dynamics, &state)?;
     let mut cycles = Cycles::start(&dynamics, &state, &meter);
     let (mut next, mut reading) = (state.clone(), Reading::new(model.rod.nodes));
+    let mut moments = Vec::with_capacity(steps as usize);
     for step in 1..=steps {
         next.t = duration * step as f64 / steps as f64;
         let h = next.t - state.t;
@@ -83,8 +145,60 @@ fn steps_of(model: &Arc<Model>, duration: f64, steps: u64) -> Result<Means> {
         meter.count(&mut reading, None, load, dynamics.head_mass())?;
         swap(&mut state, &mut next);
         cycles.follow(&dynamics, &state, &meter, None);
+        moments.push(Moment::of(&dynamics, &state));
     }
-    Means::of(&cycles, &dynamics).ok_or_else(nothing)
+    let means = Means::of(&cycles, &dynamics).ok_or_else(nothing)?;
+    let from = moments.partition_point(|moment| moment.time <= span.measured_from() + ROUNDING * duration);
+    Ok(Followed { means, motion: motion(&moments[from..]) })
+}
+
+/// How the rod moves against the fluid at one time: mean squares over its nodes.
+struct Moment {
+    time: f64,
+    along: f64,
+    across: f64,
+    inertia: f64,
+    /// Place of the tip, seen from the centre of mass of a free rod, m.
+    tip: Vector2<f64>,
+}
+
+impl Moment {
+    /// That of `state`, to which `dynamics` was moved last.
+    fn of(dynamics: &Dynamics, State { t, q, v, .. }: &State) -> Self {
+        let rod = &dynamics.model.rod;
+        let last = rod.nodes - 1;
+        let centre = if dynamics.model.head.is_some() { Vector2::zeros() } else { rod.mean(q) };
+        let mut moment = Self { time: *t, along: 0.0, across: 0.0, inertia: 0.0, tip: node(q, last) - centre };
+        let part = 1.0 / (rod.nodes - rod.front) as f64;
+        for k in rod.front..rod.nodes {
+            let tangent = (node(q, (k + 1).min(last)) - node(q, k.saturating_sub(1).max(rod.front))).normalize();
+            let Fluid { density, viscosity, flow, .. } = dynamics.fluid_at(node(q, k));
+            let velocity = node(v, k) - flow;
+            let along = tangent.dot(&velocity).powi(2);
+            let across = tangent.perp(&velocity).powi(2) + MISALIGNED * MISALIGNED * along;
+            moment.along += part * along;
+            moment.across += part * across;
+            moment.inertia += part * across * (density / viscosity).powi(2);
+        }
+        moment
+    }
+}
+
+/// The motion at equally spaced `moments`.
+fn motion(moments: &[Moment]) -> Motion {
+    let mean = |of: fn(&Moment) -> f64| (moments.iter().map(of).sum::<f64>() / moments.len().max(1) as f64).sqrt();
+    let width = |i: u32| {
+        let (sin, cos) = (PI * f64::from(i) / f64::from(DIRECTIONS)).sin_cos();
+        let along = moments.iter().map(|moment| moment.tip.dot(&Vector2::new(cos, sin)));
+        let [low, high] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
+        (high - low).max(0.0)
+    };
+    Motion {
+        along: mean(|moment| moment.along),
+        across: mean(|moment| moment.across),
+        inertia: mean(|moment| moment.inertia),
+        tip: 0.5 * (0..DIRECTIONS).map(width).fold(0.0, f64::max),
+    }
 }
 
 /// A law of drag, with the water that the rod accelerates or without, and what the scene comes to under it.
@@ -116,11 +230,19 @@ pub struct FluidEstimates {
     pub uncertainty: [f64; 2],
     /// True where the motion is the thrust on a held head, else it is a speed.
     pub held: bool,
+    /// The flow around the rod under the first law that was followed, the highest of those that hold at any Reynolds number where it can
+    /// be.
+    pub regime: Regime,
 }
 
 impl FluidEstimates {
     /// The estimates from what the scene comes to under each law, the highest last.
-    pub fn of(found: Vec<(&'static DragLaw, bool, Means)>, uncertainty: [f64; 2], held: bool) -> Option<Self> {
+    pub fn of(
+        found: Vec<(&'static DragLaw, bool, Means)>,
+        uncertainty: [f64; 2],
+        held: bool,
+        regime: Regime,
+    ) -> Option<Self> {
         let highest = found.last()?.2;
         let error = |difference: f64| (MARGIN * difference.abs()).max(FLOOR);
         let count = found.len();
@@ -135,7 +257,19 @@ impl FluidEstimates {
             laws,
             uncertainty,
             held,
+            regime,
         })
+    }
+
+    /// Those of the laws that are `allowed`, against the highest of them; none where there is none.
+    pub fn among(&self, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
+        let of = self.laws.iter().filter(|estimate| allowed(estimate.law, estimate.reactive));
+        let found: Vec<_> = of.map(|estimate| (estimate.law, estimate.reactive, estimate.means)).collect();
+        let (highest, reactive, _) = *found.last()?;
+        // Of a law that the scene measures itself nothing is published.
+        let known = highest.uncertainty(self.regime.reynolds, reactive);
+        let uncertainty = known.map_or(self.uncertainty, |known: Uncertainty| known.measured(self.held));
+        Self::of(found, uncertainty, self.held, self.regime)
     }
 
     /// That of a law.
@@ -165,44 +299,53 @@ pub struct FluidChoice {
 /// The part of the highest law's own uncertainty that a simpler one may differ from it by.
 const SHARE: f64 = 0.25;
 
+/// Square of the [dimensionless flow velocity](Regime::flow_velocity) from which on the water's inertia counts for whether the rod is
+/// stable: the compression mU² of the rod is then a twentieth of [`BECK`].
+const STABILITY: f64 = 1.0;
+/// The follower force, over EI/L², that makes a clamped rod flutter. M. Beck, Z. angew. Math. Phys. 3 (1952).
+const BECK: f64 = 20.05;
+
 impl FluidChoice {
-    /// The cheapest law that is `allowed` and differs little from the highest, as seen beside that law's own uncertainty.
+    /// The cheapest law that is `allowed` and differs little from the highest of those, as seen beside that one's own uncertainty; with the
+    /// water's inertia where that counts for the rod's stability, as a motion from rest may not show it.
     pub fn of(estimates: &FluidEstimates, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
+        let open = estimates.among(&allowed)?;
+        let stiffness = estimates.regime.flow_velocity.powi(2);
+        let is_kept = stiffness > STABILITY && open.laws.iter().any(|law| law.reactive);
+        let left_out = is_kept && open.laws.iter().any(|law| !law.reactive);
+        let estimates = if is_kept { open.among(|_, reactive| reactive)? } else { open };
         let limits = estimates.uncertainty.map(|uncertain| SHARE * uncertain);
         let highest = estimates.laws.last()?;
         let within = |law: &&FluidEstimate| law.errors.iter().zip(limits).all(|(error, limit)| *error <= limit);
         let excess =
             |law: &&FluidEstimate| law.errors.iter().zip(limits).map(|(e, limit)| e / limit).fold(0.0, f64::max);
-        let candidates = || estimates.laws.iter().filter(|law| allowed(law.law, law.reactive));
-        let nearest = || candidates().min_by(|a, b| excess(a).total_cmp(&excess(b)));
-        let taken = candidates().find(within).or_else(nearest)?;
-        let bound = |limits: [f64; 2]| estimates.in_words(limits);
-        let reason = if taken == highest {
-            let below = candidates().filter(|law| *law != highest).min_by(|a, b| excess(a).total_cmp(&excess(b)));
-            match below {
+        let taken = estimates.laws.iter().find(within).unwrap_or(highest);
+        let mut reason = if taken == highest {
+            let below = estimates.laws.iter().filter(|law| *law != highest);
+            match below.min_by(|a, b| excess(a).total_cmp(&excess(b))) {
                 Some(below) => format!(
-                    "nothing simpler is near enough: {} errs by an estimated {}; a quarter of the published uncertainty of {} is {}",
+                    "nothing simpler is near enough: {} errs by an estimated {}; a quarter of the uncertainty of {} is {}",
                     below.name(),
                     estimates.in_words(below.errors),
                     highest.name(),
-                    bound(limits)
+                    estimates.in_words(limits)
                 ),
                 None => "the scene leaves no other".to_string(),
             }
-        } else if within(&taken) {
+        } else {
             format!(
                 "against {} it errs by an estimated {}, within a quarter of what that is itself uncertain by ({})",
                 highest.name(),
                 estimates.in_words(taken.errors),
-                bound(estimates.uncertainty)
-            )
-        } else {
-            format!(
-                "of what the scene leaves open it is nearest to {}, and errs by an estimated {}",
-                highest.name(),
-                estimates.in_words(taken.errors)
+                estimates.in_words(estimates.uncertainty)
             )
         };
+        if left_out {
+            reason = format!(
+                "with the water's inertia, which decides whether the rod is stable (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {BECK}); {reason}",
+                two_digits(stiffness)
+            );
+        }
         Some(Self { law: Some(taken.law), reactive: taken.reactive, reason, errors: Some(taken.errors) })
     }
 
@@ -214,9 +357,4 @@ impl FluidChoice {
             (None, false) => "no force".to_string(),
         }
     }
-}
-
-/// The time (s) that is followed of a run of `duration` (s).
-pub fn followed(duration: f64, frequency: Option<f64>, ramp: f64) -> f64 {
-    frequency.map_or(duration, |frequency| duration.min(ramp + PERIODS / frequency))
 }

@@ -158,6 +158,33 @@ impl Course {
         Measure::ALL.into_iter().filter(is_noise).collect()
     }
 
+    /// What an error of one length of all positions comes to in each measure, where it changes velocities and loads in the same part as
+    /// the way of the tip: what an error of steps does, for it is one of the phase.
+    pub fn per_length(&self) -> Differences {
+        let Some(end) = self.points.last() else { return Differences::default() };
+        let noise = NOISE * self.length;
+        let path: f64 = self.points.windows(2).map(|pair| (self.moved(&pair[1]) - self.moved(&pair[0])).norm()).sum();
+        let travel = self.points.iter().map(|point| self.tip_moved(point)).fold(noise, f64::max);
+        let tip = self.length / travel;
+        // A mean is known as well as the loads that it is the small difference of.
+        let of_loads = |of: &dyn Fn(&Point) -> Vector2<f64>| {
+            let size = self.integral(|i| of(&self.points[i]).norm());
+            let means = [0, 1].map(|axis| self.integral(|i| of(&self.points[i])[axis]).abs().max(MEAN * size));
+            let parts = means.map(|mean| if size > 0.0 { size / mean } else { 1.0 });
+            tip * parts[0].max(parts[1])
+        };
+        Differences {
+            displacement: self.length / self.moved(end).norm().max(PATH * path).max(noise),
+            tip,
+            force: self.held.then(|| of_loads(&|point| point.force)),
+            moment: self.held.then(|| {
+                let size = self.integral(|i| self.points[i].moment.abs());
+                let mean = self.integral(|i| self.points[i].moment).abs().max(MEAN * size);
+                if size > 0.0 { tip * size / mean } else { tip }
+            }),
+        }
+    }
+
     /// What the other course, at the same times, differs from this one by.
     pub fn differences(&self, other: &Self) -> Differences {
         let (ours, theirs) = (&self.points, &other.points);

@@ -111,11 +111,6 @@ pub trait Mover: std::fmt::Debug + Send {
         f64::INFINITY
     }
 
-    /// The longest step (s) that resolves what it is told to do, whatever the error of the step.
-    fn longest_step(&self, _dynamics: &Dynamics) -> f64 {
-        f64::INFINITY
-    }
-
     /// Prepares for a run from `state`, a [`Start`](crate::start::Start), and makes it one of its own.
     ///
     /// # Errors

@@ -3,14 +3,14 @@
 //! The residual is the model's own at a = 0. Steps are those of ESDIRK3(2), L-stable, on q' = v: a stage solves for its
 //! velocity with q_i = qⁿ + h Σ_{j<i} a_ij v_j + hγ v_i.
 
-use super::shape::longest_step;
 use super::{Mover, Rung};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::fluid::Force;
 use crate::integrator::esdirk3::{G, STAGES, TIMES, WEIGHTS, error};
 use crate::integrator::{Foot, Stage, StepError};
 use crate::model::{Dynamics, Mechanics};
-use crate::newton::{Convergence, Newton};
-use crate::system::{Direction, State};
+use crate::newton::{Convergence, MAX_ITERATIONS, Newton};
+use crate::system::{Direction, State, System};
 
 /// What is known of it.
 pub static RUNG: Rung = Rung {
@@ -23,10 +23,18 @@ pub static RUNG: Rung = Rung {
     build: |_| Box::new(Overdamped::default()),
 };
 
+/// Velocities are found where an iteration moves them by no more than this part of the largest …
+const SETTLED: f64 = 1e-10;
+
+/// … or by no more than this and no less than half of the one before: by rounding.
+const ROUNDED: f64 = 1e-6;
+
 /// The velocities of the first three stages.
 #[derive(Debug, Default)]
 struct Overdamped {
     v: [Vec<f64>; STAGES - 1],
+    /// Those before an iteration.
+    before: Vec<f64>,
 }
 
 impl Mover for Overdamped {
@@ -38,10 +46,6 @@ impl Mover for Overdamped {
         3
     }
 
-    fn longest_step(&self, dynamics: &Dynamics) -> f64 {
-        longest_step(dynamics) // a motion much smaller than the length is within any tolerance
-    }
-
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
         for stage in &mut self.v {
             stage.resize(state.q.len(), 0.0);
@@ -49,8 +53,30 @@ impl Mover for Overdamped {
         self.settle(dynamics, newton, state)
     }
 
+    /// Solves F(q, v) = 0 for the velocities: by one iteration where all forces are linear in them, else to where an iteration
+    /// moves them by no more than [`SETTLED`] of the largest.
     fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
-        newton.iterate(dynamics, state, Direction::VELOCITIES).map(|_| ())
+        if dynamics.coupling().is_none() && dynamics.model.forces.iter().all(Force::is_linear) {
+            return newton.iterate(dynamics, state, Direction::VELOCITIES).map(|_| ());
+        }
+        let (mut last, mut iterations) = (f64::INFINITY, 0);
+        loop {
+            self.before.clone_from(&state.v);
+            let residual_n = newton.iterate(dynamics, state, Direction::VELOCITIES)?.residual;
+            iterations += 1;
+            let changes = state.v.iter().zip(&self.before).map(|(v, before)| (v - before).abs());
+            let (change, speed) =
+                (changes.fold(0.0, f64::max), state.v.iter().fold(0.0, |max: f64, v| max.max(v.abs())));
+            let stalled = change >= 0.5 * last && change <= ROUNDED * speed;
+            if change <= SETTLED * speed || stalled {
+                return Ok(());
+            }
+            if iterations >= MAX_ITERATIONS {
+                let (time_s, increment_m) = (state.t, 0.0);
+                return Err(Error::NotConverged { time_s, step_s: 0.0, iterations, increment_m, residual_n, node: 0 });
+            }
+            last = change;
+        }
     }
 
     fn step(

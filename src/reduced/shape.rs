@@ -10,11 +10,9 @@ use super::rigid::{Chain, RIGID, Rigid};
 use super::runge_kutta::{ORDER, Step};
 use super::{Mover, Rung};
 use crate::error::{Error, Result};
-use crate::head::Signal;
 use crate::integrator::StepError;
 use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
-use crate::start::Start;
 use crate::system::State;
 
 /// What is known of it.
@@ -27,9 +25,6 @@ pub static RUNG: Rung = Rung {
     refuses: super::estimate::endless,
     build: |_| Box::new(Shape::default()),
 };
-
-/// Fewest steps in a period of what drives the rod, or in a ramp.
-pub const STEPS_A_PERIOD: f64 = 16.0;
 
 /// Largest error of a step over the length.
 const LIMIT: f64 = 1e-8;
@@ -49,23 +44,6 @@ impl Default for Shape {
     fn default() -> Self {
         Self { chain: Chain::default(), acceleration: Vec::new(), step: Step::none() }
     }
-}
-
-/// The longest step (s) that resolves what drives the rod.
-pub fn longest_step(dynamics: &Dynamics) -> f64 {
-    let ramp = match dynamics.model.start {
-        Start::Ramp { duration } if dynamics.model.actuation.is_some() => duration,
-        _ => f64::INFINITY,
-    };
-    let moving = dynamics.model.head.iter().flatten().chain(dynamics.model.flow.iter().flatten());
-    let moving = moving.map(|signal| match signal {
-        Signal::Sinusoid { frequency, .. } => 1.0 / frequency,
-        Signal::Table(rows) if rows.len() > 1 => {
-            STEPS_A_PERIOD * (rows[rows.len() - 1].time - rows[0].time) / (rows.len() - 1) as f64
-        }
-        _ => f64::INFINITY,
-    });
-    moving.fold(ramp.min(1.0 / dynamics.inputs.drive.frequency), f64::min) / STEPS_A_PERIOD
 }
 
 /// The rates of the rigid motion of the prescribed shape at time `t` (s).
@@ -102,10 +80,6 @@ impl Mover for Shape {
 
     fn limit(&self) -> f64 {
         LIMIT
-    }
-
-    fn longest_step(&self, dynamics: &Dynamics) -> f64 {
-        longest_step(dynamics)
     }
 
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {

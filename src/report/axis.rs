@@ -9,12 +9,21 @@ const SMALLEST: f64 = 1e-290;
 /// Ticks of an axis, about.
 const TICKS: f64 = 7.0;
 
+/// How numbers are spaced along an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Spacing {
+    Linear,
+    Logarithmic,
+    /// By the logarithm of their modulus, above the middle or below it as their sign says.
+    Signed,
+}
+
 /// An axis from 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Axis {
-    /// What 0 and 1 are: numbers, or their logarithms to base ten.
+    /// What 0 and 1 are: numbers, or their logarithms to base ten; of a signed one the middle and both ends.
     range: [f64; 2],
-    logarithmic: bool,
+    spacing: Spacing,
     /// Places from 0 to 1 with their labels; those without one are minor.
     pub ticks: Vec<(f64, String)>,
     /// The power of ten that all labels are to be multiplied with.
@@ -42,7 +51,7 @@ impl Axis {
             ((x - low) / (high - low), label)
         };
         let ticks = (0..20).map(tick).take_while(|(place, _)| *place <= 1.0 + 1e-9).collect();
-        Self { range: [low, high], logarithmic: false, ticks, power }
+        Self { range: [low, high], spacing: Spacing::Linear, ticks, power }
     }
 
     /// A logarithmic axis that holds the positive ones of `values`, with a margin.
@@ -83,7 +92,25 @@ impl Axis {
                 }
             }
         }
-        Self { range: [low, high], logarithmic: true, ticks, power: 0 }
+        Self { range: [low, high], spacing: Spacing::Logarithmic, ticks, power: 0 }
+    }
+
+    /// A logarithmic axis towards both signs: `decades` of them each, down from the largest modulus of `values` to zero in the middle.
+    pub fn signed(values: impl Iterator<Item = f64>, decades: i32) -> Self {
+        let one = Self::decades(values, decades);
+        let [low, high] = one.range;
+        let every = (decades as usize / 4).max(1);
+        let powers = (low.ceil() as i32..=high.floor() as i32)
+            .rev()
+            .step_by(every)
+            .filter(|power| f64::from(*power) > low + 0.5);
+        let mut ticks = vec![(0.5, "0".to_string())];
+        for power in powers {
+            let place = 0.5 * (f64::from(power) - low) / (high - low);
+            ticks.push((0.5 + place, power_of_ten(power)));
+            ticks.push((0.5 - place, format!("−{}", power_of_ten(power))));
+        }
+        Self { spacing: Spacing::Signed, ticks, ..one }
     }
 
     /// An axis of categories, each with as much room as another, at 0, 1, 2 …
@@ -91,7 +118,7 @@ impl Axis {
         let range = [-0.5, labels.len().max(1) as f64 - 0.5];
         let place = |i: usize| (i as f64 - range[0]) / (range[1] - range[0]);
         let ticks = labels.iter().enumerate().map(|(i, label)| (place(i), label.clone())).collect();
-        Self { range, logarithmic: false, ticks, power: 0 }
+        Self { range, spacing: Spacing::Linear, ticks, power: 0 }
     }
 
     /// The same range about its middle, `factor` times as long.
@@ -108,13 +135,21 @@ impl Axis {
 
     /// Its lower end, as a number.
     pub fn low(&self) -> f64 {
-        if self.logarithmic { 10.0_f64.powf(self.range[0]) } else { self.range[0] }
+        match self.spacing {
+            Spacing::Linear => self.range[0],
+            Spacing::Logarithmic => 10.0_f64.powf(self.range[0]),
+            Spacing::Signed => -10.0_f64.powf(self.range[1]),
+        }
     }
 
     /// Where a number is, 0 at the lower end and 1 at the upper; none off the axis.
     pub fn place(&self, x: f64) -> Option<f64> {
-        let x = if self.logarithmic { x.log10() } else { x };
-        let place = (x - self.range[0]) / self.size();
+        let part = |x: f64| (x - self.range[0]) / self.size();
+        let place = match self.spacing {
+            Spacing::Linear => part(x),
+            Spacing::Logarithmic => part(x.log10()),
+            Spacing::Signed => 0.5 + 0.5 * part(x.abs().log10()).max(0.0).copysign(x),
+        };
         (-1e-6..=1.0 + 1e-6).contains(&place).then_some(place)
     }
 }

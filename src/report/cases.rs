@@ -104,11 +104,15 @@ impl Axis {
     /// The levels in groups that are averaged together: each by itself, or equal parts of a sample.
     fn groups(&self) -> Groups {
         let at: Vec<f64> = (0..self.labels.len()).map(|i| self.at(i)).collect();
-        if !self.sampled {
-            return Groups { of: (0..at.len()).collect(), at, labels: self.labels.clone() };
-        }
         let mut order: Vec<usize> = (0..at.len()).collect();
         order.sort_by(|a, b| at[*a].total_cmp(&at[*b]));
+        if !self.sampled {
+            // In the order of their numbers, however they are listed.
+            let mut of = vec![0; at.len()];
+            order.iter().enumerate().for_each(|(rank, level)| of[*level] = rank);
+            let (at, labels) = order.iter().map(|level| (at[*level], self.labels[*level].clone())).unzip();
+            return Groups { of, at, labels };
+        }
         let parts = PARTS.min(at.len());
         let mut group = vec![0; at.len()];
         // On a logarithmic axis the middle is that of the logarithms.
@@ -318,6 +322,7 @@ impl Cases {
                     .push(point(i));
             }
         }
+        joined.values_mut().for_each(|line| line.sort_by(|a, b| a.0.total_cmp(&b.0)));
         let stride = order.len().div_ceil(JOINED).max(1);
         let lines = order.iter().step_by(stride).map(|key| joined[key].clone()).filter(|line| line.len() > 1);
         let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
@@ -395,8 +400,10 @@ impl Cases {
 
     /// The x of the centres of mass in time; the least, the middle and the largest displacement stand out.
     fn paths(&self, label: &str, cases: &[usize]) -> Option<Chart> {
+        // A case that failed has no place among the others.
+        let complete = cases.iter().filter(|i| !self.endings.contains_key(&self.indices[**i]));
         let mut moved: Vec<(usize, &Vec<Frame>)> =
-            cases.iter().filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
+            complete.filter_map(|i| Some((*i, self.motions.get(&self.indices[*i])?))).collect();
         let far = |frames: &[Frame]| frames[frames.len() - 1].com[0] - frames[0].com[0];
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
         let path =

@@ -4,7 +4,7 @@
 use nalgebra::Vector2;
 
 use super::axis::{Axis, superscript};
-use super::svg::{Anchor, Colour, SERIES, Svg, cut, width};
+use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 
 /// Width of a chart and height of its plot, px.
 const WIDTH: f64 = 640.0;
@@ -48,12 +48,19 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
     /// Look.
     pub mark: Mark,
+    /// Number of its colour and dashes, where it is the same in all figures; else its place among the series.
+    pub colour: Option<usize>,
 }
 
 impl Series {
     /// A series with a look.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
-        Self { label: label.into(), points, mark }
+        Self { label: label.into(), points, mark, colour: None }
+    }
+
+    /// With colour and dashes of its own, the `k`-th.
+    pub fn coloured(self, k: usize) -> Self {
+        Self { colour: Some(k), ..self }
     }
 }
 
@@ -68,6 +75,8 @@ pub enum Scale {
     LogX,
     /// y logarithmic; values are shown by their size, down to this many decades below the largest.
     LogY(i32),
+    /// y logarithmic towards both signs, this many decades each; what is smaller is zero.
+    SignedLogY(i32),
     /// Both logarithmic; only positive numbers are shown.
     LogLog,
     /// x is the place of a category, 0, 1, 2 …, with these names. Nothing is between two of them: lines become bars.
@@ -130,8 +139,12 @@ impl Chart {
 
     /// The chart as an SVG document.
     pub fn svg(&self) -> String {
-        let shown = |series: &&Series| !series.label.is_empty() && series.is_named();
-        let entries: Vec<&str> = self.series.iter().filter(shown).map(|series| series.label.as_str()).collect();
+        let shown = |series: &Series| !series.label.is_empty();
+        let named = self.series.iter().filter(|series| series.is_named()).enumerate();
+        let entries: Vec<(usize, &str)> = named
+            .filter(|(_, series)| shown(series))
+            .map(|(k, series)| (series.colour.unwrap_or(k), series.label.as_str()))
+            .collect();
         let legend = Legend::of(&entries);
         let [x, y] = self.axes();
         let frame = Frame::about(&y, legend.height());
@@ -161,7 +174,7 @@ impl Chart {
         let mut named = 0;
         for series in &self.series {
             let points: Vec<_> = series.points.iter().map(|p| place(*p)).collect();
-            self.draw(&mut svg, series, &points, named, (&frame, frame.width / x.size()));
+            self.draw(&mut svg, series, &points, series.colour.unwrap_or(named), (&frame, frame.width / x.size()));
             named += usize::from(series.is_named());
         }
         svg.finish()
@@ -174,6 +187,7 @@ impl Chart {
             Scale::Linear | Scale::Equal => [Axis::linear(x()), Axis::linear(y())],
             Scale::LogX => [Axis::logarithmic(x()), Axis::linear(y())],
             Scale::LogY(decades) => [Axis::linear(x()), Axis::decades(y(), *decades)],
+            Scale::SignedLogY(decades) => [Axis::linear(x()), Axis::signed(y(), *decades)],
             Scale::LogLog => [Axis::logarithmic(x()), Axis::logarithmic(y())],
             Scale::Categories(labels) => [Axis::categories(labels), Axis::linear(y())],
         }
@@ -192,7 +206,7 @@ impl Chart {
         let there = || points.iter().flatten().copied();
         let categories = matches!(self.scale, Scale::Categories(_));
         let colour = Colour::series(named);
-        let dashes = if named < SERIES { "" } else { "6 3" };
+        let dashes = dashes(named);
         let dots = |svg: &mut Svg| there().for_each(|point| svg.dot(point, 3.2, colour));
         match series.mark {
             Mark::Unseen => {}
@@ -282,13 +296,13 @@ struct Legend {
 
 impl Legend {
     /// The legend of named series; of one alone there is none.
-    fn of(labels: &[&str]) -> Self {
+    fn of(labels: &[(usize, &str)]) -> Self {
         let mut entries = Vec::new();
         let (mut left, mut line) = (20.0, 0);
         if labels.len() > 1 {
-            for (k, label) in labels.iter().enumerate() {
+            for (k, (colour, label)) in labels.iter().enumerate() {
                 let label = cut(label, LABEL, 300.0);
-                let room = 46.0 + width(&label, LABEL);
+                let room = 52.0 + width(&label, LABEL);
                 if left > 20.0 && left + room > WIDTH - 8.0 {
                     (left, line) = (20.0, line + 1);
                 }
@@ -299,7 +313,7 @@ impl Legend {
                     }
                     break;
                 }
-                entries.push((k, left, 36.0 + LINE * (line as f64 + 0.7), label));
+                entries.push((*colour, left, 36.0 + LINE * (line as f64 + 0.7), label));
                 left += room;
             }
         }
@@ -313,9 +327,8 @@ impl Legend {
 
     fn draw(&self, svg: &mut Svg) {
         for (k, x, y, label) in &self.entries {
-            let dashes = if *k < SERIES { "" } else { "6 3" };
-            svg.line(&[(*x, y - 4.5), (x + 22.0, y - 4.5)], Colour::series(*k), 3.0, dashes);
-            svg.text((x + 28.0, *y), label, LABEL, Anchor::Start, Colour::INK);
+            svg.line(&[(*x, y - 4.5), (x + 28.0, y - 4.5)], Colour::series(*k), 2.5, dashes(*k));
+            svg.text((x + 34.0, *y), label, LABEL, Anchor::Start, Colour::INK);
         }
     }
 }
@@ -412,7 +425,7 @@ const PANEL: f64 = 110.0;
 impl Effects {
     /// The figure as an SVG document: the panels in as many rows as they need.
     pub fn svg(&self) -> String {
-        let entries: Vec<&str> = self.series.iter().map(|(label, _)| label.as_str()).collect();
+        let entries: Vec<_> = self.series.iter().map(|(label, _)| label.as_str()).enumerate().collect();
         let legend = Legend::of(&entries);
         let y = Axis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
         let first = Frame::about(&y, legend.height());
@@ -490,6 +503,7 @@ mod tests {
             Scale::Equal,
             Scale::LogX,
             Scale::LogY(12),
+            Scale::SignedLogY(6),
             Scale::LogLog,
             Scale::Categories(categories),
             Scale::Categories(Vec::new()),

@@ -37,31 +37,14 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
         let whole = series.iter().all(|series| !series.points.is_empty());
         (whole && series.iter().any(moves)).then(|| Figure::new(file, caption, svg()))
     };
-    let energies = [
-        ("bending energy", "bending_energy_j"),
-        ("kinetic energy", "kinetic_energy_j"),
-        ("stretching energy", "stretching_energy_j"),
-        ("energy of the water", "fluid_energy_j"),
-        ("actuation work", "actuation_work_j"),
-        ("viscous work", "viscous_work_j"),
-        ("work into the wake", "wake_work_j"),
-        ("load work", "load_work_j"),
-        ("head work", "head_work_j"),
-        ("flow work", "flow_work_j"),
-        ("numerical dissipation", "numerical_dissipation_j"),
-    ]
-    .into_iter()
-    .map(|(label, variable)| Series::new(label, record.curve("time_s", variable), Mark::Line))
-    .filter(|series| series.points.iter().any(|point| point.1 != 0.0))
-    .collect();
     let end = record.frames().last().map_or(0.0, |frame| frame.time);
     let shape =
         chart(&format!("shape at t = {end} s"), "x (m)", "y (m)", Scale::Equal, shapes(record.frames(), period));
     let since = if period.is_some() { "the last period" } else { "the run" };
     let path = vec![Series::new("centre of mass", record.curve("x_com_m", "y_com_m"), Mark::Line)];
     let path = chart("path of the centre of mass", "x (m)", "y (m)", Scale::Linear, path);
-    let balance = "energy and work, absolute value (J)";
-    let energy = chart("energy balance", "time (s)", balance, Scale::LogY(12), energies);
+    let balance = "put in above, taken below zero (J)";
+    let energy = chart("energy balance", "time (s)", balance, Scale::SignedLogY(6), energy_balance(record));
     [
         Some(Figure::new(
             "shape.svg",
@@ -109,14 +92,42 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
         ),
         Some(Figure::new(
             "energy.svg",
-            "Where energy was and which work was done, by size on a logarithmic axis. What the method itself takes is its numerical \
-             dissipation.",
+            "The energy balance: above zero what put energy in since the start, below zero what took it or has stored it. At every time the \
+             curves add up to zero; what the method itself takes, or puts in, is its numerical dissipation. The axis is logarithmic \
+             towards both signs.",
             energy.svg(),
         )),
     ]
     .into_iter()
     .flatten()
     .collect()
+}
+
+/// What put energy into the rod since the start (J, above zero), and what took it or has it stored (below zero): as the variables say,
+/// they add up to zero. Parts that are always zero are left out.
+pub fn energy_balance(record: &Record) -> Vec<Series> {
+    let parts = [
+        ("actuation", "actuation_work_j", 1.0),
+        ("loads", "load_work_j", 1.0),
+        ("head", "head_work_j", 1.0),
+        ("flow", "flow_work_j", 1.0),
+        ("viscosity", "viscous_work_j", -1.0),
+        ("wake", "wake_work_j", -1.0),
+        ("spray", "spray_work_j", -1.0),
+        ("bending", "bending_energy_j", -1.0),
+        ("stretching", "stretching_energy_j", -1.0),
+        ("motion", "kinetic_energy_j", -1.0),
+        ("motion of the water", "fluid_energy_j", -1.0),
+        ("numerical dissipation", "numerical_dissipation_j", -1.0),
+    ];
+    let since_start = |(label, variable, sign): (&str, &str, f64)| {
+        let points = record.curve("time_s", variable);
+        let first = points.first().map_or(0.0, |point| point.1);
+        let points = points.into_iter().map(|(t, value)| (t, sign * (value - first))).collect();
+        Series::new(label, points, Mark::Line)
+    };
+    let drawn = parts.map(since_start).into_iter().enumerate().map(|(k, series)| series.coloured(k));
+    drawn.filter(|series| series.points.iter().any(|point| point.1 != 0.0)).collect()
 }
 
 /// The last shape with its centre of mass, over earlier ones of the last period (or of the whole run without one).
@@ -132,4 +143,46 @@ fn shapes(frames: &[Frame], period: Option<f64>) -> Vec<Series> {
     series.push(Series::new("rod", points(last), mark));
     series.push(Series::new("centre of mass", vec![(last.com[0], last.com[1])], Mark::Dots));
     series
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, reason = "a failure ends the test")]
+    use std::path::Path;
+
+    use super::*;
+    use crate::scene::Document;
+    use crate::stepper::Stepper;
+
+    #[test]
+    fn the_parts_of_a_drawn_energy_balance_add_up_to_zero_and_are_those_of_the_variables() {
+        for (model, least) in [("dipping-tail", 9), ("eel", 7), ("baseline", 5), ("driven-head", 5), ("glycerol", 5)] {
+            let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("models/{model}.toml"));
+            let mut document = Document::read(&path).unwrap();
+            document.set("solver.duration_s=0.5").unwrap();
+            let scene = document.scene().unwrap();
+            let mut stepper = Stepper::of(&scene).unwrap();
+            let mut record = Record::start(&scene, &stepper);
+            for _ in 0..50 {
+                stepper.do_step(0.01).unwrap();
+                record.pass(&mut stepper).unwrap();
+            }
+            let parts = energy_balance(&record);
+            assert!(parts.len() >= least, "{model}: {}", parts.len());
+            for k in 0..parts[0].points.len() {
+                let each = parts.iter().map(|part| part.points[k].1);
+                let (sum, size) = (each.clone().sum::<f64>(), each.map(f64::abs).sum::<f64>());
+                assert!(sum.abs() <= 1e-9 * size, "{model}: {sum} of {size}");
+            }
+            let found = |label: &str| {
+                parts.iter().find(|part| part.label == label).map_or(0.0, |part| part.points.last().unwrap().1)
+            };
+            for (label, variable) in
+                [("viscosity", "viscous_work_j"), ("wake", "wake_work_j"), ("spray", "spray_work_j")]
+            {
+                let taken = stepper.get_scalar(variable).unwrap_or(0.0);
+                assert!((found(label) + taken).abs() <= 1e-12 * taken.abs(), "{model}: {label}");
+            }
+        }
+    }
 }

@@ -1,13 +1,12 @@
 //! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
 
-use std::path::Path;
-
 use serde::Serialize;
 use serde_json::{Map, Value, json};
 
 use super::chart::Figure;
+use super::folder::Folder;
 use super::page::{Motion, Script, render};
-use super::tables::{Kept, write_all};
+use super::tables::Kept;
 use crate::error::{Error, Result};
 use crate::scene::Document;
 use crate::words::number;
@@ -60,8 +59,8 @@ impl Findings {
     /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each put in place whole.
     ///
     /// # Errors
-    /// [`Error::Write`] for the folder, [`Error::Page`].
-    pub fn write(&self, folder: &Path, name: &str, document: &Document) -> Result<Kept> {
+    /// [`Error::Page`].
+    pub fn write(&self, folder: &mut Folder, name: &str, document: &Document) -> Result<Kept> {
         let summary = json!({
             "name": name,
             "caudal_version": env!("CARGO_PKG_VERSION"),
@@ -77,7 +76,7 @@ impl Findings {
         texts.extend(self.files.iter().cloned());
         texts.extend(self.figures.iter().map(|figure| (figure.file.clone(), figure.svg.clone())));
         texts.push(("report.html".to_string(), self.page(name, document)?));
-        write_all(folder, texts.iter())
+        Ok(folder.results().all(&texts))
     }
 
     /// The page's HTML.

@@ -7,6 +7,7 @@ mod figures;
 #[cfg(feature = "pictures")]
 pub mod film;
 mod findings;
+mod folder;
 pub mod map;
 mod output;
 mod page;
@@ -22,7 +23,8 @@ pub mod vtk;
 
 pub use chart::Figure;
 pub use findings::{Findings, Table};
+pub use folder::{Claim, Folder, JOURNAL, MANIFEST, Owner, Writing};
 pub use output::Output;
 pub use page::Motion;
 pub use record::Frame;
-pub use tables::{Folder, Kept, check_writable, room, write_file};
+pub use tables::{Kept, room, write_file};

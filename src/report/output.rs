@@ -1,7 +1,7 @@
 //! The files of a run: each is written beside its place and put there whole.
 
 use std::ops::ControlFlow;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use tempfile::NamedTempFile;
 
@@ -11,7 +11,8 @@ use super::page::Page;
 #[cfg(feature = "parquet")]
 use super::parquet::Parquet;
 use super::record::{Record, Times};
-use super::tables::{Csv, Folder, Kept, file_of, room};
+use super::tables::{Csv, Kept, file_of, room};
+use super::{Claim, Folder, Owner, Writing};
 use crate::check::recorded;
 use crate::error::{Error, Result};
 use crate::run::Summary;
@@ -54,33 +55,21 @@ impl Output {
         }
     }
 
-    /// Whether `folder` is free for results of a run of `scene`, or has older ones of it: of its name, and of its file or of
-    /// what it says.
+    /// Claims `folder` for a run of `scene` and records its first state.
     ///
     /// # Errors
-    /// [`Error::Occupied`] where it has others.
-    pub fn is_free(folder: &Path, scene: &Scene) -> Result<()> {
-        let wanted = format!("a run of `{}`", scene.name);
-        let occupied =
-            |holds: String| Err(Error::Occupied { path: folder.to_path_buf(), holds, wanted: wanted.clone() });
-        match holds(folder) {
-            Some(results) if results.what != wanted => occupied(results.what),
-            Some(Results { what, run: Some((file, fingerprint)) })
-                if file != scene.file() && fingerprint != scene.fingerprint_text() =>
-            {
-                occupied(format!("{what} by another file, {}", file.display()))
-            }
-            _ => Ok(()),
-        }
-    }
-
-    /// Opens `folder` for a run of `scene` and records its first state.
-    ///
-    /// # Errors
-    /// [`Error::Room`]; [`Error::Write`]. There is no folder then where there was none.
-    pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<Self> {
+    /// [`Error::Room`]; those of [`Folder::claim`]. There is no folder then where there was none.
+    pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper, claim: Claim) -> Result<Self> {
         Self::fits(folder, scene, stepper)?;
-        let opened = Folder::open(folder)?;
+        let nodes_file = match scene.nodes_table() {
+            NodesTable::Csv => Some(NODES_FILES[0]),
+            NodesTable::Parquet => Some(NODES_FILES[1]),
+            NodesTable::None => None,
+        };
+        let certain: Vec<&str> = OWN.into_iter().chain(nodes_file).collect();
+        let mut opened = Folder::claim(folder, Owner::of("run", scene), claim, &certain)?;
+        // Also for a disk that is full by then.
+        opened.results().list(certain.iter().copied().chain(figures::FILES));
         let nodes = stepper.model().rod.nodes;
         let [numbers, position, most] = SUMMARY;
         let reserve = file_of(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
@@ -92,7 +81,7 @@ impl Output {
         let mut output = Self {
             trajectory,
             nodes,
-            record: Record::start(stepper),
+            record: Record::start(scene, stepper),
             columns,
             times: Times::of(scene, stepper),
             period,
@@ -112,9 +101,9 @@ impl Output {
         stepper: &mut Stepper,
         watch: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
+        self.record.pass(stepper)?;
         let mut times = self.times;
         let outcome = times.pass(stepper, |view, recorded| {
-            self.record.step(view);
             if recorded {
                 self.row(view)?;
             }
@@ -133,64 +122,32 @@ impl Output {
     /// Completes every file with the state at the end and puts it in place: first the summary, then tables, figures, and the
     /// page, each of them whatever happens to those after it.
     pub fn finish(mut self, stepper: &Stepper, summary: &Summary, document: &Document, notes: &[String]) -> Kept {
-        let mut kept = Kept::default();
         let last = match self.trajectory.last == Some(stepper.time()) {
             true => Ok(()),
             false => self.row(&stepper.view()),
         };
-        kept.lost.extend(last.err());
         self.record.finish(&stepper.view());
-        let Self { trajectory, nodes, record, period, reserve, folder, .. } = self;
-        let place = |name: &str| folder.path().join(name);
+        let Self { trajectory, nodes, record, period, reserve, mut folder, .. } = self;
+        let mut results = folder.results();
+        results.note(last.err());
         drop(reserve);
         let json = serde_json::to_string_pretty(summary).map_err(|e| Error::Page { reason: e.to_string() });
-        kept.put_file(place("summary.json"), json.map(|json| json + "\n"));
-        kept.put_table(trajectory);
-        nodes.keep(&mut kept);
+        results.put_file("summary.json", json.map(|json| json + "\n"));
+        results.put_table(trajectory);
+        nodes.keep(&mut results);
         let figures = figures::all(&summary.name, &record, period);
         for Figure { file, svg, .. } in &figures {
-            kept.put_file(place(file), Ok(svg));
+            results.put_file(file, Ok(svg));
         }
         let scene = (document.text(), document.overrides());
         let page = Page { summary, scene, notes, frames: record.frames(), figures: &figures }.html();
-        kept.put_file(place("report.html"), page);
-        for stale in NODES_FILES.into_iter().chain(figures::FILES).map(place) {
-            // One left by an earlier run would not belong to this one.
-            if !kept.files.contains(&stale) {
-                let _ = std::fs::remove_file(stale);
-            }
-        }
-        kept
+        results.put_file("report.html", page);
+        results.finish()
     }
 }
 
-/// What results a folder holds.
-struct Results {
-    /// In words.
-    what: String,
-    /// File and fingerprint of the scene of a run.
-    run: Option<(PathBuf, String)>,
-}
-
-fn holds(folder: &Path) -> Option<Results> {
-    let read = |file: &str| -> Option<serde_json::Value> {
-        serde_json::from_str(&std::fs::read_to_string(folder.join(file)).ok()?).ok()
-    };
-    let text = |numbers: &serde_json::Value, key: &str| numbers.get(key)?.as_str().map(str::to_string);
-    let other = |what: String| Some(Results { what, run: None });
-    if let Some(summary) = read("summary.json") {
-        let name = text(&summary, "name")?;
-        if let Some(subject) = text(&summary, "subject") {
-            return other(format!("the study of {subject} of `{name}`"));
-        }
-        let run = text(&summary, "scene_file").map(PathBuf::from).zip(text(&summary, "scene_fingerprint"));
-        return Some(Results { what: format!("a run of `{name}`"), run });
-    }
-    if let Some(design) = read("design.json") {
-        return other(format!("the design `{}`", text(&design, "name")?));
-    }
-    folder.join("cases.journal").exists().then(|| Results { what: "a sweep".to_string(), run: None })
-}
+/// The files that every run has.
+const OWN: [&str; 6] = ["summary.json", "trajectory.csv", "report.html", "shape.svg", "com_path.svg", "energy.svg"];
 
 /// The names that the table of node positions may have.
 const NODES_FILES: [&str; 2] = ["nodes.csv", "nodes.parquet"];
@@ -244,11 +201,11 @@ impl Nodes {
     }
 
     /// Puts it in place.
-    fn keep(self, kept: &mut Kept) {
+    fn keep(self, results: &mut Writing<'_>) {
         match self.table {
-            Form::Csv(table) => kept.put_table(*table),
+            Form::Csv(table) => results.put_table(*table),
             #[cfg(feature = "parquet")]
-            Form::Parquet(table) => kept.put(table.path(), table.complete()),
+            Form::Parquet(table) => results.put(NODES_FILES[1], table.complete()),
             Form::None => {}
         }
     }

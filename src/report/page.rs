@@ -172,8 +172,12 @@ impl Page<'_> {
 impl Motion {
     /// The motion of `frames`.
     pub fn of(frames: &[Frame]) -> Self {
-        let extent = frames.iter().flat_map(|frame| &frame.points).flatten().fold(1e-12, |m: f64, x| m.max(x.abs()));
-        // Six digits of the largest coordinate.
+        // Six digits of the rod's own extent, wherever it is.
+        let side = |frame: &Frame, axis: usize| {
+            let along = frame.points.iter().map(|point| point[axis]);
+            along.clone().fold(f64::NEG_INFINITY, f64::max) - along.fold(f64::INFINITY, f64::min)
+        };
+        let extent = frames.iter().map(|frame| side(frame, 0).hypot(side(frame, 1))).fold(1e-12, f64::max);
         let unit = 10.0_f64.powi(5 - extent.log10().floor() as i32);
         let round = |x: f64| (x * unit).round() / unit;
         Self {

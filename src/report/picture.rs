@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree, WriteOptions};
 
-use super::tables::{Folder, Kept};
+use super::folder::{Claim, Folder, Owner};
+use super::tables::Kept;
 use crate::error::{Error, Result};
 
 /// Families that have no serifs, of which most systems have one.
@@ -94,11 +95,12 @@ impl Default for Painter {
     }
 }
 
-/// Turns all figures of `folder` (`.svg`), or those of these `names`, into files of these `formats` in `out`.
+/// Turns all figures of `folder` (`.svg`), or those of these `names`, into files of these `formats` in `out`, which may be the
+/// same.
 ///
 /// # Errors
-/// [`Error::Read`] where there is no such figure; what cannot be written is in the result.
-pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out: &Path) -> Result<Kept> {
+/// [`Error::Read`] where there is no such figure; those of [`Folder::export`]; what cannot be written is in the result.
+pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out: &Path, claim: Claim) -> Result<Kept> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
     let files: Vec<PathBuf> = match names {
         Some(names) => names.iter().map(|name| folder.join(Path::new(name).with_extension("svg"))).collect(),
@@ -114,15 +116,20 @@ pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out:
         return Err(read(folder, "it holds no figures (.svg); `caudal run` leaves some".to_string()));
     }
     let painter = Painter::new();
-    let out = Folder::open(out)?;
-    let mut kept = Kept::default();
+    let of = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
+    let name = of.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let fingerprint = of.display().to_string();
+    let owner = Owner { kind: "picture".to_string(), name, source: of, fingerprint };
+    let mut out = Folder::export(out, owner, claim)?;
+    let mut pictures = out.exports();
     for file in files {
         let svg = std::fs::read_to_string(&file).map_err(|error| read(&file, error.to_string()))?;
         for format in formats {
-            let path = out.path().join(file.file_name().unwrap_or_default()).with_extension(format.ending());
-            let bytes = painter.bytes(&svg, *format).map_err(|reason| Error::Write { path: path.clone(), reason });
-            kept.put_file(path, bytes);
+            let name = Path::new(file.file_name().unwrap_or_default()).with_extension(format.ending());
+            let path = pictures.path().join(&name);
+            let bytes = painter.bytes(&svg, *format).map_err(|reason| Error::Write { path, reason });
+            pictures.put_file(&name.to_string_lossy(), bytes);
         }
     }
-    Ok(kept)
+    Ok(pictures.finish())
 }

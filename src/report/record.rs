@@ -9,6 +9,7 @@ use crate::fluid::{Fluid, Layers};
 use crate::integrator::Pace;
 use crate::rod::{Rod, node};
 use crate::scene::Scene;
+use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
@@ -57,8 +58,8 @@ impl Times {
                 look(&stepper.view(), step.is_multiple_of(*every))
             }
             Self::Every(interval, next) => {
-                while *next as f64 * *interval <= stepper.time() {
-                    let flow = stepper.at(*next as f64 * *interval, |view| look(view, true))??;
+                while let Some(time) = due(*interval, *next, stepper.time()) {
+                    let flow = stepper.at(time, |view| look(view, true))??;
                     *next += 1;
                     if flow.is_break() {
                         return Ok(flow);
@@ -69,6 +70,18 @@ impl Times {
         }
     }
 }
+
+/// Multiple `k` of `interval` (s), where it is not after `now` (s), which it is where both differ by rounding alone.
+fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
+    let time = k as f64 * interval;
+    match (time - now).abs() <= SAME * interval + 4.0 * f64::EPSILON * now {
+        true => Some(now),
+        false => (time < now).then_some(time),
+    }
+}
+
+/// Times that differ by less than this part of the interval between them are one.
+const SAME: f64 = 1e-9;
 
 /// The rod at a time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -149,19 +162,33 @@ impl<T> Thinned<T> {
     }
 }
 
-/// Curves and frames of a run.
+/// Curves and frames of a run, at times of their own: what is recorded in tables does not thin them.
 #[derive(Debug)]
 pub struct Record {
+    times: Times,
     columns: Vec<&'static Variable>,
     samples: Thinned<Vec<f64>>,
     frames: Thinned<Frame>,
     step: u64,
 }
 
+/// Samples in a period of what drives the tail, and in a run, where steps are chosen by their error; at most [`SAMPLES`] in all.
+const A_PERIOD: f64 = 24.0;
+const A_RUN: f64 = 1000.0;
+
 impl Record {
-    /// A record that begins with the state at the start of a run.
-    pub fn start(stepper: &Stepper) -> Self {
+    /// A record that begins with the state at the start of a run: of every step, or, where steps are chosen by their error and may be
+    /// longer than what happens in them, of equal times.
+    pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
+        let duration = scene.solver.duration_s.get();
+        let drive = Spectrum::of_model(stepper.model()).fastest();
+        let wanted = drive.map_or(A_RUN, |frequency| A_RUN.max(A_PERIOD * frequency * duration));
+        let times = match stepper.pace() {
+            Pace::Fixed(_) => Times::Steps(1, 0),
+            Pace::Adaptive(_) => Times::Every(duration / wanted.min(SAMPLES as f64 - 1.0).ceil(), 1),
+        };
         let mut record = Self {
+            times,
             columns: stepper.variables().iter().copied().filter(|variable| variable.recorded).collect(),
             samples: Thinned::new(SAMPLES),
             frames: Thinned::new(FRAMES),
@@ -173,8 +200,21 @@ impl Record {
         record
     }
 
-    /// Sees the next state.
-    pub fn step(&mut self, view: &View<'_>) {
+    /// Sees the step that was just made.
+    ///
+    /// # Errors
+    /// Those of [`Stepper::at`].
+    pub fn pass(&mut self, stepper: &mut Stepper) -> Result<()> {
+        let mut times = self.times;
+        let outcome = times.pass(stepper, |view, _| {
+            self.take(view);
+            Ok(ControlFlow::Continue(()))
+        });
+        self.times = times;
+        outcome.map(|_| ())
+    }
+
+    fn take(&mut self, view: &View<'_>) {
         self.step += 1;
         self.samples.offer(self.step, || sample(&self.columns, view));
         self.frames.offer(self.step, || Frame::of(view));

@@ -6,15 +6,15 @@ use std::fmt::Write;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Colour(usize);
 
-/// The colours of the series, which people with any kind of colour vision tell apart (Okabe and Ito 2008), and those of the
-/// chart itself.
+/// The colours of the series, after those which people with any kind of colour vision tell apart (Okabe and Ito 2008), each with a
+/// contrast of at least three to the page, and those of the chart itself.
 const PALETTE: [[&str; 2]; 13] = [
     ["#0072b2", "#4fa8e0"],
     ["#d55e00", "#f08a3c"],
     ["#009e73", "#2cc196"],
     ["#cc79a7", "#dd93bb"],
-    ["#e69f00", "#f0b73a"],
-    ["#56b4e9", "#8fd0f5"],
+    ["#b87d00", "#f0b73a"],
+    ["#2a94c8", "#8fd0f5"],
     ["#8a8a8a", "#a5a5a5"],
     ["#000000", "#f0f0f0"],
     ["#b4bcc4", "#5c6670"], // ghosts
@@ -26,6 +26,14 @@ const PALETTE: [[&str; 2]; 13] = [
 
 /// Number of colours of series.
 pub const SERIES: usize = 8;
+
+/// Dashes of the lines of series, by which they are told apart without colours.
+const DASHES: [&str; SERIES] = ["", "9 3", "2 2.5", "9 3 2 3", "16 4", "5 2 1.5 2 1.5 2", "5 3", "1.5 4"];
+
+/// The dashes of series number `k`; those that have the colour of an earlier one have the dashes of the one after it.
+pub fn dashes(k: usize) -> &'static str {
+    DASHES[(k + k / SERIES) % SERIES]
+}
 
 impl Colour {
     /// Of earlier shapes and single cases in the background.
@@ -236,4 +244,32 @@ impl Decimal {
 fn escaped(text: &str) -> String {
     let clean: String = text.chars().filter(|c| !c.is_control()).collect();
     quick_xml::escape::escape(clean.as_str()).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Relative luminance of a colour such as `#0072b2` (WCAG 2.2).
+    fn luminance(colour: &str) -> f64 {
+        let channel = |at: usize| {
+            let value = f64::from(u8::from_str_radix(&colour[at..at + 2], 16).unwrap_or(0)) / 255.0;
+            if value <= 0.04045 { value / 12.92 } else { ((value + 0.055) / 1.055).powf(2.4) }
+        };
+        0.2126 * channel(1) + 0.7152 * channel(3) + 0.0722 * channel(5)
+    }
+
+    #[test]
+    fn every_series_is_seen_on_both_pages_and_told_apart_without_colours() {
+        for (side, paper) in PALETTE[Colour::PAPER.0].iter().enumerate() {
+            for series in &PALETTE[..SERIES] {
+                let [a, b] = [luminance(series[side]), luminance(paper)];
+                let contrast = (a.max(b) + 0.05) / (a.min(b) + 0.05);
+                assert!(contrast >= 3.0, "{} on {paper}: {contrast}", series[side]); // measured: at least 3.06
+            }
+        }
+        let looks = |range: std::ops::Range<usize>| range.map(dashes).collect::<std::collections::BTreeSet<_>>().len();
+        assert_eq!(looks(0..SERIES), SERIES);
+        assert!((0..SERIES).all(|k| dashes(k) != dashes(k + SERIES)));
+    }
 }

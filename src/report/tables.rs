@@ -1,6 +1,6 @@
 //! Files in the making: each grows beside its place and is put there whole, and none is lost because a later one fails.
 
-use std::fs::{File, TryLockError};
+use std::fs::File;
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
@@ -30,52 +30,30 @@ pub fn beside(path: &Path) -> Result<NamedTempFile> {
 }
 
 /// What the names of files in the making end with; they begin with a dot.
-const PARTIAL: &str = ".partial";
+pub const PARTIAL: &str = ".partial";
 
-/// Removes what killed programs left in `folder`: files in the making that no program holds.
-fn clear_leftovers(folder: &Path) {
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        let held =
-            || File::open(entry.path()).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)));
-        if name.starts_with('.') && name.ends_with(PARTIAL) && !held() {
-            let _ = std::fs::remove_file(entry.path());
-        }
-    }
-}
+/// Folders that were made for something, the innermost first; those that nothing came into go again when it is dropped.
+#[derive(Debug, Default)]
+pub struct Made(Vec<PathBuf>);
 
-/// A folder for results: made where there was none, and gone again with what was made around it where nothing came into it.
-#[derive(Debug)]
-pub struct Folder {
-    path: PathBuf,
-    /// The folders that were made, the innermost first.
-    made: Vec<PathBuf>,
-}
-
-impl Folder {
-    /// Opens or makes the folder at `path`, and removes what killed programs left in it.
+impl Made {
+    /// Makes the folder at `path` and what it lies in, where they are not there.
     ///
     /// # Errors
     /// [`Error::Write`].
-    pub fn open(path: &Path) -> Result<Self> {
+    pub fn at(path: &Path) -> Result<Self> {
         let missing = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
-        let made = path.ancestors().take_while(missing).map(Path::to_path_buf).collect();
-        let folder = Self { path: path.to_path_buf(), made };
-        std::fs::create_dir_all(path).map_err(|e| write_error(path, &e))?;
-        clear_leftovers(path);
-        Ok(folder)
-    }
-
-    /// Where it is.
-    pub fn path(&self) -> &Path {
-        &self.path
+        let made = Self(path.ancestors().take_while(missing).map(Path::to_path_buf).collect());
+        if !made.0.is_empty() {
+            std::fs::create_dir_all(path).map_err(|e| write_error(path, &e))?;
+        }
+        Ok(made)
     }
 }
 
-impl Drop for Folder {
+impl Drop for Made {
     fn drop(&mut self) {
-        for folder in &self.made {
+        for folder in &self.0 {
             let _ = std::fs::remove_dir(folder); // which takes none that holds anything
         }
     }
@@ -101,14 +79,6 @@ fn existing(folder: &Path) -> &Path {
     found.filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Fails where no file can be written to `folder`, or to what it would be made in: to be asked before a long computation.
-///
-/// # Errors
-/// [`Error::Write`].
-pub fn check_writable(folder: &Path) -> Result<()> {
-    beside(&existing(folder).join("file")).map(|_| ())
-}
-
 /// The files of a result as far as they could be written.
 #[derive(Debug, Default)]
 pub struct Kept {
@@ -119,36 +89,6 @@ pub struct Kept {
 }
 
 impl Kept {
-    /// Puts a file in place, or notes why it cannot be there. One of that name from an earlier result goes then: it would not
-    /// belong to the others.
-    pub fn put(&mut self, path: PathBuf, file: Result<NamedTempFile>) {
-        match file.and_then(|file| put_in_place(file, path.clone())) {
-            Ok(path) => self.files.push(path),
-            Err(error) => {
-                self.lost.push(error);
-                let _ = std::fs::remove_file(path);
-            }
-        }
-    }
-
-    /// The same for a table in the making.
-    pub fn put_table(&mut self, table: Csv) {
-        let place = table.path();
-        match table.complete() {
-            Ok((file, path, lost)) => {
-                self.put(path, Ok(file));
-                self.lost.extend(lost);
-            }
-            Err(error) => self.put(place, Err(error)),
-        }
-    }
-
-    /// The same for a file with `content`.
-    pub fn put_file(&mut self, path: PathBuf, content: Result<impl AsRef<[u8]>>) {
-        let file = content.and_then(|content| file_of(&path, content));
-        self.put(path, file);
-    }
-
     /// One error of all that is lost, if any is.
     ///
     /// # Errors
@@ -165,20 +105,6 @@ impl Kept {
     }
 }
 
-/// Writes files, names and texts, to `folder`, one after the other, so that those that come first are there whatever happens to
-/// the others.
-///
-/// # Errors
-/// [`Error::Write`] for the folder.
-pub fn write_all<'a>(folder: &Path, files: impl Iterator<Item = &'a (String, String)>) -> Result<Kept> {
-    let folder = Folder::open(folder)?;
-    let mut kept = Kept::default();
-    for (name, text) in files {
-        kept.put_file(folder.path().join(name), Ok(text));
-    }
-    Ok(kept)
-}
-
 /// Writes `content` to `path` as a whole or not at all, and makes its folder where there is none.
 ///
 /// # Errors
@@ -192,7 +118,7 @@ pub fn write_file(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
 /// # Errors
 /// [`Error::Write`]; those of `write`.
 pub fn write_by(path: &Path, write: impl FnOnce(&mut NamedTempFile) -> Result<()>) -> Result<()> {
-    let _folder = path.parent().map(Folder::open).transpose()?;
+    let _made = path.parent().map(Made::at).transpose()?;
     let mut file = beside(path)?;
     write(&mut file)?;
     put_in_place(file, path.to_path_buf()).map(|_| ())

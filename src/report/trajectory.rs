@@ -60,7 +60,7 @@ impl Trajectory {
         };
         let columns = chosen.into_iter().map(column).collect();
         let mut trajectory =
-            Self { columns, times: Times::of(scene, stepper), last: 0.0, record: Record::start(stepper) };
+            Self { columns, times: Times::of(scene, stepper), last: 0.0, record: Record::start(scene, stepper) };
         trajectory.row(&stepper.view());
         Ok(trajectory)
     }
@@ -74,9 +74,9 @@ impl Trajectory {
         stepper: &mut Stepper,
         watch: &mut dyn FnMut() -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
+        self.record.pass(stepper)?;
         let mut times = self.times;
         let outcome = times.pass(stepper, |view, recorded| {
-            self.record.step(view);
             if recorded {
                 self.row(view);
             }

@@ -2,9 +2,9 @@
 
 use std::collections::HashMap;
 use std::fmt::Write;
-use std::path::Path;
 
-use super::tables::{Kept, write_error};
+use super::folder::Folder;
+use super::tables::Kept;
 use super::trajectory::Column;
 use crate::error::{Error, Result};
 use crate::rod::Rod;
@@ -27,19 +27,21 @@ pub fn fields(stepper: &Stepper) -> Vec<String> {
 /// what belongs to nodes and joints as fields of points (not a number where there is no joint), numbers as field data.
 ///
 /// # Errors
-/// [`Error::Write`] where the folder cannot be made; [`Error::UnknownVariable`] without positions or times.
-pub fn write(folder: &Path, name: &str, rod: &Rod, columns: &[Column]) -> Result<Kept> {
-    std::fs::create_dir_all(folder).map_err(|error| write_error(folder, &error))?;
+/// [`Error::UnknownVariable`] without positions or times.
+pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> Result<Kept> {
     let find = |name: &'static str| {
         let found = columns.iter().find(|column| column.variable.name == name);
-        found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None })
+        found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None, needs: None })
     };
     let (time, [x, y]) = (find("time_s")?, [find(POSITIONS[0])?, find(POSITIONS[1])?]);
     let nodes = &x.nodes;
-    let mut kept = Kept::default();
+    let file_of = |row: usize| format!("{name}_{row:06}.vtp");
+    let mut files = folder.exports();
+    let names: Vec<String> = (0..time.values.len()).map(file_of).chain([format!("{name}.pvd")]).collect();
+    files.list(names.iter().map(String::as_str));
     let mut collection = String::new();
     for (row, t) in time.values.iter().enumerate() {
-        let file = format!("{name}_{row:06}.vtp");
+        let file = file_of(row);
         let _ = writeln!(collection, r#"    <DataSet timestep="{t}" file="{file}"/>"#);
         let of = |column: &Column| -> Vec<f64> {
             let own = &column.values[row * column.nodes.len()..(row + 1) * column.nodes.len()];
@@ -112,7 +114,7 @@ pub fn write(folder: &Path, name: &str, rod: &Rod, columns: &[Column]) -> Result
 </VTKFile>
 "#
         );
-        kept.put_file(folder.join(file), Ok(text));
+        files.put_file(&file, Ok(text));
     }
     let text = format!(
         r#"<?xml version="1.0"?>
@@ -122,6 +124,6 @@ pub fn write(folder: &Path, name: &str, rod: &Rod, columns: &[Column]) -> Result
 </VTKFile>
 "#
     );
-    kept.put_file(folder.join(format!("{name}.pvd")), Ok(text));
-    Ok(kept)
+    files.put_file(&format!("{name}.pvd"), Ok(text));
+    Ok(files.finish())
 }

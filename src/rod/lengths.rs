@@ -40,13 +40,12 @@ pub(crate) fn keep<T: Real>(
 }
 
 /// The least cosine, times a positive number, of the angles by which edges turn from `old` to `new` positions, and from each to the next
-/// at both; `wall` is the tangent before the first, where there is one.
+/// at both; `walls` are the tangents before the first of both, where there are any.
 #[inline(always)]
-pub(crate) fn least_turn<T: Real>(wall: Option<Vector2<T>>, old: &[[T; 2]], new: &[[T; 2]]) -> Option<T> {
+pub(crate) fn least_turn<T: Real>(walls: Option<[Vector2<T>; 2]>, old: &[[T; 2]], new: &[[T; 2]]) -> Option<T> {
     let ([old_first, ..], [first, ..]) = (old, new) else { return None };
     let (mut old_node, mut node) = (T::Pair::new(*old_first), T::Pair::new(*first));
-    let wall = wall.map_or(node.like(0.0), pair);
-    let (mut old_before, mut before) = (wall, wall);
+    let [mut old_before, mut before] = walls.map_or([node.like(0.0); 2], |walls| walls.map(pair));
     let mut most = -first[0].like(f64::INFINITY);
     for (old, new) in old.iter().zip(new).skip(1) {
         let (old, new) = (T::Pair::new(*old), T::Pair::new(*new));

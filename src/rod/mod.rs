@@ -18,7 +18,7 @@ use serde::Deserialize;
 use crate::linear::{Pair, Real};
 
 pub use alike::Alike;
-pub use section::{Half, Profile, Section, Sections};
+pub use section::{Half, Profile, Section, Sections, Shape};
 pub use spheroid::Spheroid;
 pub use stretch::Cell;
 
@@ -284,6 +284,12 @@ impl Rod {
         let neck = move || Half { length: 0.0, middle: 0.0, ..of(0.0) };
         let along = (self.front..self.nodes - 1).map(move |e| self.arc_length(e)).map(move |s| [of(s), of(s + half)]);
         (0..self.front).map(move |_| [neck(); 2]).chain(along)
+    }
+
+    /// The fluid that it displaces, with a body before it, m³.
+    pub fn displaced_volume(&self) -> f64 {
+        let rod: f64 = self.halves().flatten().map(|half| half.displaced * half.length).sum();
+        rod + self.body.as_ref().map_or(0.0, Spheroid::volume)
     }
 
     /// Total mass, kg, with that of a body before it.

@@ -1,31 +1,246 @@
 //! The cross-section, and how it changes along the rod.
 
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 
-/// An annulus with outer and inner radius in metres; a disc where the inner radius is zero.
+use serde::Deserialize;
+
+/// The outline of a cross-section: thickness t = 2R_o in the plane of motion, depth D across it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
+#[serde(rename_all = "kebab-case")]
+pub enum Shape {
+    /// A round core of radius R_o; where the depth is another than 2R_o, with a membrane that only the fluid feels.
+    Round,
+    /// An ellipse of the axes t and D.
+    Ellipse,
+    /// A rectangle of the sides t and D.
+    Rectangle,
+}
+
+impl Shape {
+    /// Its name in a scene.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Round => "round",
+            Self::Ellipse => "ellipse",
+            Self::Rectangle => "rectangle",
+        }
+    }
+}
+
+/// A cross-section, solid or with a hole of its own shape in the ratio R_i/R_o.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Section {
-    /// Outer radius R_o, m.
+    /// Its outline.
+    pub shape: Shape,
+    /// Outer radius R_o, m: half the thickness in the plane of motion.
     pub outer: f64,
-    /// Inner radius R_i, m; zero for a solid rod.
+    /// Inner radius R_i, m: half the hole's; zero for a solid rod.
     pub inner: f64,
+    /// Depth D across the plane of motion, m.
+    pub depth: f64,
 }
 
 impl Section {
-    /// A = π(R_o² − R_i²), m².
+    /// A disc of that radius (m), or an annulus.
+    pub fn round(outer: f64, inner: f64) -> Self {
+        Self { shape: Shape::Round, outer, inner, depth: 2.0 * outer }
+    }
+
+    /// Thickness t over depth D.
+    fn aspect(&self) -> f64 {
+        2.0 * self.outer / self.depth
+    }
+
+    /// A quantity of the solid section, of this order in lengths, less that of the hole.
+    fn less_hole(&self, solid: f64, order: i32) -> f64 {
+        solid * (1.0 - (self.inner / self.outer).powi(order))
+    }
+
+    /// Area A of the material, m²: of the disc πR_o², of the ellipse ¼πtD, of the rectangle tD, less that of the hole.
     pub fn area(&self) -> f64 {
-        PI * (self.outer.powi(2) - self.inner.powi(2))
+        match self.shape {
+            Shape::Round => PI * (self.outer.powi(2) - self.inner.powi(2)),
+            Shape::Ellipse | Shape::Rectangle => self.less_hole(self.displaced(), 2),
+        }
     }
 
-    /// I = π/4 (R_o⁴ − R_i⁴), m⁴.
+    /// Thickness of the wall in the plane of motion and across it, m; of a solid section half its own. A wall across the plane is as much
+    /// thicker as the section is deeper, but in a round one.
+    pub fn walls(&self) -> [f64; 2] {
+        let wall = self.outer - self.inner;
+        [wall, if self.shape == Shape::Round { wall } else { wall / self.aspect() }]
+    }
+
+    /// Semi-axes of the outline of the material, m, in the plane of motion and across it.
+    pub fn semi_axes(&self) -> [f64; 2] {
+        [self.outer, if self.shape == Shape::Round { self.outer } else { 0.5 * self.depth }]
+    }
+
+    /// Area inside the outline, m²: what displaces fluid.
+    pub fn displaced(&self) -> f64 {
+        match self.shape {
+            Shape::Round => PI * self.outer.powi(2),
+            Shape::Ellipse => PI * self.outer * (0.5 * self.depth),
+            Shape::Rectangle => 2.0 * self.outer * self.depth,
+        }
+    }
+
+    /// Second moment of area I of bending in the plane of motion, m⁴: of the disc ¼πR_o⁴, of the ellipse ¼πa³b with a = R_o and
+    /// b = D/2, of the rectangle Dt³/12, less that of the hole.
     pub fn inertia(&self) -> f64 {
-        PI / 4.0 * (self.outer.powi(4) - self.inner.powi(4))
+        match self.shape {
+            Shape::Round => PI / 4.0 * (self.outer.powi(4) - self.inner.powi(4)),
+            Shape::Ellipse => self.less_hole(PI / 4.0 * self.outer.powi(3) * (0.5 * self.depth), 4),
+            Shape::Rectangle => self.less_hole(self.depth * (2.0 * self.outer).powi(3) / 12.0, 4),
+        }
     }
 
-    /// Radius √(A/π) of the disc of equal area, m.
+    /// Second moment of area of bending across the plane of motion, m⁴: as [`inertia`](Self::inertia), t and D exchanged.
+    pub fn inertia_across(&self) -> f64 {
+        match self.shape {
+            Shape::Round => self.inertia(),
+            Shape::Ellipse => self.less_hole(PI / 4.0 * self.outer * (0.5 * self.depth).powi(3), 4),
+            Shape::Rectangle => self.less_hole(2.0 * self.outer * self.depth.powi(3) / 12.0, 4),
+        }
+    }
+
+    /// Torsion constant J, m⁴: of the disc ½πR_o⁴, of the ellipse πa³b³/(a² + b²), each less that of the hole, whose edge is a line
+    /// of the shear stress; of the rectangle with sides D ≥ t, Dt³ (1/3 − 64/π⁵ t/D Σ tanh(nπD/2t)/n⁵) over odd n. There is no closed
+    /// form for the rectangle with a hole. Source: S. Timoshenko & J. N. Goodier, Theory of Elasticity (1970), chapter 10.
+    pub fn torsion(&self) -> Option<f64> {
+        let (a, b) = (self.outer, 0.5 * self.depth);
+        match self.shape {
+            Shape::Round => Some(2.0 * self.inertia()),
+            Shape::Ellipse => Some(self.less_hole(PI * (a * b).powi(3) / (a * a + b * b), 4)),
+            Shape::Rectangle if self.inner > 0.0 => None,
+            Shape::Rectangle => {
+                let (thin, deep) = (2.0 * a.min(b), 2.0 * a.max(b));
+                // tanh x = 1 − 2/(e²ˣ + 1), and Σ 1/n⁵ is 31/32 ζ(5).
+                let term = |n: i32| 2.0 / (f64::from(n).powi(5) * ((f64::from(n) * PI * deep / thin).exp() + 1.0));
+                let sum = 31.0 / 32.0 * ZETA_5 - (0..8).map(|i| term(2 * i + 1)).sum::<f64>();
+                Some(deep * thin.powi(3) * (1.0 / 3.0 - 64.0 / PI.powi(5) * thin / deep * sum))
+            }
+        }
+    }
+
+    /// Perimeter of the outline, m. Around a round core with a membrane that of the ellipse around both, by Ramanujan's formula
+    /// (0.4 % too short at most), which is exact for the disc.
+    pub fn perimeter(&self) -> f64 {
+        match self.shape {
+            Shape::Round => {
+                let (a, b) = (self.depth * 0.5, 2.0 * self.outer * 0.5);
+                ((a + b) * 3.0 - ((a * 3.0 + b) * (a + b * 3.0)).sqrt()) * PI
+            }
+            Shape::Ellipse => {
+                let (small, large) = (self.outer.min(0.5 * self.depth), self.outer.max(0.5 * self.depth));
+                let flat = (small / large).powi(2);
+                // E = (E − (1 − m)K) + (1 − m)K.
+                let [complete, without] = elliptic(1.0 - flat, flat);
+                4.0 * large * (without + flat * complete)
+            }
+            Shape::Rectangle => 2.0 * (2.0 * self.outer + self.depth),
+        }
+    }
+
+    /// Radius √(A/π) of the disc of the material's area, m.
     pub fn equivalent_radius(&self) -> f64 {
         (self.area() / PI).sqrt()
     }
+
+    /// Radius of the circle that conforms to the outline, m: slow flow far from a slender rod is that around a round one of this
+    /// radius. R_o of a round core, whose membrane it leaves out; ¼(t + D) of the ellipse; about 0.295 (t + D) of a
+    /// rectangle near the square. Source: G. K. Batchelor, J. Fluid Mech. 44 (1970).
+    pub fn slender_radius(&self) -> f64 {
+        match self.shape {
+            Shape::Round => self.outer,
+            Shape::Ellipse => 0.5 * (self.outer + 0.5 * self.depth),
+            Shape::Rectangle if self.depth == 0.0 => 0.5 * self.outer,
+            Shape::Rectangle => self.depth * conformal(self.aspect())[1],
+        }
+    }
+
+    /// What slow flow across a slender rod adds to the logarithm of [`slender_radius`](Self::slender_radius): t/(t + D), ½ of a round rod
+    /// and 0 of a plate that moves broadside. It is the limit of A. Oberbeck's ellipsoid (J. Reine Angew. Math. 81, 1876), exact for
+    /// ellipse and plate, and taken for the rectangle too.
+    pub fn slender_across(&self) -> f64 {
+        match self.shape {
+            Shape::Round => 0.5,
+            Shape::Ellipse | Shape::Rectangle => 2.0 * self.outer / (2.0 * self.outer + self.depth),
+        }
+    }
+
+    /// The fluid that moves with the section as it moves across itself in the plane, m²: times ¼πρ it is the added mass per length.
+    /// D² of ellipse, disc and membrane; C D² of the rectangle, with C from 1 (a plate, t = 0) over 1.513 (a square) on. Exact, by the
+    /// conformal map of the outside. Sources: J. N. Newman, Marine Hydrodynamics (1977), table 4.3; R. D. Blevins, Formulas for
+    /// Natural Frequency and Mode Shape (1979), table 14-1.
+    pub fn added(&self) -> f64 {
+        match self.shape {
+            Shape::Round | Shape::Ellipse => self.depth.powi(2),
+            Shape::Rectangle if self.depth == 0.0 => 0.0,
+            Shape::Rectangle => {
+                let aspect = self.aspect();
+                let [m, radius] = conformal(aspect);
+                // m_a = ρ(4πmR² − tD).
+                self.depth.powi(2) * (16.0 * m * radius * radius - 4.0 / PI * aspect)
+            }
+        }
+    }
+
+    /// Form drag C_d by the depth in flow across the section. Ellipse, disc and membrane: 2 − 0.9 t/D, from 2 of a plate to 1.1 of the
+    /// disc and of what is thicker (S. F. Hoerner, Fluid-Dynamic Drag, 1965). Rectangle with sharp edges: 2 up to t/D = 0.2, 2.4 at 0.7,
+    /// 1.0 at 5 and 0.9 from 10 on, linear in ln(t/D) in between (EN 1991-1-4:2005, figure 7.23).
+    pub fn form_drag(&self) -> f64 {
+        match self.shape {
+            Shape::Round | Shape::Ellipse => 2.0 - self.slim() * 0.9,
+            Shape::Rectangle => Profile(SHARP.map(|[aspect, drag]| [aspect.ln(), drag]).into()).at(self.aspect().ln()),
+        }
+    }
+
+    /// Thickness over depth, 1 at most.
+    pub fn slim(&self) -> f64 {
+        self.aspect().min(1.0)
+    }
+}
+
+/// Form drag of rectangles over thickness by depth.
+const SHARP: [[f64; 2]; 4] = [[0.2, 2.0], [0.7, 2.4], [5.0, 1.0], [10.0, 0.9]];
+
+/// Riemann's ζ(5).
+const ZETA_5: f64 = 1.036_927_755_143_37;
+
+/// K(m) and E(m) − (1 − m)K(m) = ∫ √(m − sin²φ) dφ up to sin²φ = m, of the parameter m = k² and what is left of it to 1: by the
+/// arithmetic-geometric mean, without a difference of close numbers. Source: M. Abramowitz & I. A. Stegun, section 17.6.
+fn elliptic(m: f64, rest: f64) -> [f64; 2] {
+    let (mut a, mut b) = (1.0, rest.sqrt());
+    let (mut sum, mut factor) = (0.5 * m, 1.0);
+    // c₁ = (1 − √(1 − m))/2.
+    let mut c = 0.5 * m / (1.0 + b);
+    while c > f64::EPSILON * a {
+        sum -= factor * c * c;
+        (a, b) = (0.5 * (a + b), (a * b).sqrt());
+        (c, factor) = (0.25 * c * c / (0.5 * (a + b)), 2.0 * factor);
+    }
+    let complete = FRAC_PI_2 / a;
+    [complete, complete * sum]
+}
+
+/// How the outside of a rectangle of that thickness over its depth maps to that of a circle: m = sin²α, with ±α where the corners
+/// are, and the circle's radius over the depth. The map is dz/dζ = R √(ζ⁴ − 2ζ² cos 2α + 1)/ζ², so that D/2 = 2R S(m) and
+/// t/2 = 2R S(1 − m), S as in [`elliptic`].
+fn conformal(aspect: f64) -> [f64; 2] {
+    let thin = aspect.min(aspect.recip());
+    // S(x)/S(1 − x) = thin: it is convex, so that Newton's method comes down from ½; its slope is ¼π/S(1 − x)² (Legendre).
+    let sides = |x: f64| [elliptic(1.0 - x, x)[1], elliptic(x, 1.0 - x)[1]];
+    let (mut x, mut next) = (1.0, 0.5);
+    let mut long = 1.0;
+    while 0.0 < next && next < x {
+        x = next;
+        let short;
+        [long, short] = sides(x);
+        next = x - (short / long - thin) * 4.0 / PI * long * long;
+    }
+    if aspect <= 1.0 { [1.0 - x, 0.25 / long] } else { [x, 0.25 * aspect / long] }
 }
 
 /// A quantity along the rod: points (ξ, value) with rising ξ = s/L, linear in between, constant outside.
@@ -75,7 +290,9 @@ impl Profile {
 /// What a rod is like across, along its length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Sections {
-    /// Outer radius R_o, m: half the breadth in the plane of motion.
+    /// Their outline.
+    pub shape: Shape,
+    /// Outer radius R_o, m: half the thickness in the plane of motion.
     pub outer: Profile,
     /// Inner radius R_i, m.
     pub inner: Profile,
@@ -94,16 +311,29 @@ pub struct Half {
     pub length: f64,
     /// Arc length at its middle, m.
     pub middle: f64,
-    /// Outer radius, m.
+    /// Outline of the section.
+    pub shape: Shape,
+    /// Outer radius R_o, m.
+    pub outer: f64,
+    /// Radius of the round rod that slow flow far away is around, m, see [`Section::slender_radius`].
     pub radius: f64,
+    /// What slow flow across adds to the logarithm of that radius, see [`Section::slender_across`].
+    pub slender_across: f64,
     /// Radius √(A/π) of the disc of the material's area, m.
     pub equivalent_radius: f64,
     /// Depth D, m.
     pub depth: f64,
-    /// Mean of D², m².
-    pub depth_squared: f64,
-    /// πR_o², the area that displaces fluid, m².
+    /// The fluid that moves with it over ¼πρ, m², see [`Section::added`].
+    pub added: f64,
+    /// The area that displaces fluid, m².
     pub displaced: f64,
+}
+
+impl Half {
+    /// The solid section of its means.
+    pub fn section(&self) -> Section {
+        Section { shape: self.shape, outer: self.outer, inner: 0.0, depth: self.depth }
+    }
 }
 
 /// Abscissae and weights of Gauss's rule with three points on 0 … 1, exact for polynomials of degree 5.
@@ -111,12 +341,13 @@ const GAUSS: [[f64; 2]; 3] =
     [[0.112_701_665_379_258_31, 5.0 / 18.0], [0.5, 8.0 / 18.0], [0.887_298_334_620_741_7, 5.0 / 18.0]];
 
 impl Sections {
-    /// The same `section` and `density` (kg/m³) everywhere, as deep as it is broad.
+    /// The same `section` and `density` (kg/m³) everywhere.
     pub fn even(section: Section, density: f64) -> Self {
         Self {
+            shape: section.shape,
             outer: section.outer.into(),
             inner: section.inner.into(),
-            depth: None,
+            depth: Some(section.depth.into()),
             density: density.into(),
             mass_factor: 1.0.into(),
         }
@@ -124,12 +355,33 @@ impl Sections {
 
     /// The section at `xi`.
     pub fn at(&self, xi: f64) -> Section {
-        Section { outer: self.outer.at(xi), inner: self.inner.at(xi) }
+        Section { shape: self.shape, outer: self.outer.at(xi), inner: self.inner.at(xi), depth: self.depth_at(xi) }
     }
 
     /// Depth across the plane of motion at `xi`, m.
     pub fn depth_at(&self, xi: f64) -> f64 {
         self.depth.as_ref().map_or_else(|| 2.0 * self.outer.at(xi), |depth| depth.at(xi))
+    }
+
+    /// True where it is no round rod alone: of another outline, or with a membrane.
+    pub fn is_flat(&self) -> bool {
+        let membrane = |depth: &Profile| {
+            depth.places().chain(self.outer.places()).any(|xi| depth.at(xi) != 2.0 * self.outer.at(xi))
+        };
+        self.shape != Shape::Round || self.depth.as_ref().is_some_and(membrane)
+    }
+
+    /// The largest radius that slow flow sees, m, see [`Section::slender_radius`]: where a profile bends, for it is convex in between.
+    pub fn largest_radius(&self) -> f64 {
+        let places = self.outer.places().chain(self.depth.iter().flat_map(Profile::places));
+        places.fold(0.0, |most: f64, xi| most.max(self.at(xi).slender_radius()))
+    }
+
+    /// How far it reaches across the plane of motion at most, m: half the depth, of a membrane too, and no less than a round core.
+    pub fn reach_across(&self) -> f64 {
+        let places = self.outer.places().chain(self.depth.iter().flat_map(Profile::places));
+        let round = |xi: f64| if self.shape == Shape::Round { self.outer.at(xi) } else { 0.0 };
+        places.fold(0.0, |most: f64, xi| most.max(0.5 * self.depth_at(xi)).max(round(xi)))
     }
 
     /// Mass per length at `xi`, kg/m.
@@ -165,11 +417,14 @@ impl Sections {
         Half {
             length,
             middle: start + 0.5 * length,
-            radius: mean(&|xi| self.outer.at(xi)),
+            shape: self.shape,
+            outer: mean(&|xi| self.outer.at(xi)),
+            radius: mean(&|xi| self.at(xi).slender_radius()),
+            slender_across: mean(&|xi| self.at(xi).slender_across()),
             equivalent_radius: mean(&|xi| self.at(xi).equivalent_radius()),
             depth: mean(&|xi| self.depth_at(xi)),
-            depth_squared: mean(&|xi| self.depth_at(xi).powi(2)),
-            displaced: mean(&|xi| PI * self.outer.at(xi).powi(2)),
+            added: mean(&|xi| self.at(xi).added()),
+            displaced: mean(&|xi| self.at(xi).displaced()),
         }
     }
 }

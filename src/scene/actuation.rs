@@ -39,7 +39,8 @@ pub struct ActuationTable {
     pub envelope: [Finite; 2],
     /// Points (ξ, factor) of what the amplitude is multiplied by, linear in between.
     pub amplitude_profile: Option<Vec<[NotNegative; 2]>>,
-    /// Points (ξ, rad) of a phase that is subtracted inside the sine, linear in between.
+    /// Points (ξ, rad) of a phase that is subtracted inside the sine, linear in between: a positive phase lags. The
+    /// `phase_rad` of a head's or a flow's sinusoid is added instead.
     pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
 }
 

@@ -5,7 +5,7 @@ use serde::Deserialize;
 use super::document::Fault;
 use super::parameter::List;
 use super::rod::SIZES;
-use super::value::{NotNegative, Positive};
+use super::value::{self, NotNegative, Positive};
 use super::{HeadKind, Scene};
 use crate::fluid::Force;
 use crate::fluid::body::{BodyDrag, BodyInertia, FORM_DRAG_ACROSS, FORM_DRAG_ALONG};
@@ -96,6 +96,12 @@ impl Scene {
                 return fault(&format!("head_body.{key}"), problem);
             }
         }
+        let height = self.drag.as_ref().and_then(|drag| drag.height_m);
+        if let Some(height) = height.map(Positive::get).filter(|height| *height <= across) {
+            let allowed =
+                format!("above the semi-axis of [head_body] across it, {across:e} m: it would stand in the wall");
+            return fault("drag.height_m", value::refused(format!("{height:e} m"), allowed));
+        }
         if self.drag.is_none() && (body.form_drag_along.is_some() || body.form_drag_across.is_some()) {
             let key = if body.form_drag_along.is_some() { FORM_DRAG_ALONG } else { FORM_DRAG_ACROSS };
             return fault(key, "found without [drag], without which nothing has any; add it".into());
@@ -114,7 +120,9 @@ impl Scene {
         let spheroid = body.spheroid();
         let default = if linear { 0.0 } else { SPHERE };
         let form = [body.form_drag_along, body.form_drag_across].map(|form| form.map_or(default, NotNegative::get));
-        Some(Box::new(BodyDrag { viscous: spheroid.drag(), half_area: spheroid.areas().map(|area| 0.5 * area), form }))
+        let height = self.drag.as_ref().and_then(|drag| drag.height_m);
+        let viscous = height.map_or_else(|| spheroid.drag(), |height| spheroid.drag_beside(height.get()));
+        Some(Box::new(BodyDrag { viscous, half_area: spheroid.areas().map(|area| 0.5 * area), form }))
     }
 
     /// The inertia of the fluid around the body, and of its spin.

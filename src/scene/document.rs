@@ -8,11 +8,11 @@ use toml::Spanned;
 use toml::de::{DeString, DeTable, DeValue};
 use twox_hash::XxHash3_128;
 
-use super::Scene;
 use super::files::{Contents, Files};
-use super::value::refused;
+use super::value::{SIGNAL_KEYS, refused};
+use super::{Scene, Unchecked};
 use crate::error::{Error, Result, did_you_mean, nearest};
-use crate::integrator::METHODS;
+use crate::integrator::{METHODS, Method};
 
 /// A larger file is no scene.
 const LARGEST: u64 = 16 << 20;
@@ -39,6 +39,10 @@ pub struct Document {
     files: Files,
     /// Who made each override, as errors name it.
     makers: Vec<String>,
+    /// The layer of each override, from 1; the text is layer 0.
+    layers: Vec<usize>,
+    /// That of the next one.
+    layer: usize,
 }
 
 /// The files of a packed scene.
@@ -80,6 +84,8 @@ impl Document {
             overrides: Vec::new(),
             files: Files::default(),
             makers: Vec::new(),
+            layers: Vec::new(),
+            layer: 1,
         }
     }
 
@@ -91,9 +97,7 @@ impl Document {
         let mut document = Self::read(&folder.join(PACKED[0]))?;
         let overrides = folder.join(PACKED[1]);
         if overrides.exists() {
-            for assignment in Self::read(&overrides)?.text.lines() {
-                document.set(assignment)?;
-            }
+            document.set_layers(Self::read(&overrides)?.text.lines())?;
         }
         let mut tables = Contents::new();
         for (i, path) in document.scene()?.files().into_iter().enumerate() {
@@ -111,11 +115,44 @@ impl Document {
         let scene = self.scene()?;
         let mut files = vec![(PACKED[0].to_string(), self.text.clone().into_bytes())];
         if !self.overrides.is_empty() {
-            files.push((PACKED[1].to_string(), self.overrides.join("\n").into_bytes()));
+            files.push((PACKED[1].to_string(), self.layered().join("\n").into_bytes()));
         }
         for (i, path) in scene.files().into_iter().enumerate() {
             files.push((packed_table(i), self.files.read(&path)?));
         }
+        Ok(files)
+    }
+
+    /// The tables that its `scene` names, with their contents.
+    ///
+    /// # Errors
+    /// [`Error::Read`].
+    pub fn tables(&self, scene: &Scene) -> Result<Contents> {
+        scene.files().into_iter().map(|path| Ok((path.clone(), self.files.read(&path)?))).collect()
+    }
+
+    /// The same with the contents of these files, which are no longer read from the disk.
+    pub fn carrying(self, files: Contents) -> Self {
+        Self { files: Files::over_disk(files), ..self }
+    }
+
+    /// Files of one scene without overrides that says the same from any folder, names and contents: its text in `name`, and the
+    /// tables that it names beside it.
+    ///
+    /// # Errors
+    /// Those of [`packed`](Self::packed).
+    pub fn standalone(&self, name: &str) -> Result<Vec<(String, Vec<u8>)>> {
+        let scene = self.scene()?;
+        let mut text: toml::Table = self.read_as()?;
+        text.insert("name".to_string(), toml::Value::String(scene.name.clone()));
+        let mut files = Vec::new();
+        for (i, table) in scene.tables().into_iter().enumerate() {
+            files.push((packed_table(i), self.files.read(&scene.table_path(table))?));
+            for key in ["head", "medium"] {
+                text.get_mut(key).into_iter().for_each(|value| rename_table(value, table, &packed_table(i)));
+            }
+        }
+        files.insert(0, (name.to_string(), text.to_string().into_bytes()));
         Ok(files)
     }
 
@@ -129,8 +166,41 @@ impl Document {
         &self.overrides
     }
 
-    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string. What the key takes the place
-    /// of goes: a tolerance that of a time step, a method that of another method's parameters.
+    /// Begins a new layer of overrides. Overrides are resolved layer by layer: those of one layer merge into one document whatever
+    /// their order, and where two of them exclude each other, as a time step and a tolerance, the scene is refused. What an override
+    /// of a higher layer excludes in a lower one, the text included, goes. Of one key that a layer sets twice the last value holds, and a key holds against the table that it is in.
+    pub fn begin_layer(&mut self) {
+        self.layer += 1;
+    }
+
+    /// The overrides in order, with an empty one where a layer begins.
+    pub fn layered(&self) -> Vec<String> {
+        let mut lines = Vec::new();
+        for (i, text) in self.overrides.iter().enumerate() {
+            if i > 0 && self.layers[i] != self.layers[i - 1] {
+                lines.push(String::new());
+            }
+            lines.push(text.clone());
+        }
+        lines
+    }
+
+    /// Sets what [`layered`](Self::layered) says of another document.
+    ///
+    /// # Errors
+    /// Those of [`set`](Self::set).
+    pub fn set_layers<'l>(&mut self, lines: impl IntoIterator<Item = &'l str>) -> Result<()> {
+        lines.into_iter().try_for_each(|line| match line {
+            "" => {
+                self.begin_layer();
+                Ok(())
+            }
+            assignment => self.set(assignment),
+        })
+    }
+
+    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string. A table goes on top of the one that is
+    /// there; a function of time ([`ScalarSignal`](super::value::ScalarSignal)) replaces it.
     ///
     /// # Errors
     /// [`Error::Scene`] where it has not that form.
@@ -139,22 +209,39 @@ impl Document {
         let refuse = |problem: &str| Error::Scene { place: place(), key: String::new(), problem: problem.to_string() };
         let (key, value) = assignment.split_once('=').ok_or_else(|| refuse("allowed: table.key=value"))?;
         let (key, value) = (key.trim(), value.trim());
-        if key.is_empty() || value.contains(['\n', '\r']) {
+        if key.is_empty() || key.starts_with('#') || assignment.trim().contains(['\n', '\r']) {
             return Err(refuse("allowed: table.key=value on one line"));
         }
         let as_is = format!("{key}={value}");
         let quoted = || format!("{key}={}", toml::Value::String(value.to_string()));
         let text = if DeTable::parse(&as_is).is_ok() { as_is } else { quoted() };
         DeTable::parse(&text).map_err(|e| refuse(e.message()))?;
-        self.makers.push(format!("--set {text}"));
-        self.overrides.push(text);
+        self.add(format!("--set {text}"), text);
         Ok(())
     }
 
     /// Overrides a dotted key by `value`; errors name `maker` as the place.
     pub fn put(&mut self, maker: &str, key: &str, value: &toml::Value) {
-        self.makers.push(maker.to_string());
-        self.overrides.push(format!("{key}={value}"));
+        self.add(maker.to_string(), format!("{key}={value}"));
+    }
+
+    fn add(&mut self, maker: String, text: String) {
+        self.makers.push(maker);
+        self.overrides.push(text);
+        self.layers.push(self.layer);
+    }
+
+    /// The scene, checked, and what names all that the document with its overrides says, both of one reading: bytes that are the same
+    /// where keys and values are, however they are written.
+    ///
+    /// # Errors
+    /// Those of [`scene`](Self::scene).
+    pub fn resolved(&self) -> Result<(Scene, Vec<u8>)> {
+        self.with_root(|root| {
+            let mut content = Vec::with_capacity(2 * self.text.len());
+            name_table(root.get_ref(), &mut content);
+            Ok((self.scene_of(root)?, content))
+        })
     }
 
     /// Text and overrides as another kind of file than a scene, or as mere tables.
@@ -208,10 +295,28 @@ impl Document {
         for (text, start) in self.overrides.iter().zip(self.starts()) {
             texts.push(format!("{}{text}", " ".repeat(start)));
         }
-        for text in &texts {
+        let mut layer = (0, DeTable::new());
+        // Keys go on top of the tables that hold them, whichever comes first.
+        let depth = |text: &str| text.split('=').next().map_or(0, |key| key.matches('.').count());
+        let mut order: Vec<usize> = (0..texts.len()).collect();
+        order.sort_by_key(|i| (self.layers[*i], depth(&texts[*i])));
+        for (text, number) in order.into_iter().map(|i| (&texts[i], &self.layers[i])) {
             let table = DeTable::parse(text)
                 .map_err(|e| self.error(&root, e.span(), &Fault { key: String::new(), problem: e.message().into() }))?;
-            merge(root.get_mut(), table.into_inner());
+            if layer.0 != *number {
+                overlay(root.get_mut(), std::mem::replace(&mut layer, (*number, DeTable::new())).1);
+            }
+            if let Err((fault, span)) = unite(&mut layer.1, table.into_inner(), "") {
+                return Err(self.error(&root, Some(span), &fault));
+            }
+        }
+        overlay(root.get_mut(), layer.1);
+        if !texts.is_empty() {
+            let starts: Vec<usize> = self.starts().collect();
+            // The text before the first override is layer 0.
+            let layer_of =
+                |at: usize| starts.partition_point(|start| *start <= at).checked_sub(1).map_or(0, |i| self.layers[i]);
+            settle(root.get_mut(), &layer_of);
         }
         read(&root)
     }
@@ -238,7 +343,7 @@ impl Document {
     /// The scene as far as each key can be judged by itself.
     fn parsed(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
-        self.deserialized(root)
+        self.deserialized(root).map(|Unchecked(scene)| scene)
     }
 
     /// The `first` mistake with those that remain where it, and each after it, is mended; in the order of the text.
@@ -320,6 +425,21 @@ impl Document {
 const ALTERNATIVES: [[&str; 2]; 3] =
     [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
 
+/// Calls the file of every `{ table = … }` in `value` that is called `from` `to`.
+fn rename_table(value: &mut toml::Value, from: &str, to: &str) {
+    match value {
+        toml::Value::Table(table) => {
+            if let Some(toml::Value::String(file)) = table.get_mut("table").filter(|file| file.as_str() == Some(from)) {
+                *file = to.to_string();
+                return;
+            }
+            table.iter_mut().for_each(|(_, value)| rename_table(value, from, to));
+        }
+        toml::Value::Array(values) => values.iter_mut().for_each(|value| rename_table(value, from, to)),
+        _ => {}
+    }
+}
+
 /// Names the contents of the tables of `scene`, as far as they can be read.
 fn contents(scene: &Scene) -> u128 {
     let mut hasher = XxHash3_128::new();
@@ -330,25 +450,113 @@ fn contents(scene: &Scene) -> u128 {
     hasher.finish_128()
 }
 
-/// The keys that make no sense any more where `key` is overridden.
-fn outdated(key: &str) -> impl Iterator<Item = &'static str> {
-    let alternatives = ALTERNATIVES.iter().filter(move |pair| pair.contains(&key)).flatten().copied();
-    let parameters = METHODS.iter().filter(move |_| key == "integrator").flat_map(|method| method.parameters);
-    alternatives.filter(move |other| *other != key).chain(parameters.map(|parameter| parameter.name))
+/// Appends what names a table: its keys in order, with their values.
+fn name_table(table: &DeTable<'_>, content: &mut Vec<u8>) {
+    content.push(b'{');
+    for (key, value) in table {
+        name_text(key.get_ref(), content);
+        name_value(value.get_ref(), content);
+    }
+    content.push(b'}');
 }
 
-/// Puts `over` on top of `base`, table by table.
-fn merge<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
-    for other in over.keys().flat_map(|key| outdated(key.get_ref())) {
-        base.remove(other);
+fn name_value(value: &DeValue<'_>, content: &mut Vec<u8>) {
+    match value {
+        DeValue::Table(table) => name_table(table, content),
+        DeValue::Array(items) => {
+            content.push(b'[');
+            items.iter().for_each(|item| name_value(item.get_ref(), content));
+            content.push(b']');
+        }
+        DeValue::Float(x) => {
+            content.push(b'f');
+            content.extend(x.as_str().parse::<f64>().unwrap_or(f64::NAN).to_le_bytes());
+        }
+        DeValue::Integer(x) => {
+            content.push(b'i');
+            content.extend(i128::from_str_radix(x.as_str(), x.radix()).unwrap_or_default().to_le_bytes());
+        }
+        DeValue::String(text) => name_text(text, content),
+        DeValue::Boolean(truth) => content.extend([b'b', u8::from(*truth)]),
+        DeValue::Datetime(time) => name_text(&time.to_string(), content),
     }
+}
+
+fn name_text(text: &str, content: &mut Vec<u8>) {
+    content.push(b's');
+    content.extend((text.len() as u64).to_le_bytes());
+    content.extend(text.as_bytes());
+}
+
+/// The dotted keys that a scene cannot have beside `key`.
+#[cfg(feature = "report")]
+pub(crate) fn rivals(key: &str) -> impl Iterator<Item = String> {
+    let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
+    let pairs = ALTERNATIVES.iter().filter(move |pair| pair.contains(&name)).flatten();
+    pairs.filter(move |other| **other != name).map(move |other| format!("{table}.{other}"))
+}
+
+/// Puts the overrides of a layer together; what is a table in one of them and none in another has no meaning.
+fn unite<'a>(base: &mut DeTable<'a>, more: DeTable<'a>, path: &str) -> std::result::Result<(), (Fault, Range<usize>)> {
+    for (key, value) in more {
+        let place = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
+        let there = base.get(&key).map(|value| value.get_ref().is_table());
+        match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
+            (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => unite(base, more, &place)?,
+            (_, (value, span)) => {
+                if there.is_some_and(|table| table != value.is_table()) {
+                    let found = refused("a table of its keys beside another value", "one of the two");
+                    return Err((Fault { key: place, problem: found }, key.span()));
+                }
+                base.remove(&key); // with its old span
+                base.insert(key, Spanned::new(span, value));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Puts a layer on top of what is below it, table by table; functions of time are values.
+fn overlay<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) => merge(base, over),
+            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => overlay(base, over),
             (_, (value, span)) => {
                 base.remove(&key); // with its old span
                 base.insert(key, Spanned::new(span, value));
             }
+        }
+    }
+}
+
+/// True for a function of time that says all that it has to.
+fn is_function(table: &DeTable<'_>) -> bool {
+    let whole = table.contains_key("table") || table.contains_key("amplitude") && table.contains_key("frequency_hz");
+    whole && table.keys().all(|key| SIGNAL_KEYS.contains(&&**key.get_ref()))
+}
+
+/// Takes out what keys of a higher layer exclude: alternatives, and the parameters of other methods.
+fn settle(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
+    let layer = |table: &DeTable<'_>, key: &str| table.get_key_value(key).map(|(key, _)| layer_of(key.span().start));
+    for [a, b] in ALTERNATIVES {
+        match (layer(table, a), layer(table, b)) {
+            (Some(own), Some(other)) if own > other => drop(table.remove(b)),
+            (Some(own), Some(other)) if own < other => drop(table.remove(a)),
+            _ => {}
+        }
+    }
+    let method = table.get("integrator").and_then(|value| Method::named(value.get_ref().as_str()?));
+    if let Some((method, own)) = method.zip(layer(table, "integrator")) {
+        let others = METHODS.iter().flat_map(|other| other.parameters).map(|parameter| parameter.name);
+        for key in others.filter(|name| !method.parameters.iter().any(|parameter| parameter.name == *name)) {
+            if layer(table, key).is_some_and(|layer| layer < own) {
+                table.remove(key);
+            }
+        }
+    }
+    for (_, value) in table.iter_mut() {
+        if let DeValue::Table(inner) = value.get_mut() {
+            settle(inner, layer_of);
         }
     }
 }

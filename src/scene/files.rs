@@ -1,8 +1,9 @@
 //! Where the text of a scene and the tables that it names are read from.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
 
@@ -10,14 +11,48 @@ use crate::error::{Error, Result};
 pub type Contents = BTreeMap<PathBuf, Vec<u8>>;
 
 /// The disk, or the contents of files that came from elsewhere: in an FMU, or from the machine that hands out the cases
-/// of a sweep.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Files(Option<Arc<Contents>>);
+/// of a sweep. Each file is read from disk once, by whichever clone comes first: all that is made of a scene is of the same bytes.
+#[derive(Clone, Default)]
+pub struct Files {
+    given: Option<Arc<Contents>>,
+    /// What is not among them is read from the disk.
+    over_disk: bool,
+    read: Arc<Mutex<Contents>>,
+}
+
+impl PartialEq for Files {
+    /// True where both are the disk, or have the same contents from elsewhere.
+    fn eq(&self, other: &Self) -> bool {
+        self.given == other.given && self.over_disk == other.over_disk
+    }
+}
+
+impl fmt::Debug for Files {
+    /// Without contents: what they are is part of a scene by their hash.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(if self.given.is_some() { "Files(given)" } else { "Files(disk)" })
+    }
+}
 
 impl Files {
     /// These files and no others.
     pub fn of(contents: Contents) -> Self {
-        Self(Some(Arc::new(contents)))
+        Self { given: Some(Arc::new(contents)), ..Self::default() }
+    }
+
+    /// These files, and the disk for all others.
+    pub fn over_disk(contents: Contents) -> Self {
+        Self { over_disk: true, ..Self::of(contents) }
+    }
+
+    /// The content of the file at `path`, where it is not on the disk.
+    fn carried(&self, path: &Path) -> Option<Result<&Vec<u8>>> {
+        let contents = self.given.as_ref()?;
+        match contents.get(path) {
+            Some(content) => Some(Ok(content)),
+            None if self.over_disk => None,
+            None => Some(Err(Error::Read { path: path.to_path_buf(), reason: "it was not sent along".to_string() })),
+        }
     }
 
     /// The content of the file at `path`.
@@ -25,11 +60,17 @@ impl Files {
     /// # Errors
     /// [`Error::Read`] where there is none, or it cannot be read.
     pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
-        let failed = |reason: String| Error::Read { path: path.to_path_buf(), reason };
-        match &self.0 {
-            Some(contents) => contents.get(path).cloned().ok_or_else(|| failed("it was not sent along".to_string())),
-            None => std::fs::read(path).map_err(|e| failed(e.to_string())),
+        if let Some(content) = self.carried(path) {
+            return content.cloned();
         }
+        let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(content) = read.get(path) {
+            return Ok(content.clone());
+        }
+        let content =
+            std::fs::read(path).map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() })?;
+        read.insert(path.to_path_buf(), content.clone());
+        Ok(content)
     }
 
     /// The text of the file at `path`.
@@ -46,8 +87,8 @@ impl Files {
     /// # Errors
     /// Those of [`read`](Self::read).
     pub fn size(&self, path: &Path) -> Result<u64> {
-        match &self.0 {
-            Some(_) => Ok(self.read(path)?.len() as u64),
+        match self.carried(path) {
+            Some(content) => Ok(content?.len() as u64),
             None => std::fs::metadata(path)
                 .map(|found| found.len())
                 .map_err(|e| Error::Read { path: path.to_path_buf(), reason: e.to_string() }),

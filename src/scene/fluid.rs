@@ -11,18 +11,20 @@ use serde::{Deserialize, Deserializer};
 use super::document::Fault;
 use super::layers::{LayerTable, ShearTable};
 use super::solver::FormKey;
-use super::value::{self, Along, Finite, NotNegative, Positive, VectorSignal, Wanted};
+use super::value::{self, Along, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
-use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Uncertainty};
+use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes, Uncertainty};
+use crate::fluid::range::Motion;
 use crate::fluid::reactive::Wake;
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
-use crate::reduced::fluids::{follow, followed, nodes};
+use crate::reduced::fluids::{Followed, Span, follow, nodes};
 use crate::reduced::{FluidChoice, FluidEstimates};
-use crate::regime::{self, Regime};
-use crate::rod::Rod;
+use crate::regime::Regime;
+use crate::rod::{Rod, Shape};
+use crate::spectrum::Spectrum;
 
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -108,7 +110,7 @@ pub struct DragTable {
 pub struct ReactiveTable {
     /// Share χ of what Lighthill's theory sheds at the tail: 1 of a sharp end, 0 of a pointed one.
     pub shedding: value::Share,
-    /// True where it is there only if it matters, by the motion that the scene prescribes.
+    /// True where it is there only if it matters, by estimates of the scene's own motion.
     pub auto: bool,
 }
 
@@ -152,7 +154,7 @@ impl schemars::JsonSchema for ReactiveTable {
 
     fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
         schemars::json_schema!({ "anyOf": [
-            { "const": "auto", "description": "there only if it matters, by the motion that the scene prescribes" },
+            { "const": "auto", "description": "there only if it matters, by estimates of the scene's own motion" },
             {
                 "type": "object",
                 "properties": { "shedding": {
@@ -165,11 +167,8 @@ impl schemars::JsonSchema for ReactiveTable {
     }
 }
 
-/// Reynolds number of the depth above which `reactive = "auto"` takes the reactive force: left out, it is 4 % of the speed of a
-/// round swimmer at 0.26 and 0.8 % at 0.016.
-const REACTIVE: f64 = 0.1;
-/// Added mass over the rod's own above which it does for rods that bend by their own inertia: 1 % of their frequencies.
-const CARRIED: f64 = 0.02;
+/// Most nodes on which drag of the whole rod is followed coarsely: steps on N nodes cost N³.
+const MOST_NODES_OF_WHOLE: u64 = 17;
 
 fn sharp() -> value::Share {
     value::Share::constant(1.0)
@@ -219,6 +218,12 @@ impl DragTable {
         Ok(keys)
     }
 
+    /// The keys that it gives and that `law` does not take.
+    pub(crate) fn excluded_by(&self, law: &'static DragLaw) -> Vec<&'static str> {
+        let kept: Vec<_> = self.with_law(law).0.given().collect();
+        self.given().filter(|key| !kept.contains(key)).collect()
+    }
+
     fn check(&self, scene: &Scene) -> Result<(), Fault> {
         let fault = |key: &str, problem: String| Err(Fault { key: format!("drag.{key}"), problem });
         let law = self.law()?;
@@ -242,9 +247,26 @@ impl DragTable {
         if self.head_weight.is_some_and(|weight| weight.get() != 1.0) && self.head_length_m.is_none() {
             return fault("head_length_m", "missing; a head_weight other than 1 needs the head's length".into());
         }
+        if scene.rod.shape() == Shape::Rectangle {
+            let of_parts = if law.keys.contains(&"viscous") { Some(("viscous", viscous)) } else { None };
+            for (key, law) in std::iter::once(("law", law)).chain(of_parts) {
+                if law.takes == Takes::Round {
+                    let others = LAWS.iter().filter(|law| law.takes != Takes::Round);
+                    let others = others.filter(|law| key == "law" || law.resistance.is_some()).map(|law| law.name);
+                    let allowed = others.collect::<Vec<_>>().join(", ");
+                    return fault(
+                        key,
+                        format!(
+                            "found {:?} with rod.section = \"rectangle\"; it is of round rods; allowed: {allowed}, or another section",
+                            law.name
+                        ),
+                    );
+                }
+            }
+        }
         let rod = scene.rod_on(NODES[0] as usize); // sections and length are the same on any mesh
         let recipe = self.recipe(scene, &rod)?;
-        let radius = rod.sections.outer.largest();
+        let radius = rod.sections.largest_radius();
         if let Some(slender) = law.slender.map(|slender| slender(&recipe)).filter(|slender| slender.is_finite()) {
             let logarithm = (slender / radius).ln();
             if logarithm < SLENDER {
@@ -253,8 +275,10 @@ impl DragTable {
                 return fault("law", value::refused(found, allowed));
             }
         }
-        if self.height_m.is_some_and(|height| height.get() <= radius) {
-            let allowed = format!("above the rod's radius, {radius:e} m");
+        // The plane of motion is parallel to the wall.
+        let reach = rod.sections.reach_across();
+        if self.height_m.is_some_and(|height| height.get() <= reach) {
+            let allowed = format!("above what the rod reaches across the plane of motion, {reach:e} m");
             return fault("height_m", value::refused(format!("{:e} m", recipe.height), allowed));
         }
         match law.reach {
@@ -305,14 +329,7 @@ impl DragTable {
         Ok(Recipe {
             taken: scene.taken.as_ref().and_then(|taken| taken.law),
             wavelength: scene.wavelength(),
-            frequency: scene.drive_frequency(),
-            reynolds: if self.law_name() == laws::auto::LAW.name {
-                // Where there are layers, the largest of them all.
-                let thinner = scene.medium.as_ref().map_or(1.0, MediumTable::largest_inertia);
-                scene.regime(rod).map_or(0.0, |r| r.reynolds * thinner)
-            } else {
-                0.0
-            },
+            frequency: if self.law()? == &laws::weak_inertia::LAW { scene.spectrum().strongest() } else { None },
             head: HeadWeight {
                 weight: self.head_weight.map_or(1.0, NotNegative::get),
                 length: self.head_length_m.map_or(0.0, Positive::get),
@@ -428,7 +445,7 @@ impl Scene {
             let law = drag.law().ok()?;
             if law != &laws::auto::LAW { Some(law) } else { Some(laws::auto::taken(&drag.recipe(self, rod).ok()?)) }
         });
-        (law, self.reactive_on(rod).is_some())
+        (law, self.reactive_on().is_some())
     }
 
     /// Forces whose sum is that of its fluid on `rod`, by what they come from; `Err` as for the scene itself.
@@ -459,7 +476,7 @@ impl Scene {
     /// How far its results may be from the truth for what its fluid leaves out: what is published of its law at its own Reynolds
     /// number, and of what it does without; none where nothing is known.
     pub fn uncertainty(&self, rod: &Rod) -> Option<Uncertainty> {
-        let reynolds = self.regime(rod)?.reynolds;
+        let reynolds = self.regime().ok()?.reynolds;
         let (law, reactive) = self.fluid_model(rod);
         law?.uncertainty(reynolds, reactive)
     }
@@ -491,19 +508,13 @@ impl Scene {
         self.drag.as_ref().map_or(Ok(()), |drag| drag.check(self))
     }
 
-    /// Frequency (Hz) of what drives the rod: of the actuation, else the highest of a driven head and of the flow.
-    pub fn drive_frequency(&self) -> Option<f64> {
-        if let Some(actuation) = &self.actuation {
-            return Some(actuation.frequency_hz.get());
-        }
-        let frequency = |signal: &Signal| match signal {
-            Signal::Sinusoid { frequency, .. } => Some(*frequency),
-            _ => None,
-        };
-        let head = self.head.formulas().filter(|_| self.head.kind == HeadKind::Driven);
-        let flow = self.medium.iter().flat_map(|medium| &medium.flow_m_s.0).filter_map(Wanted::formula);
-        let found = head.chain(flow).filter_map(frequency);
-        found.fold(None, |highest, frequency| Some(highest.map_or(frequency, |other: f64| other.max(frequency))))
+    /// The spectrum of what drives it; without its head where a table of that cannot be read, and so for the flow.
+    pub fn spectrum(&self) -> Spectrum {
+        let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
+        let rod = self.rod_on(nodes(waves) as usize);
+        let head = self.head_motion().ok().flatten();
+        let flow = self.fluid().ok().and_then(|(_, flow)| flow);
+        Spectrum::of(&rod, self.drive(&rod).as_ref(), head.as_ref(), flow.as_ref())
     }
 
     /// The fluid, and its flow where that changes by itself; [`Fluid::NONE`] without a medium.
@@ -517,35 +528,65 @@ impl Scene {
         Ok((fluid, medium.steady_flow().is_none().then_some(flow)))
     }
 
-    /// The flow around `rod`, its own; none without a medium, or where a table of its head cannot be read.
-    pub fn regime(&self, rod: &Rod) -> Option<Regime> {
-        self.medium.as_ref()?;
-        let (mut fluid, flow) = self.fluid().ok()?;
-        if let Some(flow) = flow {
-            fluid.flow = flow.each_ref().map(Signal::root_mean_square).into();
-        }
-        let actuation = self.drive(rod);
-        let head = self.head_motion().ok()?;
-        let gravity = self.loads.as_ref().and_then(|loads| loads.gravity_m_s2);
-        let gravity = gravity.map_or(0.0, |gravity| regime::size(gravity.map(Finite::get)));
-        Some(Regime::of(rod, actuation.as_ref(), head.as_ref(), fluid, gravity))
+    /// The nodes on which its motion is followed coarsely, and the part of its run.
+    fn coarse(&self) -> (u64, Span) {
+        let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
+        let most = if self.has_whole_drag() { MOST_NODES_OF_WHOLE } else { u64::MAX };
+        let ramp = self.start.ramp_s.map_or(0.0, Positive::get);
+        let nodes = nodes(waves).min(self.rod.nodes.get() as u64).min(most);
+        (nodes, Span::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
-    /// `[reactive]`, where it is taken: `auto` takes it where estimates of the scene's own motion say that it matters. Where there are
-    /// none, it is above a Reynolds number of 0.1 of the depth, and where rods that nothing bends but their own motion carry water of
-    /// 2 % of their mass.
-    pub fn reactive_on(&self, rod: &Rod) -> Option<&ReactiveTable> {
-        let matters = || match &self.taken {
-            Some(taken) => taken.reactive,
-            None => self.regime(rod).is_some_and(|regime| {
-                regime.reynolds > REACTIVE || (self.actuation.is_none() && regime.mass_ratio > CARRIED)
-            }),
-        };
-        self.reactive.as_ref().filter(|reactive| !reactive.auto || matters())
+    /// What it comes to on a coarse mesh and over its first periods, as it stands, and the flow around the rod in that motion.
+    fn followed(&self) -> Result<(Means, Regime), String> {
+        let (nodes, span) = self.coarse();
+        let model = self.clone().named_model().with_nodes(nodes).model().map_err(|error| error.to_string())?;
+        let (model, strongest) = (Arc::new(model), self.spectrum().strongest());
+        let Followed { means, motion } = follow(&model, span).map_err(|error| error.to_string())?;
+        Ok((means, Regime::of(&model.rod, model.fluid, strongest, &motion)))
+    }
+
+    /// The flow around its rod, by its own motion, which is followed coarsely.
+    ///
+    /// # Errors
+    /// Why it is not known, in words.
+    pub fn regime(&self) -> Result<Regime, String> {
+        if self.medium.is_none() {
+            return Err("there is no fluid".to_string());
+        }
+        Ok(self.followed()?.1)
+    }
+
+    /// What says whether forces hold on `rod`, which moves across itself at `speed` (m/s), and at that over ν, `per_depth` (1/m).
+    pub fn motion<'a>(&self, rod: &'a Rod, fluid: Fluid, [speed, per_depth]: [f64; 2]) -> Motion<'a> {
+        Motion {
+            rod,
+            fluid,
+            speed,
+            per_depth,
+            frequency: self.spectrum().strongest().filter(|frequency| *frequency > 0.0),
+            wavelength: self.wavelength(),
+            height: self.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get),
+        }
+    }
+
+    /// The keys of `[drag]` that it gives and `law` excludes, as a part of advice; none where the scene cannot take that law.
+    pub fn without(&self, law: &'static DragLaw) -> Option<String> {
+        self.with_fluid(law, self.reactive_on().is_some()).ok()?;
+        let keys = self.drag.iter().flat_map(|drag| drag.excluded_by(law));
+        let keys: Vec<String> = keys.map(|key| format!("drag.{key}")).collect();
+        Some(if keys.is_empty() { String::new() } else { format!(", without {},", keys.join(" and ")) })
+    }
+
+    /// `[reactive]`, where it is taken: `auto` takes it where estimates of the scene's own motion say that it matters, and where there are
+    /// none but the model can hold it.
+    pub fn reactive_on(&self) -> Option<&ReactiveTable> {
+        let matters = self.taken.as_ref().map_or(!self.refuses_water(), |taken| taken.reactive);
+        self.reactive.as_ref().filter(|reactive| !reactive.auto || matters)
     }
 
     /// True where it leaves the law of drag, or the reactive force, to the program.
-    fn leaves_fluid(&self) -> [bool; 2] {
+    pub(super) fn leaves_fluid(&self) -> [bool; 2] {
         let drag = self.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
         [drag, self.reactive.as_ref().is_some_and(|reactive| reactive.auto)]
     }
@@ -567,7 +608,7 @@ impl Scene {
         let reactive = self.reactive.is_some();
         self.taken = FluidChoice::of(&estimates, |law, with| {
             let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
-            drag && (reactive_left || with == reactive)
+            drag && (reactive_left || with == reactive) && !(with && self.refuses_water())
         });
     }
 
@@ -577,37 +618,41 @@ impl Scene {
     /// # Errors
     /// Why there are no estimates, in words.
     pub fn fluid_estimates(&self) -> Result<FluidEstimates, String> {
-        let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
-        let nodes = nodes(waves).min(self.rod.nodes.get() as u64);
-        let regime = self.regime(&self.rod_on(nodes as usize)).ok_or("there is no fluid")?;
+        if self.medium.is_none() {
+            return Err("there is no fluid".to_string());
+        }
+        let (nodes, span) = self.coarse();
+        let strongest = self.spectrum().strongest();
         let held = self.head.kind != HeadKind::Free;
         let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok()).filter(|law| *law != &laws::auto::LAW);
-        let mut wanted = laws::auto::CANDIDATES.to_vec();
-        let drag = fixed.filter(|law| !wanted.contains(law));
-        wanted.splice(0..0, drag);
-        let frequency = self.drive_frequency().filter(|frequency| *frequency > 0.0);
-        let ramp = self.start.ramp_s.map_or(0.0, Positive::get);
-        let duration = followed(self.solver.duration_s.get(), frequency, ramp);
-        let mut found = Vec::new();
+        // The highest first, whose motion says which of the others hold.
+        let mut wanted: Vec<_> = laws::auto::CANDIDATES.iter().rev().copied().collect();
+        wanted.extend(fixed.filter(|law| !laws::auto::CANDIDATES.contains(law)));
+        let (mut found, mut regime) = (Vec::new(), None);
         for law in wanted {
-            for reactive in [false, true] {
-                let known = law.uncertainty(regime.reynolds, reactive);
+            for reactive in [true, false] {
+                let known = |regime: &Regime| law.uncertainty(regime.reynolds, reactive);
                 // Out of its range a law is no candidate.
-                if known.is_none() && fixed != Some(law) {
+                let holds = regime.as_ref().is_none_or(|regime| known(regime).is_some());
+                if !holds && fixed != Some(law) {
                     continue;
                 }
                 let Ok((scene, dropped)) = self.with_fluid(law, reactive) else { continue };
-                let model = scene.with_nodes(nodes).model().map_err(|error| error.to_string())?;
-                let means = follow(&Arc::new(model), duration, frequency);
-                let means = means.map_err(|error| format!("under {} {error}", law.name));
-                match means {
-                    Ok(means) => found.push((law, reactive, means, dropped, known)),
+                let model = Arc::new(scene.with_nodes(nodes).model().map_err(|error| error.to_string())?);
+                match follow(&model, span) {
+                    Ok(Followed { means, motion }) => {
+                        let regime =
+                            regime.get_or_insert_with(|| Regime::of(&model.rod, model.fluid, strongest, &motion));
+                        found.push((law, reactive, means, dropped, known(regime)));
+                    }
                     // A law out of its range may fail where the scene's own motion is none of its.
-                    Err(_) if known.is_none() => {}
-                    Err(reason) => return Err(reason),
+                    Err(_) if !holds => {}
+                    Err(error) => return Err(format!("under {} {error}", law.name)),
                 }
             }
         }
+        found.reverse();
+        let regime = regime.ok_or("no law holds")?;
         // The highest law: it drops least of what the scene says, knows the water's inertia, and is least uncertain.
         let rank = |(.., dropped, known): &(&DragLaw, bool, Means, usize, Option<Uncertainty>), reactive: bool| {
             (*dropped, !reactive, known.map_or(f64::INFINITY, |known| known.measured(held)[0]))
@@ -622,7 +667,23 @@ impl Scene {
         let last = found.remove(highest);
         found.push(last);
         let found = found.into_iter().map(|(law, reactive, means, ..)| (law, reactive, means)).collect();
-        FluidEstimates::of(found, uncertainty, held).ok_or_else(|| "what the motion comes to is not finite".to_string())
+        FluidEstimates::of(found, uncertainty, held, regime)
+            .ok_or_else(|| "what the motion comes to is not finite".to_string())
+    }
+
+    /// What drag of the whole rod, where it holds and is not taken, would change of motion and power, relative: of a coarse motion.
+    pub fn whole_drag(&self) -> Option<(&'static DragLaw, [f64; 2])> {
+        if self.has_whole_drag() {
+            return None;
+        }
+        let (_, reactive) = self.fluid_model(&self.rod_on(NODES[0] as usize));
+        let coarse = self.with_nodes(MOST_NODES_OF_WHOLE.min(self.rod.nodes.get() as u64));
+        let (own, regime) = coarse.followed().ok()?;
+        let rod = coarse.rod_on(coarse.rod.nodes.get());
+        let motion = coarse.motion(&rod, coarse.fluid().ok()?.0, [regime.speed, regime.reynolds / regime.depth]);
+        let law = LAWS.iter().copied().find(|law| law.is_whole() && law.validity.holds(&motion))?;
+        let (means, _) = coarse.with_fluid(law, reactive).ok()?.0.followed().ok()?;
+        Some((law, means.differences(&own)))
     }
 
     /// The forces of the fluid on `rod`.
@@ -633,14 +694,14 @@ impl Scene {
             forces.extend(self.body_drag(law.is_linear()));
             forces.insert(0, law);
         }
-        if let Some(reactive) = self.reactive_on(rod) {
+        if let Some(reactive) = self.reactive_on() {
             forces.push(Box::new(Reactive::new(rod)));
             forces.push(Box::new(Wake::new(rod, reactive.shedding.get())));
             forces.extend(self.body_inertia());
             forces.push(Box::new(FroudeKrylov::new(rod)));
         }
         if self.medium.as_ref().is_some_and(|medium| medium.interfaces().next().is_some()) {
-            if self.reactive_on(rod).is_some() {
+            if self.reactive_on().is_some() {
                 forces.push(Box::new(Spray::new(rod)));
             }
             if let Some(gravity) = self.loads.as_ref().and_then(LoadsTable::buoyed_by) {

@@ -55,13 +55,6 @@ impl HeadTable {
             None => Ok(()),
         }
     }
-
-    /// Its functions of time that are formulas.
-    pub(super) fn formulas(&self) -> impl Iterator<Item = &Signal> {
-        let position = self.position_m.iter().flat_map(|VectorSignal(signals)| signals);
-        let angle = self.angle_rad.iter().map(|ScalarSignal(signal)| signal);
-        position.chain(angle).filter_map(Wanted::formula)
-    }
 }
 
 impl Scene {

@@ -59,13 +59,6 @@ impl MediumTable {
         self.beyond.iter().chain(&self.layers)
     }
 
-    /// The largest density over viscosity of its layers, over that of the first.
-    pub(super) fn largest_inertia(&self) -> f64 {
-        let first = self.density_kg_m3.get() / self.viscosity_pa_s.get();
-        let of = |layer: &LayerTable| layer.density_kg_m3.get() / layer.viscosity_pa_s.get();
-        self.interfaces().map(of).fold(first, f64::max) / first
-    }
-
     /// True where it is not the same everywhere.
     pub fn is_stacked(&self) -> bool {
         self.normal().is_some()

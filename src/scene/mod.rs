@@ -23,11 +23,13 @@ mod variants;
 
 use std::path::{Path, PathBuf};
 
-use serde::Deserialize;
+use serde::{Deserialize, Deserializer};
 use twox_hash::XxHash3_128;
 
 pub use actuation::ActuationTable;
 pub use body::HeadBodyTable;
+#[cfg(feature = "report")]
+pub(crate) use document::rivals;
 pub use document::{Document, Fault};
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
@@ -50,9 +52,11 @@ use crate::reduced::FluidChoice;
 pub const NODES: [u64; 2] = [3, 10_000_000];
 
 /// A scene: everything there is to say about a run.
+///
+/// From a file by [`load`](Self::load), from text by [`Document`]; as a value of serde it is read as such a text, with the same checks.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
-#[serde(deny_unknown_fields)]
+#[serde(remote = "Self", deny_unknown_fields)]
 pub struct Scene {
     /// Name; the file's where the scene has none.
     #[serde(default)]
@@ -100,6 +104,22 @@ pub struct Scene {
     /// The law of the fluid that was taken when it was read, where it leaves that to the program: scenes made from it keep it.
     #[serde(skip)]
     taken: Option<FluidChoice>,
+}
+
+/// The tables of a scene, each key judged by itself only.
+struct Unchecked(Scene);
+
+impl<'de> Deserialize<'de> for Unchecked {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        Scene::deserialize(deserializer).map(Self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Scene {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Self, D::Error> {
+        let text = toml::Table::deserialize(deserializer)?.to_string();
+        Document::new("scene", text).scene().map_err(serde::de::Error::custom)
+    }
 }
 
 impl Scene {

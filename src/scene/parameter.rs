@@ -232,6 +232,70 @@ impl Scene {
         list.0
     }
 
+    /// The key, or the table, by which this scene differs from `other` in more than values of tunable parameters; `None` where it
+    /// does not. Names, folders, durations and what is recorded are no difference.
+    pub fn differs_beyond_tuning(&self, other: &Self) -> Option<String> {
+        let parameters = other.parameters();
+        let fixed = self.parameters().into_iter().filter(|parameter| !parameter.is_tunable());
+        for parameter in fixed {
+            let of_other = parameters.iter().find(|of_other| of_other.name() == parameter.name());
+            if of_other.is_some_and(|of_other| of_other.value != parameter.value) {
+                return Some(parameter.name());
+            }
+        }
+        let [a, b] = [self, other].map(|scene| {
+            let mut scene = scene.clone();
+            scene.set_tunable(Positive::constant(1.0));
+            scene.solver.duration_s = Positive::constant(1.0);
+            scene
+        });
+        let tables = [
+            ("rod", a.rod == b.rod),
+            ("actuation", a.actuation == b.actuation),
+            ("start", a.start == b.start),
+            ("medium", a.medium == b.medium),
+            ("drag", a.drag == b.drag),
+            ("reactive", a.reactive == b.reactive),
+            ("head_body", a.head_body == b.head_body),
+            ("loads", a.loads == b.loads),
+            ("head", a.head == b.head && a.contents == b.contents),
+            ("solver", a.solver == b.solver),
+        ];
+        tables.iter().find(|(_, same)| !same).map(|(table, _)| table.to_string())
+    }
+
+    /// Sets every [tunable](Parameter::is_tunable) value that there is to `one`.
+    fn set_tunable(&mut self, one: Positive) {
+        fn set<T>(value: &mut Option<T>, one: T) {
+            if value.is_some() {
+                *value = Some(one);
+            }
+        }
+        self.rod.youngs_modulus_pa = one;
+        let factor = NotNegative::constant(1.0);
+        if let Some(drag) = &mut self.drag {
+            for value in [&mut drag.ratio, &mut drag.slender_length_m, &mut drag.height_m, &mut drag.head_length_m] {
+                set(value, one);
+            }
+            for value in [&mut drag.along_n_s_m2, &mut drag.across_n_s_m2] {
+                if value.as_ref().is_some_and(|value| value.number().is_some()) {
+                    *value = Some(Along::<NotNegative>::constant(1.0));
+                }
+            }
+            let factors = [
+                &mut drag.form_drag,
+                &mut drag.thinning,
+                &mut drag.skin_friction,
+                &mut drag.turbulent_friction,
+                &mut drag.head_weight,
+            ];
+            factors.into_iter().for_each(|value| set(value, factor));
+        }
+        if let Some(reactive) = &mut self.reactive {
+            reactive.shedding = Share::constant(1.0);
+        }
+    }
+
     /// What of this scene is given by points along the rod, phases and factors on the stiffness left out.
     pub fn profiles(&self) -> Vec<Points> {
         fn points<T: Copy>(along: &Along<T>) -> Option<Vec<[f64; 2]>> {

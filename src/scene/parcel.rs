@@ -8,14 +8,15 @@ use serde::{Deserialize, Serialize};
 use super::files::Contents;
 use super::{Document, Files};
 use crate::error::{Error, Result};
+use crate::jobs::BUILD;
 
-/// A file with its overrides and all files that it names, as bytes for the same version of the program elsewhere.
+/// A file with its overrides and all files that it names, as bytes for the same build of the program elsewhere.
 #[derive(Debug, Serialize, Deserialize)]
 pub struct Parcel<T = ()> {
     caudal_version: String,
     /// The scene or the sweep, one of `files`.
     pub path: PathBuf,
-    /// Its overrides.
+    /// Its overrides, see [`Document::layered`].
     pub set: Vec<String>,
     /// It and the files that it names.
     pub files: Contents,
@@ -26,7 +27,7 @@ pub struct Parcel<T = ()> {
 impl<T> Parcel<T> {
     /// Of this version of the program.
     pub fn of(path: PathBuf, set: Vec<String>, files: Contents, task: T) -> Self {
-        Self { caudal_version: env!("CARGO_PKG_VERSION").to_string(), path, set, files, task }
+        Self { caudal_version: BUILD.to_string(), path, set, files, task }
     }
 
     /// That of a scene, with the tables that it names and `more` files.
@@ -41,7 +42,7 @@ impl<T> Parcel<T> {
             let content = scene.read_from.read(&file)?;
             files.insert(file, content);
         }
-        Ok(Self::of(path, document.overrides().to_vec(), files, task))
+        Ok(Self::of(path, document.layered(), files, task))
     }
 
     /// The scene, and what is to be done with it.
@@ -50,9 +51,7 @@ impl<T> Parcel<T> {
     /// Those of [`Document::read`].
     pub fn scene(self) -> Result<(Document, T)> {
         let mut document = Document::read_from(Files::of(self.files), &self.path)?;
-        for change in &self.set {
-            document.set(change)?;
-        }
+        document.set_layers(self.set.iter().map(String::as_str))?;
         Ok((document, self.task))
     }
 }
@@ -75,7 +74,7 @@ impl<T: DeserializeOwned> Parcel<T> {
     pub fn read(bytes: &[u8]) -> Result<Self> {
         let failed = |e: postcard::Error| Error::Parcel { problem: e.to_string() };
         let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // what follows may be others'
-        let own = env!("CARGO_PKG_VERSION");
+        let own = BUILD;
         if version != own {
             return Err(Error::Parcel { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
         }

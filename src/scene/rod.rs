@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::document::Fault;
 use super::value::{self, Along, Gradient, NotNegative, Positive, Whole};
 use super::{HeadKind, NODES, Scene};
-use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Stiffness};
+use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Shape, Stiffness};
 
 /// `[rod]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -18,9 +18,12 @@ pub struct RodTable {
     pub nodes: Whole<{ NODES[0] }, { NODES[1] }>,
     /// Length, m.
     pub length_m: Positive,
-    /// Outer radius, m; half the breadth in the plane of motion.
+    /// Outline of the cross-section; without it `ellipse` where `depth_m` is given, else `round`. `round` with another depth than the
+    /// diameter is a round core with a membrane that only the fluid feels.
+    pub section: Option<Shape>,
+    /// Outer radius, m; half the thickness in the plane of motion.
     pub outer_radius_m: Along<Positive>,
-    /// Inner radius, m; 0, a solid rod, where it is not given.
+    /// Inner radius, m, half the thickness of a hole of the section's own shape; 0, a solid rod, where it is not given.
     #[serde(default = "solid")]
     pub inner_radius_m: Along<NotNegative>,
     /// Depth across the plane of motion, m; twice the outer radius where it is not given.
@@ -62,8 +65,14 @@ impl RodTable {
         check_points(key, profile.iter().map(|point| point.map(NotNegative::get)), allowed, |factor| factor > 0.0)
     }
 
+    /// The outline of its section.
+    pub fn shape(&self) -> Shape {
+        self.section.unwrap_or(if self.depth_m.is_some() { Shape::Ellipse } else { Shape::Round })
+    }
+
     fn sections(&self) -> Sections {
         Sections {
+            shape: self.shape(),
             outer: self.outer_radius_m.profile(),
             inner: self.inner_radius_m.profile(),
             depth: self.depth_m.as_ref().map(Along::profile),
@@ -101,8 +110,13 @@ impl RodTable {
                 return fault("inner_radius_m", value::refused(section.inner, allowed));
             }
         }
-        if self.depth_m.is_some() && sections.depth_at(0.5) <= 0.0 {
-            return fault("depth_m", value::refused("no depth in the middle", "a positive depth, 0 at the ends only"));
+        if let Some(depth) = &sections.depth {
+            // Outside its points it is constant: 0 at xi = 0 or 1 is at an end only.
+            let inside = |xi: &f64| depth.is_even() || (*xi > 0.0 && *xi < 1.0);
+            if let Some(xi) = depth.places().filter(inside).find(|xi| depth.at(*xi) <= 0.0) {
+                let at = if depth.is_even() { "no depth".to_string() } else { format!("no depth at xi = {xi}") };
+                return fault("depth_m", value::refused(at, "a positive depth, 0 at the ends only"));
+            }
         }
         if self.mass_profile.is_some() && sections.mass_factor.at(0.5) <= 0.0 {
             return fault("mass_profile", value::refused("no mass in the middle", "positive factors"));
@@ -131,8 +145,13 @@ impl RodTable {
             let (inertia, mass) = (sections.at(at(joints)).inertia(), sections.line_density(at(nodes)) * spacing);
             let bending = youngs * inertia * stiffness.factor(at(joints)) / spacing;
             let stretching = youngs * sections.at(at(edges)).area() / spacing;
+            // The second moment vanishes with either, and where the depth does it is that which a user has to change.
+            let (side, size) = match sections.at(at(joints)) {
+                section if section.depth < section.outer && section.shape != Shape::Round => ("depth_m", section.depth),
+                _ => ("outer_radius_m", sections.outer.at(place)),
+            };
             let sizes = [
-                ("outer_radius_m", sections.outer.at(place), "second moment of area", inertia, "m^4"),
+                (side, size, "second moment of area", inertia, "m^4"),
                 ("length_m", self.length_m.get(), "spacing of the nodes", spacing, "m"),
                 ("density_kg_m3", sections.density.at(place), "mass per node", mass, "kg"),
                 ("youngs_modulus_pa", youngs, "stiffness of a joint", bending, "N m"),

@@ -7,7 +7,7 @@ use serde::Deserialize;
 
 use super::document::{self, Fault};
 use super::value::{self, Positive, Tolerance};
-use super::{HeadKind, NODES, Scene, StartKind};
+use super::{HeadKind, Scene, StartKind};
 use crate::error::{Result, nearest};
 use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear;
@@ -157,9 +157,9 @@ impl Scene {
             );
             return fault("drag.head_weight", problem);
         }
-        if let (Some(rung), Some(_)) =
-            (rung.filter(|rung| rung.needs_drag), self.reactive_on(&self.rod_on(NODES[0] as usize)))
-        {
+        // What is left to the program is not taken with a model that cannot hold it.
+        let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
+        if let (Some(rung), Some(_)) = (rung.filter(|rung| rung.needs_drag), reactive) {
             let problem = format!(
                 "found {:?} with [reactive]: without inertia there is none of the water either, and the reactive force is nothing else; remove one, or take another model",
                 rung.name
@@ -179,6 +179,11 @@ impl Scene {
             _ => {}
         }
         Ok(())
+    }
+
+    /// True where it names a model that cannot hold the water's inertia.
+    pub(super) fn refuses_water(&self) -> bool {
+        self.rung().ok().flatten().is_some_and(|rung| rung.needs_drag)
     }
 
     /// Checks its method with its steps and form.
@@ -239,6 +244,11 @@ impl Scene {
         Ok(rung)
     }
 
+    /// True where it names a model that leaves some of the rod's mechanics out.
+    pub fn names_a_cheaper_model(&self) -> bool {
+        self.rung().is_ok_and(|rung| rung.is_some_and(|rung| rung.method.is_some()))
+    }
+
     /// What of its medium cheaper models cannot hold.
     fn only_whole(&self) -> Option<&'static str> {
         let stack = self.medium.as_ref().filter(|medium| medium.is_stacked())?;
@@ -266,6 +276,8 @@ impl Scene {
             nodes: self.nodes(),
             pace: [self.pace(), self.cheaper_pace()],
             iterations,
+            accuracy: self.solver.accuracy.get(),
+            measures: Measure::ALL.map(|measure| Some(measure).filter(|measure| self.measures().contains(measure))),
         };
         Ok(Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), run))
     }
@@ -284,14 +296,18 @@ impl Scene {
             }
             Some(rung) => Ok(Choice::asked(rung)),
             None => {
-                let measures = self.solver.accuracy_of.as_deref().unwrap_or(&Measure::ALL);
                 let accuracy = self.solver.accuracy.get();
-                Ok(Choice::of(self.estimates()?, accuracy, measures, self.is_dragged()))
+                Ok(Choice::of(self.estimates()?, accuracy, self.measures(), self.is_dragged()))
             }
         }
     }
 
-    /// How a cheaper model that `auto` takes chooses its steps: for itself, so that they add nothing to its error.
+    /// What its accuracy is asked of.
+    fn measures(&self) -> &[Measure] {
+        self.solver.accuracy_of.as_deref().unwrap_or(&Measure::ALL)
+    }
+
+    /// How a cheaper model that `auto` takes chooses its steps at most: for itself.
     pub(super) fn cheaper_pace(&self) -> Pace {
         let most = STEPS_OF_ACCURACY * self.solver.accuracy.get();
         Pace::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))

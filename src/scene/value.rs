@@ -183,6 +183,9 @@ impl Wanted {
     }
 }
 
+/// The keys that a function of time may have.
+pub(super) const SIGNAL_KEYS: [&str; 5] = ["amplitude", "frequency_hz", "phase_rad", "offset", "table"];
+
 /// The keys of a function of time with values of type T and phases of type P.
 #[derive(serde::Deserialize)]
 #[serde(
@@ -495,6 +498,7 @@ mod schema {
             constant,
             {
                 "type": "object",
+                "description": "offset + amplitude sin(2 pi frequency_hz t + phase_rad): the phase is added, whereas the actuation's phase_profile_rad is subtracted inside its sine",
                 "properties": {
                     "amplitude": value,
                     "frequency_hz": { "type": "number", "minimum": 0 },

@@ -6,7 +6,7 @@ use super::solver::{DEFAULT_INTEGRATORS, full};
 use super::value::{Finite, Positive, Tolerance, Whole};
 use super::{Scene, SolverTable};
 use crate::integrator::{Method, Pace};
-use crate::reduced::{Choice, Rung};
+use crate::reduced::{Choice, FluidChoice, Rung};
 
 /// The tolerance of [`Scene::whole`], and its Newton's method's: forces of stiff rods are differences of tiny stretches.
 const WHOLE_TOLERANCE: f64 = 1e-6;
@@ -92,13 +92,29 @@ impl Scene {
         self
     }
 
+    /// The same scene with the law of the fluid, and with or without the water that the rod accelerates, as `other`, which hardly
+    /// differs, takes them where both leave that to the program.
+    pub fn with_fluid_of(&self, other: &Self) -> Self {
+        let taken = other.fluid_choice().cloned().or_else(|| {
+            let (law, reactive) = other.fluid_model(&other.model().ok()?.rod);
+            Some(FluidChoice { law, reactive, reason: "by its Reynolds number".to_string(), errors: None })
+        });
+        let mut scene = self.clone();
+        scene.taken = taken.filter(|_| scene.leaves_fluid().contains(&true));
+        scene
+    }
+
     /// The same scene as its run takes it by `choice`: a cheaper model that `auto` takes has steps of its own, and solves as
     /// well as what it is compared with.
     pub fn taken(&self, choice: &Choice) -> Self {
         if choice.reason.is_none() || choice.rung.method.is_none() {
             return self.with_model(choice.rung);
         }
-        self.with_pace(self.cheaper_pace()).with_model(choice.rung).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)
+        let pace = match (self.cheaper_pace(), &choice.estimates) {
+            (Pace::Adaptive(tolerance), Some(estimates)) => Pace::Adaptive(tolerance.min(estimates.tolerance)),
+            (pace, _) => pace,
+        };
+        self.with_pace(pace).with_model(choice.rung).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)
     }
 
     /// The same scene with Young's modulus times `factor`.

@@ -1,6 +1,6 @@
 //! Derivatives of one number by all parameters: back over a stored simulation, one transposed solve a step.
 
-use super::controls::{Cotangents, Weights};
+use super::controls::{Controls, Cotangents, Weights};
 use super::ends::Ends;
 use super::equations::Equations;
 use super::output::{At, Gradient, Output, Point};
@@ -31,11 +31,11 @@ impl Problem {
             return Err(Error::WrongLength { name: "weights", expected, found: weights.len() });
         }
         let weights = Weights { outputs: weights, ..Weights::default() };
-        Ok(self.pull_back(parameters, outputs, weights, trajectory)?.parameters)
+        Ok(self.go_back(parameters, outputs, weights, trajectory, false)?.parameters)
     }
 
-    /// The same with `weights` of positions and velocities too, and the derivatives by first state and controls beside those by
-    /// the `parameters`.
+    /// The same with `weights` of positions and velocities too, and the derivatives by first state and controls, given or not,
+    /// beside those by the `parameters`.
     ///
     /// # Errors
     /// [`Error::WrongLength`] for weights of another simulation.
@@ -46,6 +46,17 @@ impl Problem {
         weights: Weights<'_>,
         trajectory: &Trajectory,
     ) -> Result<Cotangents> {
+        self.go_back(parameters, outputs, weights, trajectory, true)
+    }
+
+    fn go_back(
+        &mut self,
+        parameters: &[Parameter],
+        outputs: &[Output],
+        weights: Weights<'_>,
+        trajectory: &Trajectory,
+        by_controls: bool,
+    ) -> Result<Cotangents> {
         let (nodes, steps) = (self.dynamics.nodes(), self.steps);
         let times = steps.count() + 1;
         let given = [weights.outputs, weights.positions, weights.velocities];
@@ -55,7 +66,7 @@ impl Problem {
                 return Err(Error::WrongLength { name: "weights", expected, found });
             }
         }
-        let rules = self.rules()?;
+        let (rules, go_on) = (self.rules()?, self.go_on());
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut equations = Equations::new(self.model())?;
         let mut point = Point::new(nodes, &keys(parameters));
@@ -74,13 +85,14 @@ impl Problem {
         let mut scratch = Gradient::new(nodes, &[]);
         let held = dynamics.model.head.is_some();
         let joints = dynamics.model.rod.joints();
-        let bends = controls.effects(&dynamics.model.rod, &shape);
+        let bends = if by_controls { Controls::effects(&dynamics.model.rod, &shape) } else { Vec::new() };
         let mut natural = vec![0.0; times * bends.len()];
-        let mut by_force = vec![0.0; if controls.force.is_some() { times * 2 * nodes } else { 0 }];
+        let mut by_force = vec![0.0; if by_controls { times * 2 * nodes } else { 0 }];
         let mut by_moved = vec![zeros(); moved.len()];
         // Weights of all later times, for what is summed or counted from the start.
         let mut later = vec![0.0; outputs.len()];
         for n in (0..=steps.count()).rev() {
+            go_on()?;
             trajectory.load(n, &mut state);
             if summing {
                 ends.look(dynamics, controls, steps, n);
@@ -100,7 +112,7 @@ impl Problem {
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&bent.dynamics.model.rod, &shape)));
             let at = At { bent, point: &point };
             for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
-                moved.look(&state, (controls, steps, n), summing, by)?;
+                moved.look(&bent, (controls, steps, n), summing, by)?;
             }
             for (bar, weights) in [(&mut bar.q, weights.positions), (&mut bar.v, weights.velocities)] {
                 bar.iter_mut().zip(weights.iter().skip(2 * nodes * n)).for_each(|(bar, weight)| *bar += weight);
@@ -117,11 +129,12 @@ impl Problem {
                     }
                     gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
                     for (i, total) in of_scene(&effects, &mut total) {
-                        *total += own * moved[i].output(output, None, &point, &mut scratch)?;
+                        *total += moved[i].output((output, &gradient, own), None, &point, &mut scratch)?;
                     }
                     for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
                         natural[n * bends.len() + j] += gradient.natural[k] * effect.natural(&shape, k);
                     }
+                    add_row(&mut by_force, n, &gradient.force);
                 }
                 for (i, factor) in [later[o], begun].into_iter().enumerate() {
                     let span = &ends.spans[i];
@@ -135,7 +148,7 @@ impl Problem {
                     let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at));
                     gather(&gradient, &effects, &shape, step, &mut bar, &mut total);
                     for (j, total) in of_scene(&effects, &mut total) {
-                        *total += factor * moved[j].output(output, Some(i), &point, &mut scratch)?;
+                        *total += moved[j].output((output, &gradient, factor), Some(i), &point, &mut scratch)?;
                     }
                     for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
                         let own = effect.natural(&shape, k);
@@ -145,6 +158,8 @@ impl Problem {
                         natural[(n + i) * bends.len() + j] += change;
                         natural[(n + i).saturating_sub(1) * bends.len() + j] -= change;
                     }
+                    add_row(&mut by_force, n, &gradient.force);
+                    add_row(&mut by_force, if i == 0 { n - 1 } else { n + 1 }, &gradient.force_beyond);
                 }
             }
             if n == 0 {
@@ -200,6 +215,11 @@ impl Problem {
         }
         Ok(Cotangents { parameters: total, start: [bar.q, bar.v], natural, force: by_force })
     }
+}
+
+/// Adds `row` to row `n` of `rows`, where there are any.
+fn add_row(rows: &mut [f64], n: usize, row: &[f64]) {
+    rows.iter_mut().skip(n * row.len()).zip(row).for_each(|(to, from)| *to += from);
 }
 
 /// The numbers of the scene among the parameters, with their totals.

@@ -29,10 +29,9 @@ impl Controls {
         }
     }
 
-    /// How the natural curvature of each joint moves the equations; none where it is not controlled.
-    pub(super) fn effects(&self, rod: &Rod, shape: &Shape) -> Vec<Effect> {
-        let joints = if self.natural.is_some() { rod.joints() } else { 0..0 };
-        joints.map(|k| Parameter::NaturalCurvature(k).effect(rod, shape)).collect()
+    /// How the natural curvature of each joint moves the equations.
+    pub(super) fn effects(rod: &Rod, shape: &Shape) -> Vec<Effect> {
+        rod.joints().map(|k| Parameter::NaturalCurvature(k).effect(rod, shape)).collect()
     }
 }
 
@@ -54,8 +53,8 @@ pub struct Cotangents {
     pub parameters: Vec<f64>,
     /// By first positions and velocities, two entries per node, where these are given.
     pub start: [Vec<f64>; 2],
-    /// By the controls, in their order; empty where there are none.
+    /// By natural curvature, a row per time, one entry per joint, whether it is given or none.
     pub natural: Vec<f64>,
-    /// By the forces.
+    /// By forces, a row per time, two entries per node, likewise.
     pub force: Vec<f64>,
 }

@@ -1,6 +1,8 @@
 //! Averages over the last whole cycles, with their derivatives: sums of readings with weights that the times alone decide, and a
 //! formula of these sums.
 
+use std::sync::Arc;
+
 use super::output::{Output, Quantity, Work};
 use super::parameter::Parameter;
 use super::problem::Problem;
@@ -38,10 +40,12 @@ fn parts(held: bool) -> Vec<Part> {
         parts.push((Q::HeadAxis(0).into(), |d| d.axis[0], summed));
         parts.push((Q::HeadAxis(1).into(), |d| d.axis[1], summed));
     }
+    parts.push((Q::Flow(0).into(), |d| d.flow[0], summed));
+    parts.push((Q::Flow(1).into(), |d| d.flow[1], summed));
     let works: [(Output, Quantity, By); 6] = [
         (Work::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
         (Work::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
-        (Q::LoadPotential.into(), Q::LoadPower, |d| d.work[2]),
+        (Work::Load.into(), Q::LoadPower, |d| d.work[2]),
         (Work::Flow.into(), Q::FlowPower, |d| d.work[4]),
         (Work::Wake.into(), Q::WakePower, |d| d.work[5]),
         (Work::Other.into(), Q::OtherPower, |d| d.work[6]),
@@ -62,6 +66,7 @@ impl Problem {
         let mut trajectory = Trajectory::default();
         let mut ends = Vec::new();
         let mut run: Option<(Meter, Cycles, Reading)> = None;
+        let controls = Arc::clone(&self.controls);
         self.advance(|dynamics, n, state, _| {
             match &mut run {
                 None => {
@@ -73,7 +78,13 @@ impl Problem {
                 Some((meter, cycles, reading)) => {
                     reading.take(dynamics, state)?;
                     let times = [trajectory.times[n - 1], state.t];
-                    let load = dynamics.load_work(times, trajectory.positions(n - 1), &state.q);
+                    let mut load = dynamics.load_work(times, trajectory.positions(n - 1), &state.q);
+                    if controls.force.is_some() {
+                        // The mean of the forces at both ends, as they are functions of time.
+                        controls.apply(dynamics, n - 1);
+                        load = 0.5 * (load + dynamics.load_work(times, trajectory.positions(n - 1), &state.q));
+                        controls.apply(dynamics, n);
+                    }
                     meter.count(reading, None, load, dynamics.head_mass())?;
                     let before = *cycles;
                     cycles.follow(dynamics, state, meter, None);
@@ -105,8 +116,8 @@ impl Problem {
     }
 
     /// The mean of `measure` over the last whole cycles, as a run's summary has it, with its derivatives by `parameters`;
-    /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::slopes::is_smooth). The
-    /// frequency of the actuation moves the ends of the cycles too.
+    /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::slopes::is_smooth). What
+    /// changes the frequency of what drives the cycles moves their ends too.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
@@ -136,10 +147,13 @@ impl Problem {
                     let own = dependences.iter().flat_map(|dependence| &dependence.by_key);
                     *by += own.filter(|(own, _)| own == key).map(|(_, by)| by).sum::<f64>();
                 }
-                // The measure's own formula, of the same sums.
+                // The measure's own formula, of the same sums between ends that have moved.
                 Parameter::OfScene(i) => {
-                    let value = |dynamics: &_| cycles.averages(dynamics).mean(measure).unwrap_or(f64::NAN);
-                    *by += self.moved[*i].by(|place| Ok(value(&place.dynamics)))?;
+                    let own = cycles.frequency(&self.dynamics);
+                    *by += self.moved[*i].by(|place| {
+                        let ratio = own.zip(cycles.frequency(&place.dynamics)).map_or(1.0, |(own, now)| own / now);
+                        Ok(cycles.mean_as(measure, &place.dynamics, &ends, ratio - 1.0).unwrap_or(f64::NAN))
+                    })?;
                 }
                 Parameter::Frequency => *by += cycles.by_frequency(measure, &self.dynamics, &ends),
                 _ => {}

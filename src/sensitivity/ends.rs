@@ -13,6 +13,7 @@ pub(super) struct Ends {
     /// Shapes at the last time, now, and the next.
     pub(super) shapes: [Shape; 3],
     natural: [Vec<f64>; 3],
+    force: [Vec<f64>; 3],
     /// The step to here, and the one from here.
     pub(super) spans: [Span; 2],
     scratch: State,
@@ -23,7 +24,12 @@ impl Ends {
         Self {
             shapes: std::array::from_fn(|_| Shape::new(nodes)),
             natural: std::array::from_fn(|_| vec![0.0; nodes]),
-            spans: std::array::from_fn(|_| Span { natural: vec![0.0; nodes], ..Span::default() }),
+            force: std::array::from_fn(|_| vec![0.0; 2 * nodes]),
+            spans: std::array::from_fn(|_| Span {
+                natural: vec![0.0; nodes],
+                force: vec![0.0; 2 * nodes],
+                ..Span::default()
+            }),
             scratch: State::zeros(2 * nodes),
         }
     }
@@ -37,12 +43,18 @@ impl Ends {
             dynamics.move_to(t, &mut self.scratch);
             self.shapes[i].take(dynamics, t);
             self.natural[i].copy_from_slice(&dynamics.natural);
+            if let Some(force) = &dynamics.inputs.force {
+                self.force[i].copy_from_slice(force);
+            }
             poses[i] = dynamics.held;
         }
         for (i, span) in self.spans.iter_mut().enumerate() {
             span.h = if i == 0 { problem.length(n) } else { problem.length(n + 1) };
             for (k, change) in span.natural.iter_mut().enumerate() {
                 *change = self.natural[i + 1][k] - self.natural[i][k];
+            }
+            for (k, change) in span.force.iter_mut().enumerate() {
+                *change = self.force[i + 1][k] - self.force[i][k];
             }
             span.poses = poses[i].zip(poses[i + 1]).map(|(from, to)| [from, to]);
         }

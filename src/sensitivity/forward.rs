@@ -79,8 +79,9 @@ impl Problem {
 
         let done = self.advance(|dynamics, n, state, h| {
             look(state);
+            let bent = dynamics.shape(state)?;
             for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
-                moved.look(state, (&controls, steps, n), summing, by)?;
+                moved.look(&bent, (&controls, steps, n), summing, by)?;
             }
             shape.take(dynamics, state.t);
             effects.clear();
@@ -141,7 +142,8 @@ impl Problem {
                     sums[block..block + width].iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
                     for (j, effect) in effects.iter().enumerate() {
                         if let Some(m) = effect.moved {
-                            sums[block + j] += moved[m].output(output, Some(i), &point, &mut scratch)?;
+                            sums[block + j] +=
+                                moved[m].output((output, &gradient, 1.0), Some(i), &point, &mut scratch)?;
                         }
                     }
                     Ok(())
@@ -155,7 +157,7 @@ impl Problem {
                 now[block..block + width].iter_mut().zip(&row).for_each(|(now, x)| *now += x);
                 for (j, effect) in effects.iter().enumerate() {
                     if let Some(m) = effect.moved {
-                        now[block + j] += moved[m].output(output, None, &point, &mut scratch)?;
+                        now[block + j] += moved[m].output((output, &gradient, 1.0), None, &point, &mut scratch)?;
                     }
                 }
                 if n == 0 && output.since_start {

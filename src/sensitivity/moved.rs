@@ -4,14 +4,22 @@
 //! first position) is differenced over these with the formula of fourth order. Nothing is differenced in time: the simulation
 //! is differentiated as by any other parameter, and no solve is added. With δ = 2·10⁻⁴ p truncation and rounding are both
 //! about 10⁻¹² of what is differenced. At a kink the derivative is the mean of those on both sides.
+//!
+//! What moves the flow alone, as the flow itself and its shear, acts through velocities against it only, so its derivatives are those
+//! by velocities: of the scene's moves only the flow's own is differenced, in which it is linear. A rod at rest in water has no others,
+//! as there the drag's roots and squares of the speed are steeper than differences see.
+
+use nalgebra::Vector2;
 
 use super::controls::Controls;
 use super::ends::Ends;
-use super::output::{At, Gradient, Output, Point};
+use super::output::{At, Gradient, Output, Point, centre_of};
 use super::problem::Steps;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
-use crate::model::{Dynamics, Model};
+use crate::fluid::force;
+use crate::model::{Bent, Dynamics, Inputs, Model};
+use crate::rod::{add, node};
 use crate::system::{State, System};
 
 /// δ over the size of the number.
@@ -29,6 +37,19 @@ pub struct Moved {
     pub(super) places: Vec<Place>,
     nodes: usize,
     residual: Vec<f64>,
+    /// What moves the flow alone.
+    flow: Option<Flow>,
+}
+
+/// The derivative of the flow.
+#[derive(Debug)]
+struct Flow {
+    /// At the nodes, two entries per node.
+    nodes: Vec<f64>,
+    /// At the body's centre.
+    centre: Vector2<f64>,
+    /// As many zeros.
+    still: Vec<f64>,
 }
 
 /// The scene at one place.
@@ -43,7 +64,8 @@ pub(super) struct Place {
 }
 
 impl Moved {
-    /// Of a scene whose number is `own` and of this `size`, which `model` makes again with another.
+    /// Of a scene whose number is `own` and of this `size`, which `model` makes again with another: the model as it is used, and
+    /// another one whose actuation is kept as the scene has it. See [`flowing`](Self::flowing) for what moves the flow alone.
     ///
     /// # Errors
     /// Those of `model`.
@@ -66,7 +88,7 @@ impl Moved {
             match places.iter().map(|at| place(*at)).collect::<Result<Vec<Place>>>() {
                 Ok(places) => {
                     let nodes = places.first().map_or(0, |place| place.state.q.len() / 2);
-                    return Ok(Self { places, nodes, residual: Vec::new() });
+                    return Ok(Self { places, nodes, residual: Vec::new(), flow: None });
                 }
                 Err(error) => failed = failed.or(Some(error)),
             }
@@ -76,7 +98,13 @@ impl Moved {
 
     /// Of a scene with so many nodes whose number cannot be another one by itself, as a flow across an interface: no derivatives.
     pub fn nowhere(nodes: usize) -> Self {
-        Self { places: Vec::new(), nodes, residual: Vec::new() }
+        Self { places: Vec::new(), nodes, residual: Vec::new(), flow: None }
+    }
+
+    /// The same, of a number that moves the flow alone.
+    pub fn flowing(self) -> Self {
+        let zeros = || vec![0.0; 2 * self.nodes];
+        Self { flow: Some(Flow { nodes: zeros(), centre: Vector2::zeros(), still: zeros() }), ..self }
     }
 
     /// The derivative of a number.
@@ -93,18 +121,34 @@ impl Moved {
         self.places.iter().map(|place| place.weight * value(&place.dynamics.model)).sum()
     }
 
-    /// Moves on to the time of `state`, number `n` of `steps`, with the steps beside it where they are `wanted`; writes f_p to
-    /// `force`, two entries per node.
+    /// Moves on to the time of the state of `bent`, number `n` of `steps`, with the steps beside it where they are `wanted`; writes
+    /// f_p to `force`, two entries per node.
     pub(super) fn look(
         &mut self,
-        state: &State,
+        bent: &Bent<'_>,
         (controls, steps, n): (&Controls, Steps, usize),
         wanted: bool,
         force: &mut [f64],
     ) -> Result<()> {
         force.fill(0.0);
-        let Self { places, residual, .. } = self;
+        let state = bent.state;
+        let Self { places, residual, flow, .. } = self;
         residual.resize(force.len(), 0.0);
+        if let Some(Flow { nodes, centre, still }) = flow {
+            nodes.fill(0.0);
+            *centre = Vector2::zeros();
+            for Place { dynamics, weight, .. } in places {
+                let Inputs { fluid, layers, .. } = &dynamics.inputs;
+                let at = |x| layers.as_ref().map_or(*fluid, |layers| layers.at(*fluid, layers.height(x)).fluid);
+                (0..dynamics.nodes()).for_each(|k| add(nodes, k, at(node(&state.q, k)).flow * *weight));
+                *centre += at(centre_of(dynamics, state)).flow * *weight;
+            }
+            residual.iter_mut().zip(&*nodes).for_each(|(against, flow)| *against = -flow);
+            for own in bent.dynamics.model.forces.iter().filter(|force| force.is_of_fluid()) {
+                force::add_change(own, &bent.kinematics(), [still, residual, still], Vector2::zeros(), force);
+            }
+            return Ok(());
+        }
         for Place { dynamics, weight, ends, state: own, .. } in places {
             if wanted {
                 ends.look(dynamics, controls, steps, n);
@@ -131,16 +175,19 @@ impl Moved {
         by
     }
 
-    /// The derivative of the quantities of `output` (`share` none), or of the share in its work of the step to here (0) or from
-    /// here (1), where the state stays.
+    /// `factor` times the derivative of the quantities of `output` (`share` none), or of the share in its work of the step to here
+    /// (0) or from here (1), where the state stays and `gradient` is so much times the other derivatives.
     pub(super) fn output(
         &mut self,
-        output: &Output,
+        (output, gradient, factor): (&Output, &Gradient, f64),
         share: Option<usize>,
         point: &Point,
         scratch: &mut Gradient,
     ) -> Result<f64> {
-        self.by(|Place { dynamics, ends, state, .. }| {
+        if let Some(Flow { nodes, centre, .. }) = &self.flow {
+            return Ok(gradient.by_flow(nodes, *centre));
+        }
+        let by = self.by(|Place { dynamics, ends, state, .. }| {
             let at = At { bent: dynamics.shape(state)?, point };
             Ok(match share {
                 None => output.now.iter().map(|(c, quantity)| c * quantity.add(&at, 0.0, scratch)).sum(),
@@ -149,6 +196,7 @@ impl Moved {
                     output.work.iter().map(|(c, work)| c * work.add(&at, span, i == 0, 0.0, scratch)).sum()
                 }
             })
-        })
+        });
+        by.map(|by| factor * by)
     }
 }

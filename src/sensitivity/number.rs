@@ -8,6 +8,15 @@ use crate::model::Model;
 use crate::scene::parameter::{Parameter as Scalar, Points};
 use crate::scene::{Document, Scene};
 
+/// The key of the flow, m/s.
+const FLOW: &str = "medium.flow_m_s";
+
+/// The key of its shear, 1/s.
+const SHEAR: &str = "medium.shear.rate_per_s";
+
+/// A direction with a smaller part along interfaces is across them.
+const ALONG: f64 = 1e-12;
+
 /// A number of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Number {
@@ -117,7 +126,7 @@ impl<'a> Numbers<'a> {
     fn reaches_further(&self, key: &str) -> bool {
         let law = self.scene.drag.as_ref().map(|drag| drag.law_name());
         key == DENSITY && self.scene.head_body.is_some() // its mass
-            || key == "actuation.frequency_hz" && law == Some("weak-inertia")
+            || key.ends_with("frequency_hz") && law == Some("weak-inertia")
     }
 
     /// What a number is moved over: itself, or, where it is zero, what others of its kind are like. Forces are linear in the others.
@@ -126,7 +135,7 @@ impl<'a> Numbers<'a> {
         match key {
             _ if own != 0.0 => own.abs(),
             "rod.inner_radius_m" => 1e-3 * rod.length,
-            "medium.flow_m_s" | "medium.beyond.offset_m" => rod.length,
+            FLOW | "medium.beyond.offset_m" => rod.length,
             _ => 1.0,
         }
     }
@@ -154,30 +163,52 @@ pub fn keys_with(numbers: &[Number], values: &[f64]) -> Vec<(String, toml::Value
     keys
 }
 
-/// The scene of `document`, with `numbers` of these `values`, with each number moved that is a parameter of the scene. A number that
-/// is zero and has to be, as a flow across an interface, has no derivatives.
+/// The scene of `document`, with `numbers` of these `values`, with each number moved that is a parameter of the scene; all of them
+/// keep the law of the fluid that it takes. A flow along interfaces moves along them only: the derivatives by its components are
+/// those of the part along the interfaces, zero for a component across them, as for what else has to be zero.
 ///
 /// # Errors
 /// Those of [`Document::scene`] and of the model.
 pub fn moved(document: &Document, numbers: &[Number], values: &[f64]) -> Result<Vec<Moved>> {
-    let of_scene = (0..numbers.len()).filter(|i| matches!(numbers[*i].by, Parameter::OfScene(_)));
-    let mut values = values.to_vec();
-    of_scene
-        .map(|i| {
-            let own = values[i];
-            let size = if own == 0.0 { numbers[i].size } else { own.abs() };
-            let moved = Moved::of(own, size, |value| {
-                values[i] = value;
-                let mut document = document.clone();
-                keys_with(numbers, &values).iter().for_each(|(key, value)| document.put("a derivative", key, value));
-                let scene = document.scene()?;
-                Ok([scene.model()?, scene.model()?])
-            });
-            values[i] = own;
-            match moved {
-                Err(Error::Scene { .. }) if own == 0.0 => Ok(Moved::nowhere(document.scene()?.nodes())),
-                moved => moved,
+    let of_scene: Vec<usize> = (0..numbers.len()).filter(|i| matches!(numbers[*i].by, Parameter::OfScene(_))).collect();
+    if of_scene.is_empty() {
+        return Ok(Vec::new());
+    }
+    let scene_of = |values: &[f64]| {
+        let mut document = document.clone();
+        document.begin_layer();
+        keys_with(numbers, values).iter().for_each(|(key, value)| document.put("a derivative", key, value));
+        document.scene()
+    };
+    let own = scene_of(values)?;
+    let layers = own.model()?.layers;
+    let of = |i: usize| {
+        let number = &numbers[i];
+        // How all numbers change with this one.
+        let mut direction = vec![0.0; numbers.len()];
+        direction[i] = 1.0;
+        if let (Some(layers), FLOW) = (&layers, &*number.key) {
+            let normal: [f64; 2] = layers.normal.into();
+            let axis = |j: usize| numbers[j].place.first().copied().unwrap_or_default();
+            for j in (0..numbers.len()).filter(|j| numbers[*j].key == FLOW) {
+                direction[j] -= normal[axis(i)] * normal[axis(j)];
             }
-        })
-        .collect()
+        }
+        if direction.iter().all(|part| part.abs() < ALONG) {
+            return Ok(Moved::nowhere(own.nodes()));
+        }
+        let size = if values[i] == 0.0 { number.size } else { values[i].abs() };
+        let moved = Moved::of(0.0, size, |change| {
+            let values: Vec<f64> = values.iter().zip(&direction).map(|(own, part)| own + change * part).collect();
+            let scene = scene_of(&values)?.with_fluid_of(&own);
+            Ok([scene.model()?, scene.model()?])
+        });
+        match moved {
+            // What has to be zero, as gravity along level layers.
+            Err(Error::Scene { .. }) if values[i] == 0.0 => Ok(Moved::nowhere(own.nodes())),
+            Ok(moved) if [FLOW, SHEAR].contains(&&*number.key) => Ok(moved.flowing()),
+            moved => moved,
+        }
+    };
+    of_scene.into_iter().map(of).collect()
 }

@@ -2,13 +2,17 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::error::{Error, Result, nearest};
+use super::dot;
+use crate::error::Result;
 use crate::fluid::force::{self, Slopes};
+use crate::fluid::medium::Property;
 use crate::fluid::{DENSITY, Force, Key, Sink};
 use crate::head::Pose;
-use crate::model::{Bent, Model};
+use crate::model::{Bent, Dynamics, Model};
 use crate::rod::bend;
 use crate::rod::{add, elastic, node};
+use crate::system::State;
+use crate::variable;
 
 /// A quantity at one time. Nodes count from the head, axes are x and y.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -49,8 +53,8 @@ pub enum Quantity {
     LoadPower,
     /// Power of a held head, W.
     HeadPower,
-    /// Work of the constant loads from the origin, W·q, J.
-    LoadPotential,
+    /// Velocity of the background flow along an axis at the centre of mass, or at node 0 of a held head, m/s.
+    Flow(usize),
     /// Force of the tail on a held head along an axis, N.
     HeadForce(usize),
     /// Moment of the tail on a held head about node 0, N m.
@@ -82,6 +86,8 @@ pub enum Work {
     Other,
     /// Of the background flow.
     Flow,
+    /// Of loads: gravity, point loads, buoyancy and forces over time.
+    Load,
     /// Of a held head.
     Head,
 }
@@ -170,7 +176,7 @@ impl Output {
     /// The output of this name in the table of variables: every recorded one but time.
     ///
     /// # Errors
-    /// [`Error::UnknownVariable`].
+    /// [`Error::UnknownVariable`](crate::Error::UnknownVariable).
     pub fn named(name: &str, model: &Model) -> Result<Self> {
         use Quantity as Q;
         let (mid, tip) = ((model.rod.nodes - 1) / 2, model.rod.nodes - 1);
@@ -222,27 +228,26 @@ impl Output {
             "wake_work_j" => Work::Wake.into(),
             "spray_work_j" => Work::Spray.into(),
             "other_work_j" => Work::Other.into(),
-            "load_work_j" => Self::from(Q::LoadPotential).since_start(),
+            "load_work_j" => Work::Load.into(),
             "head_work_j" if model.head.is_some() => Work::Head.into(),
             "head_work_j" => Self { now: Vec::new(), since_start: false, work: Vec::new() },
             "flow_work_j" => Work::Flow.into(),
             "numerical_dissipation_j" => {
-                let mut now = energy.map(|(_, quantity)| (-1.0, quantity)).to_vec();
-                now.push((1.0, Q::LoadPotential));
+                let now = energy.map(|(_, quantity)| (-1.0, quantity)).to_vec();
                 let mut work = vec![
                     (1.0, Work::Actuation),
                     (-1.0, Work::Viscous),
                     (-1.0, Work::Wake),
                     (-1.0, Work::Spray),
                     (1.0, Work::Flow),
+                    (1.0, Work::Load),
                     (1.0, Work::Other),
                 ];
                 work.extend(model.head.is_some().then_some((1.0, Work::Head)));
                 Self { now, since_start: true, work }
             }
             _ => {
-                let nearest = nearest(name, NAMES.into_iter());
-                return Err(Error::UnknownVariable { name: name.to_string(), nearest });
+                return Err(variable::unknown(name, NAMES.into_iter()));
             }
         })
     }
@@ -256,11 +261,19 @@ pub(super) struct Gradient {
     pub(super) v: Vec<f64>,
     /// By accelerations.
     pub(super) a: Vec<f64>,
+    /// By the flow at the nodes, two entries per node, and at the body's centre.
+    flow: Vec<f64>,
+    flow_at_centre: Vector2<f64>,
+    /// By velocities, of what is a force's alone.
+    own: Vec<f64>,
     /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry per node.
     pub(super) stiffness: Vec<f64>,
     pub(super) natural: Vec<f64>,
     pub(super) natural_rate: Vec<f64>,
     pub(super) natural_step: Vec<f64>,
+    /// By a host's forces at this time, and by those at the other end of a step, two entries per node.
+    pub(super) force: Vec<f64>,
+    pub(super) force_beyond: Vec<f64>,
     /// By parameters of the forces.
     keys: Vec<(Key, f64)>,
 }
@@ -271,7 +284,12 @@ impl Gradient {
         Self {
             q: b.clone(),
             v: b.clone(),
-            a: b,
+            a: b.clone(),
+            flow: b.clone(),
+            flow_at_centre: Vector2::zeros(),
+            own: b.clone(),
+            force: b.clone(),
+            force_beyond: b,
             stiffness: a.clone(),
             natural: a.clone(),
             natural_rate: a.clone(),
@@ -281,17 +299,31 @@ impl Gradient {
     }
 
     pub(super) fn clear(&mut self) {
-        for part in [&mut self.q, &mut self.v, &mut self.a] {
+        for part in [&mut self.q, &mut self.v, &mut self.a, &mut self.flow, &mut self.force, &mut self.force_beyond] {
             part.fill(0.0);
         }
+        self.flow_at_centre = Vector2::zeros();
         for part in [&mut self.stiffness, &mut self.natural, &mut self.natural_rate, &mut self.natural_step] {
             part.fill(0.0);
         }
         self.keys.iter_mut().for_each(|(_, by)| *by = 0.0);
     }
 
-    fn slopes(&mut self) -> Slopes<'_> {
-        Slopes { q: &mut self.q, v: &mut self.v, a: &mut self.a }
+    /// What `add` returns, which adds derivatives of what `force` does; a fluid's depends on velocities against the flow.
+    fn of_force<T>(&mut self, force: &dyn Force, add: impl FnOnce(Slopes<'_>) -> T) -> T {
+        let Self { q, v, a, flow, own, .. } = self;
+        own.fill(0.0);
+        let value = add(Slopes { q, v: own, a });
+        v.iter_mut().zip(&*own).for_each(|(by, own)| *by += own);
+        if force.is_of_fluid() {
+            flow.iter_mut().zip(&*own).for_each(|(by, own)| *by -= own);
+        }
+        value
+    }
+
+    /// Along a change of the flow at the nodes (two entries per node) and at the body's centre, m/s.
+    pub(super) fn by_flow(&self, nodes: &[f64], centre: Vector2<f64>) -> f64 {
+        dot(&self.flow, nodes) + self.flow_at_centre.dot(&centre)
     }
 
     /// By a parameter of the forces.
@@ -307,6 +339,8 @@ pub(super) struct Span {
     pub(super) h: f64,
     /// Change of κ̄ over it, one entry per node.
     pub(super) natural: Vec<f64>,
+    /// Change of a host's forces over it, two entries per node.
+    pub(super) force: Vec<f64>,
     /// Poses of a held head at its begin and end.
     pub(super) poses: Option<[Pose; 2]>,
 }
@@ -400,16 +434,39 @@ impl At<'_> {
         let moving = self.bent.kinematics();
         let mut sum = 0.0;
         for force in self.bent.dynamics.model.forces.iter().filter(|force| force.sink() == sink) {
-            sum += match rate {
-                0 => force.energy(&moving, factor, Some(g.slopes())),
-                _ => force.energy_by_time(&moving, factor, Some(g.slopes())),
-            };
+            sum += g.of_force(force, |by| match rate {
+                0 => force.energy(&moving, factor, Some(by)),
+                _ => force.energy_by_time(&moving, factor, Some(by)),
+            });
             for (key, by) in &mut g.keys {
                 let mut unused = vec![0.0; self.bent.state.q.len()];
                 *by += factor * force.add_by_parameter(key, &moving, &mut unused)[rate];
             }
         }
         sum
+    }
+
+    /// The flow along `along` at the centre of mass, or at node 0 of a held head, m/s; adds `factor` times its derivatives.
+    fn flow_of_body(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
+        let Bent { dynamics, state } = self.bent;
+        let (rod, fluid) = (&dynamics.model.rod, dynamics.inputs.fluid);
+        g.flow_at_centre += along * factor;
+        let Some(layers) = &dynamics.inputs.layers else { return fluid.flow.dot(&along) };
+        let held = dynamics.model.head.is_some();
+        let height = layers.height(centre_of(dynamics, state));
+        let here = layers.at(fluid, height);
+        let slope = layers.normal * (factor * here.slope.flow.dot(&along));
+        if held {
+            add(&mut g.q, 0, slope);
+        } else {
+            rod.mass.iter().enumerate().for_each(|(k, m)| add(&mut g.q, k, slope * (m / rod.total_mass())));
+        }
+        for (key, by) in &mut g.keys {
+            if let Some(property) = Property::of(key) {
+                *by += factor * layers.by_property(fluid, property, height).fluid.flow.dot(&along);
+            }
+        }
+        here.fluid.flow.dot(&along)
     }
 
     /// What the forces with that sink take, W; adds `factor` times its derivatives.
@@ -431,15 +488,16 @@ impl At<'_> {
         power
     }
 
-    /// Adds `factor` times the derivatives of −Σ F·u by the place that the flow u is taken at, F of the `chosen` forces as it is.
+    /// Adds `factor` times the derivatives of −Σ F·u by the flow u and by the place that it is taken at, F of the `chosen` forces
+    /// as it is.
     fn add_by_flow(&self, chosen: impl Fn(&dyn Force) -> bool, factor: f64, g: &mut Gradient) {
         let moving = self.bent.kinematics();
-        if moving.layers.is_none() {
-            return;
-        }
         for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
             force::visit_alone(force, &moving, |k, force| {
-                add(&mut g.q, k, moving.normal() * (-factor * force.dot(&moving.here(k).slope.flow)));
+                add(&mut g.flow, k, force * -factor);
+                if moving.layers.is_some() {
+                    add(&mut g.q, k, moving.normal() * (-factor * force.dot(&moving.here(k).slope.flow)));
+                }
             });
         }
     }
@@ -456,7 +514,9 @@ impl At<'_> {
         let mut power = 0.0;
         for force in self.bent.dynamics.model.forces.iter().filter(|force| chosen(*force)) {
             force::visit_alone(force, &moving, |k, force| power += force.dot(&w(k)));
-            force::add_slopes(force, &moving, 0..moving.edges.len(), |k| w(k) * factor, &mut g.slopes());
+            g.of_force(force, |mut by| {
+                force::add_slopes(force, &moving, 0..moving.edges.len(), |k| w(k) * factor, &mut by);
+            });
             for (key, by) in &mut g.keys {
                 let mut opposing = vec![0.0; self.bent.state.q.len()];
                 force.add_by_parameter(key, &moving, &mut opposing);
@@ -471,6 +531,7 @@ impl At<'_> {
     fn along_loads(&self, x: &[f64], factor: f64, g: &mut Gradient, by: impl Fn(&mut Gradient) -> &mut [f64]) -> f64 {
         let dynamics = self.bent.dynamics;
         let mut sum = 0.0;
+        g.force.iter_mut().zip(x).for_each(|(by, x)| *by += factor * x);
         for k in (0..dynamics.model.rod.nodes).filter(|_| dynamics.is_loaded()) {
             let load = dynamics.load(k);
             add(by(g), k, load * factor);
@@ -511,14 +572,20 @@ impl At<'_> {
         let moving = self.bent.kinematics();
         let on_head = |k: usize| if k == 0 { along * factor } else { Vector2::zeros() };
         for own in dynamics.model.forces.iter() {
-            force::add_slopes(own, &moving, 0..1, on_head, &mut g.slopes());
+            g.of_force(own, |mut by| force::add_slopes(own, &moving, 0..1, on_head, &mut by));
         }
         dynamics.model.forces.on_edges(&moving, None, 0..1, |_, on| force += on.force(0));
         for (key, by) in &mut g.keys {
             *by += factor * node(self.point.by_key(key), 0).dot(&along);
         }
+        add(&mut g.force, 0, along * -factor);
         force.dot(&along)
     }
+}
+
+/// Where the flow that a body swims in is taken: at the centre of mass, or at node 0 of a held head.
+pub(super) fn centre_of(dynamics: &Dynamics, state: &State) -> Vector2<f64> {
+    if dynamics.model.head.is_some() { node(&state.q, 0) } else { dynamics.model.rod.mean(&state.q) }
 }
 
 /// The unit vector of an axis.
@@ -561,6 +628,7 @@ impl Quantity {
                 }
                 rod.mean(&state.v)[i]
             }
+            Self::Flow(i) => at.flow_of_body(axis(i), factor, g),
             Self::HeadAxis(i) => {
                 let edge = &at.bent.edges()[0];
                 let turn = edge.n() * (factor * edge.per_length * edge.n()[i]);
@@ -621,28 +689,22 @@ impl Quantity {
             }
             Self::Fluid => at.stored(None, 0, factor, g),
             Self::LoadPower => at.along_loads(&state.v, factor, g, |g| &mut g.v) - at.power_to(Sink::Load, -factor, g),
-            Self::LoadPotential => {
-                at.along_loads(&state.q, factor, g, |g| &mut g.q) - at.stored(Some(Sink::Load), 0, -factor, g)
-            }
             Self::HeadForce(i) => {
                 let inertia = dynamics.held.map_or(0.0, |pose| rod.mass[0] * pose[i].acceleration);
                 -inertia - at.push(axis(i), -factor, g)
             }
-            Self::HeadMoment => {
-                let (moment, joint) = (at.moment(0), at.bent.joint(0));
-                let s = bend::curvature_per_turning(at.bent.kappa()[0]);
-                at.point.scatter(0, factor * joint.stiffness / s, &mut g.q);
-                g.stiffness[0] += factor * s * moment[1];
-                g.natural[0] -= factor * s * rod.joint[0];
-                joint.couple
-            }
+            Self::HeadMoment => Self::JointMoment(0).add(at, factor, g),
             Self::Push(sink, i) => {
                 let chosen = |force: &dyn Force| force.sink() == sink;
                 -at.power_along(chosen, |_| axis(i), -factor, g)
             }
             Self::JointMoment(k) => {
-                at.add_moment(k, factor, g);
-                at.moment(k)[0]
+                let (moment, joint) = (at.moment(k), at.bent.joint(k));
+                let s = bend::curvature_per_turning(at.bent.kappa()[k]);
+                at.point.scatter(k, factor * joint.stiffness / s, &mut g.q);
+                g.stiffness[k] += factor * s * moment[1];
+                g.natural[k] -= factor * s * rod.joint[k];
+                joint.couple
             }
             Self::JointStrain(k) => {
                 let per = rod.sections.at(rod.xi(k)).outer / (rod.joint_part(k) * rod.spacing);
@@ -662,8 +724,7 @@ impl Quantity {
                 let moving = at.bent.kinematics();
                 let mut momentum = 0.0;
                 for force in dynamics.model.forces.iter().filter(|force| force.sink().is_none()) {
-                    let own = force.momentum(&moving, axis(i), factor, Some(g.slopes()));
-                    momentum += own;
+                    momentum += g.of_force(force, |by| force.momentum(&moving, axis(i), factor, Some(by)));
                     for (key, by) in &mut g.keys {
                         // Linear in the density, and in nothing else.
                         *by += factor * force.momentum_by_parameter(key, &moving, axis(i));
@@ -694,6 +755,22 @@ impl Work {
             Self::Spray => half * Quantity::SprayPower.add(at, half * factor, g),
             Self::Other => half * Quantity::OtherPower.add(at, half * factor, g),
             Self::Flow => half * Quantity::FlowPower.add(at, half * factor, g),
+            Self::Load => {
+                // The mean of the forces at both ends, along the way between them.
+                let (q, sign) = (&at.bent.state.q, if end { 1.0 } else { -1.0 });
+                let mut work = at.along_loads(q, sign * factor, g, |g| &mut g.q);
+                work -= at.stored(Some(Sink::Load), 0, -sign * factor, g);
+                for (((by, beyond), to), (q, change)) in
+                    g.force.iter_mut().zip(&mut g.force_beyond).zip(&mut g.q).zip(q.iter().zip(&span.force))
+                {
+                    let half = 0.5 * sign * factor * q;
+                    *by -= half;
+                    *beyond += half;
+                    *to -= 0.5 * factor * change;
+                    work -= 0.5 * sign * q * change;
+                }
+                sign * work
+            }
             Self::Actuation => {
                 let mut work = 0.0;
                 for k in rod.joints() {

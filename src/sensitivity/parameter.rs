@@ -174,7 +174,7 @@ pub(super) fn direct(
         sum += gradient.stiffness[k] * effect.stiffness
             + gradient.natural[k] * effect.natural(shape, k)
             + gradient.natural_rate[k] * effect.rate(shape, k);
-        if let Some(([from, to], parameter, at)) = step.filter(|_| effect.bends()) {
+        if let Some(([from, to], parameter, at)) = step.filter(|_| effect.stiffness == 0.0) {
             let rod = &at.bent.dynamics.model.rod;
             let change = parameter.effect(rod, to).natural(to, k) - parameter.effect(rod, from).natural(from, k);
             sum += gradient.natural_step[k] * change;

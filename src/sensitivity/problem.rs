@@ -1,6 +1,7 @@
 //! A scene whose simulation can be differentiated.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::controls::Controls;
 use super::forward::Sensitivities;
@@ -31,6 +32,8 @@ pub struct Problem {
     pub(super) controls: Arc<Controls>,
     /// First positions and velocities, where they are not those of the scene's start.
     pub(super) start: Option<[Vec<f64>; 2]>,
+    /// Raised to end what it computes.
+    interrupted: Arc<AtomicBool>,
 }
 
 /// The times of a simulation.
@@ -65,8 +68,8 @@ impl Problem {
     /// The problem of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene whose steps are adaptive, whose method has several stages, or
-    /// that is solved in the chain form.
+    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene whose steps are adaptive, whose method has several stages, that
+    /// is solved in the chain form, or that names a cheaper model than the whole one.
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::of_model(scene, scene.model()?)
     }
@@ -93,8 +96,18 @@ impl Problem {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
         let Pace::Fixed(length) = scene.pace() else {
-            return refuse("solver.tolerance", "derivatives need fixed steps; allowed: solver.time_step_s");
+            let step = 0.5 * scene.typical_step();
+            let problem =
+                format!("derivatives need fixed steps; allowed: solver.time_step_s, as {step:e}, in its place");
+            return refuse("solver.tolerance", &problem);
         };
+        if scene.names_a_cheaper_model() {
+            let problem = format!(
+                "found {:?}; derivatives and designs are of the whole model; allowed: \"full\", or \"auto\", in whose place it is taken",
+                scene.solver.model
+            );
+            return refuse("solver.model", &problem);
+        }
         let integrator = scene.integrator()?;
         if integrator.rule(length).is_none() {
             let allowed = "derivatives need a method of one stage; allowed: implicit-euler, newmark, generalized-alpha";
@@ -117,6 +130,7 @@ impl Problem {
             steps: Steps { whole: whole as usize, length, last },
             controls: Arc::default(),
             start: None,
+            interrupted: Arc::default(),
         })
     }
 
@@ -240,6 +254,17 @@ impl Problem {
         std::iter::once((&mut self.dynamics, self.actuation.as_deref())).chain(moved)
     }
 
+    /// A flag that another thread raises to end a simulation, or the way back over it, at the next step: with [`Error::Interrupted`].
+    pub fn interrupt(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.interrupted)
+    }
+
+    /// Looks at that flag.
+    pub(super) fn go_on(&self) -> impl Fn() -> Result<()> + use<> {
+        let flag = self.interrupt();
+        move || if flag.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
+    }
+
     /// Times, the start's first, s.
     pub fn times(&self) -> Vec<f64> {
         (0..=self.steps.count()).map(|n| self.steps.time(n)).collect()
@@ -256,7 +281,7 @@ impl Problem {
         &mut self,
         mut look: impl FnMut(&mut Dynamics, usize, &State, f64) -> Result<()>,
     ) -> Result<()> {
-        let steps = self.steps;
+        let (steps, go_on) = (self.steps, self.go_on());
         let dynamics = &mut self.dynamics;
         let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
         self.controls.apply(dynamics, 0);
@@ -271,6 +296,7 @@ impl Problem {
         let mut next = state.clone();
         look(dynamics, 0, &state, 0.0)?;
         for n in 1..=steps.count() {
+            go_on()?;
             let h = steps.length(n);
             next.t = steps.time(n);
             self.controls.apply(dynamics, n);

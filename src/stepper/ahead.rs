@@ -64,13 +64,16 @@ impl Stepper {
     pub(crate) fn set_out_ahead(&mut self) -> Option<Ahead> {
         let Pace::Fixed(h) = self.pace else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
-        let told = self.kick.due || self.steered || self.ahead.is_some() || self.dynamics.course.is_some();
+        let told =
+            self.now.unsettled || self.now.steered || self.now.waiting.is_some() || self.dynamics.course.is_some();
         let fluid = |fluid: &Fluid| [fluid.viscosity, fluid.density];
         let hosts = inputs.head.is_some() || inputs.force.is_some() || fluid(&inputs.fluid) != fluid(&scenes);
-        if told || hosts || self.state.t != self.clock.at(0, h) {
+        let t = self.now.state.t;
+        if told || hosts || t != self.now.clock.at(0, h) || self.dynamics.head_jumps_at(t) {
             return None;
         }
-        let (end, rule) = (self.clock.at(1, h), self.mover.rule(h)?);
+        let (end, rule) = (self.now.clock.at(1, h), self.mover.rule(h)?);
+        self.dynamics.step_end = Some(end);
         self.next.t = end;
         self.dynamics.move_to(end, &mut self.next);
         let keeps_lengths = self.dynamics.keeps_lengths(rule.direction());
@@ -80,7 +83,7 @@ impl Stepper {
     /// The state that it has set out from and the one that it goes to, of which only what the time says is known, and Newton's method
     /// before its first iteration.
     pub(crate) fn under_way(&self) -> ([&State; 2], Progress) {
-        ([&self.state, &self.next], self.newton.progress(&self.dynamics))
+        ([&self.now.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
     /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes; it is `checked` that it went
@@ -113,9 +116,9 @@ impl Stepper {
         let Ahead { rule, iterations, checked, measured, .. } =
             self.solved.take().filter(|solved| solved.end == end && solved.h == h)?;
         if !checked {
-            self.dynamics.check_step(&self.state, &self.next).ok()?;
+            self.dynamics.check_step(&self.now.state, &self.next).ok()?;
         }
-        rule.remember(&self.state, &mut self.next);
+        rule.remember(&self.now.state, &mut self.next);
         self.newton.work.newton_iterations += u64::from(iterations);
         self.newton.work.factorisations += u64::from(iterations);
         self.measured = measured;

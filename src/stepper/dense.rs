@@ -38,9 +38,9 @@ impl Dense {
 impl Stepper {
     /// Reads the middle of the step from the state to the next, into the room of [`Dense`].
     pub(super) fn middle(&mut self) -> Result<()> {
-        let (from, to) = (&self.state, &self.next);
+        let (from, to) = (&self.now.state, &self.next);
         let t = 0.5 * (from.t + to.t);
-        let dense = self.dense.get_or_insert_with(|| Dense::new(from, &self.meter));
+        let dense = self.dense.get_or_insert_with(|| Dense::new(from, &self.now.meter));
         self.mover.between(&mut self.dynamics, from, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
         dense.meter.now.take(&mut self.dynamics, &dense.state)?;
@@ -53,43 +53,45 @@ impl Stepper {
     /// # Errors
     /// [`Error::OutsideStep`], also where an input was set or a snapshot restored since that step; errors of the reading.
     pub fn at<T>(&mut self, t: f64, look: impl FnOnce(&View<'_>) -> T) -> Result<T> {
-        if t == self.state.t {
+        if t == self.now.state.t || t == self.time() {
             return Ok(look(&self.view()));
         }
-        let outside = |from| Err(Error::OutsideStep { time_s: t, within: [from, self.state.t] });
-        let Some(totals) = self.before else { return outside(self.state.t) };
+        let outside = |from| Err(Error::OutsideStep { time_s: t, within: [from, self.now.state.t] });
+        let Some(totals) = self.before else { return outside(self.now.state.t) };
         let from = &self.next;
-        if !(from.t..self.state.t).contains(&t) {
+        if !(from.t..self.now.state.t).contains(&t) {
             return outside(from.t);
         }
-        let dense = self.dense.get_or_insert_with(|| Dense::new(&self.state, &self.meter));
+        let dense = self.dense.get_or_insert_with(|| Dense::new(&self.now.state, &self.now.meter));
         let Dense { state, meter, between } = dense;
         let placed = if self.mover.knows_between() {
             self.mover.between(&mut self.dynamics, from, t, state);
             self.dynamics.move_to(t, state);
             Ok(())
         } else {
-            between.write(&mut self.dynamics, [from, &self.state], t, state)
+            between.write(&mut self.dynamics, [from, &self.now.state], t, state)
         };
         let reading = placed.and_then(|()| meter.now.take(&mut self.dynamics, state));
         let outcome = reading.map(|()| {
-            let (last, ends) = (&self.meter, [&self.reading, &self.meter.now]);
+            let (last, ends) = (&self.now.meter, [&self.reading, &self.now.meter.now]);
             meter.totals = totals.until(&last.totals, ends, &meter.now);
             // What steps have lost is known at their ends; in between it is on the line.
-            let part = (t - from.t) / (self.state.t - from.t);
+            let part = (t - from.t) / (self.now.state.t - from.t);
             let before = totals.work.net() - (self.reading.energy.total() - last.first_energy);
             let defect = before + part * (last.numerical_dissipation() - before);
             meter.first_energy = defect - meter.totals.work.net() + meter.now.energy.total();
             look(&View {
+                time: t,
                 dynamics: &self.dynamics,
+                inputs: &self.dynamics.inputs,
                 state,
                 meter,
-                cycles: &self.cycles,
+                cycles: &self.now.cycles,
                 work: self.newton.work,
-                time_step: self.time_step,
+                time_step: self.now.time_step,
             })
         });
-        self.dynamics.move_to(self.state.t, &mut self.state);
+        self.dynamics.move_to(self.now.state.t, &mut self.now.state);
         outcome
     }
 }

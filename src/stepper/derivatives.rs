@@ -4,25 +4,31 @@
 //! [`get`](Stepper::get) returns right after [`set`](Stepper::set): positions and velocities stay, moments, energies, powers and
 //! the reaction of a held head follow at once. They are exact: every reading is differentiated by hand, along the same
 //! derivatives of drag, bending and stretching that Newton's matrix is made of. The rate of a reading follows the
-//! motion; only what depends on time alone (κ̄, the head's pose) is differenced once more.
+//! motion; only the head's pose, and what inputs bring that change by a rate, are differenced once more.
 
 use nalgebra::Vector2;
 
 use super::Stepper;
 use crate::error::Result;
 use crate::fluid::force::{self, Slopes};
-use crate::fluid::medium::{BEYOND, Property};
-use crate::fluid::{DENSITY, Fluid, Key, Layers, Sink, VISCOSITY};
+use crate::fluid::medium::{Property, by_key};
+use crate::fluid::{Fluid, Layers, Sink};
 use crate::metrics::{Energy, Meter, Momentum, Power, Push, Reading, Totals};
-use crate::model::{Bent, Dynamics, Inputs};
+use crate::model::{Bent, Dynamics, Inputs, Mechanics};
 use crate::newton::Work;
 use crate::rod::bend;
 use crate::rod::node;
 use crate::system::{State, System};
 use crate::variable::{Variable, View};
 
-/// Functions of time are differenced over this part of an internal step to either side: they change little in a step.
+/// The motion of a head is differenced over this part of an internal step to either side: it changes little in a step.
 const DIFFERENCE: f64 = 1e-3;
+
+/// The longest internal step (s) that this is taken of.
+const LONGEST: f64 = 0.1;
+
+/// What inputs bring that change by a rate is differenced over this part of densities, speeds and thicknesses.
+const BROUGHT: f64 = 1e-4;
 
 /// The first change of a state and of what is read from it along some direction.
 #[derive(Debug)]
@@ -36,6 +42,8 @@ pub(super) struct Tangent {
     layers: Option<Layers>,
     /// Change of what a force opposes the motion with.
     opposing: Vec<f64>,
+    /// The same of all forces, less the change of loads.
+    applied: Vec<f64>,
     /// Change of the head's angle and of its spin.
     angle: [f64; 2],
     /// The inputs' change.
@@ -62,6 +70,7 @@ impl Tangent {
             fluid: Fluid::NONE,
             layers: None,
             opposing: zeros(),
+            applied: zeros(),
             angle: [0.0; 2],
             inputs: Inputs::none(&dynamics.model),
         }
@@ -88,18 +97,29 @@ impl Tangent {
             self.force.copy_from_slice(force);
         }
         (self.fluid, self.layers) = (self.inputs.fluid, self.inputs.layers);
+        if dynamics.mechanics == Mechanics::Shape {
+            // The shape follows with the next step.
+            self.natural.fill(0.0);
+            self.meter.totals.work = Power::default();
+            return;
+        }
         // The work of a change of κ̄ at once.
         let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]);
         let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
         self.meter.totals.work = Power { actuation, ..Power::default() };
     }
 
-    /// Fills the change of the reading from the changes of everything that it is read from.
-    fn read(&mut self, bent: &Bent<'_>, by_time: bool) {
+    /// Fills the change of the `reading` from the changes of everything that it is read from.
+    fn read(&mut self, bent: &Bent<'_>, reading: &Reading, by_time: bool) {
         let Bent { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
-        let Self { state: d, meter, natural, natural_rate, force, fluid, layers, opposing, angle, .. } = self;
+        let Self { state: d, meter, natural, natural_rate, force, fluid, layers, opposing, applied, angle, .. } = self;
+        // Of a rod that takes its natural curvature the moments follow from balance, further down.
+        let shape = dynamics.mechanics == Mechanics::Shape;
+        for (applied, force) in applied.iter_mut().zip(&*force) {
+            *applied = -force;
+        }
         let now = &mut meter.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
         (now.push, now.momentum) = (Push::default(), Momentum::default());
@@ -119,6 +139,10 @@ impl Tangent {
             if rod.joints().contains(&e) {
                 let turning = turned - before;
                 now.kappa[e] = bend::curvature_per_turning(kappa[e]) * turning;
+                if shape {
+                    before = turned;
+                    continue;
+                }
                 let moment = rod.joint[e] * (kappa[e] - dynamics.natural[e]);
                 now.moment[e] = rod.joint[e] * (now.kappa[e] - natural[e]);
                 energy.bending += moment * (now.kappa[e] - natural[e]);
@@ -137,7 +161,7 @@ impl Tangent {
             opposing.fill(0.0);
             force::add_change(own, &moving, [&d.q, &d.v, &d.a], fluid.flow, opposing);
             let mut stored = [0.0; 2];
-            for (key, change) in media(fluid, layers.as_ref()) {
+            for (key, change) in by_key(fluid, layers.as_ref()) {
                 if change != 0.0 {
                     let mut by = vec![0.0; opposing.len()];
                     let of_energy = own.add_by_parameter(key, &moving, &mut by);
@@ -155,7 +179,7 @@ impl Tangent {
                         by.unwrap_or_default() * change
                     };
                     let by_place = moving.here(k).slope.flow * moving.normal().dot(&node(&d.q, k));
-                    fluid.flow + by_place + media(fluid, layers.as_ref()).map(by).sum::<Vector2<f64>>()
+                    fluid.flow + by_place + by_key(fluid, layers.as_ref()).map(by).sum::<Vector2<f64>>()
                 }
             };
             let flow = |k: usize| if own.is_of_fluid() { moving.flow(k) } else { Vector2::zeros() };
@@ -173,6 +197,7 @@ impl Tangent {
                 power.flow -= change.dot(&flow(k));
             }
             on_head[1] += node(opposing, 0);
+            applied.iter_mut().zip(&*opposing).for_each(|(sum, own)| *sum += own);
             *now.push.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
             match own.sink() {
                 Some(Sink::Drag) => power.viscous += taken,
@@ -195,7 +220,7 @@ impl Tangent {
                         own.momentum(&moving, axis, 1.0, Some(Slopes { q, v, a }));
                         *change += along(q, &d.q) + along(v, &d.v);
                         *change -= (0..rod.nodes).map(|k| node(v, k).dot(&drift(k))).sum::<f64>();
-                        for (key, by) in media(fluid, layers.as_ref()).filter(|(_, by)| *by != 0.0) {
+                        for (key, by) in by_key(fluid, layers.as_ref()).filter(|(_, by)| *by != 0.0) {
                             *change += own.momentum_by_parameter(key, &moving, axis) * by;
                         }
                     }
@@ -215,6 +240,36 @@ impl Tangent {
             power.load +=
                 (0..rod.nodes).map(|k| node(buoyancy, k).dot(&node(&state.v, k))).sum::<f64>() * fluid.density;
             on_head[1] -= node(buoyancy, 0) * fluid.density;
+            applied.iter_mut().zip(buoyancy).for_each(|(sum, own)| *sum -= own * fluid.density);
+        }
+        if shape {
+            // The change of Dynamics::balance: m_k dκ_k/dθ_k = −Σ (x_j − x_k) × (M a_j − F_j).
+            dynamics.write_applied(&moving, opposing);
+            let (mut held, mut held_change, mut turning) = (Vector2::zeros(), Vector2::zeros(), 0.0);
+            for k in (0..rod.nodes).rev() {
+                if k + 1 < rod.nodes {
+                    let ahead = |values: &[f64]| node(values, k + 1) - node(values, k);
+                    turning += ahead(&state.q).perp(&held_change) + ahead(&d.q).perp(&held);
+                }
+                if rod.joints().contains(&k) {
+                    let more = reading.moment[k] * 0.5 * kappa[k] * now.kappa[k];
+                    now.moment[k] = -(turning + more) / bend::curvature_per_turning(kappa[k]);
+                    power.actuation -= now.moment[k] * dynamics.natural_rate[k] + reading.moment[k] * natural_rate[k];
+                }
+                held += node(&state.a, k) * rod.mass[k] + node(opposing, k);
+                held_change += node(&d.a, k) * rod.mass[k] + node(applied, k);
+            }
+            if let Some([x, y, pitch]) = &dynamics.held {
+                let s = bend::curvature_per_turning(kappa[0]);
+                now.head_force = -held_change;
+                now.push.head = held_change;
+                now.head_moment = now.moment[0] * s + reading.moment[0] * 0.5 * kappa[0] * now.kappa[0];
+                power.head = held_change.dot(&Vector2::new(x.rate, y.rate))
+                    - reading.head_force.dot(&node(&d.v, 0))
+                    - now.head_moment * pitch.rate
+                    - reading.moment[0] * s * angle[1];
+            }
+            return;
         }
         if let Some([x, y, pitch]) = &dynamics.held {
             let couple = |k: usize, kappa_change: f64| {
@@ -245,15 +300,6 @@ impl Tangent {
     }
 }
 
-/// The changes of viscosities, densities and offsets, by their keys.
-fn media<'a>(fluid: &Fluid, layers: Option<&'a Layers>) -> impl Iterator<Item = (Key, f64)> + use<'a> {
-    let beyond =
-        layers.into_iter().flat_map(Layers::iter).zip(BEYOND).flat_map(|(layer, [viscosity, density, offset])| {
-            [(viscosity, layer.fluid.viscosity), (density, layer.fluid.density), (offset, layer.offset)]
-        });
-    [(VISCOSITY, fluid.viscosity), (DENSITY, fluid.density)].into_iter().chain(beyond)
-}
-
 /// The first change of everything that is read, along some direction.
 #[derive(Debug, Clone, Copy)]
 pub struct Change<'a> {
@@ -262,43 +308,68 @@ pub struct Change<'a> {
 }
 
 impl Change<'_> {
-    /// The change of `variable`, an output, at node `k` of its [`entries`](Variable::entries).
+    /// The change of `variable` at node `k` of its [`entries`](Variable::entries).
     pub fn of(&self, variable: &Variable, k: usize) -> f64 {
         variable.change(&self.now, &self.change, k)
     }
 }
 
 impl Stepper {
-    /// d/dt of every output now.
+    /// d/dt of every variable now.
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`].
     pub fn rates(&mut self) -> Result<Change<'_>> {
-        let (t, mut tangent) = (self.state.t, self.take_tangent());
+        self.rates_of(true)
+    }
+
+    /// ∂/∂t of every variable in the state that it is in now: of what follows the time at once.
+    ///
+    /// # Errors
+    /// Those of [`Dynamics::shape`].
+    pub fn explicit_rates(&mut self) -> Result<Change<'_>> {
+        self.rates_of(false)
+    }
+
+    fn rates_of(&mut self, moving: bool) -> Result<Change<'_>> {
+        let (t, mut tangent) = (self.now.state.t, self.take_tangent());
         let d = &mut tangent.state;
         d.t = 1.0;
-        d.q.copy_from_slice(&self.state.v);
-        d.v.copy_from_slice(&self.state.a);
-        // What depends on time alone: κ̄', its rate, and the head's third derivative.
-        let half = DIFFERENCE * self.time_step;
+        if moving {
+            d.q.copy_from_slice(&self.now.state.v);
+            d.v.copy_from_slice(&self.now.state.a);
+        }
+        // What depends on time alone: κ̄' and its rate, and the head's third derivative.
+        let longest = self.dynamics.longest_step(t);
+        let half = DIFFERENCE * self.now.time_step.min(longest).min(LONGEST);
         let accelerations = |dynamics: &Dynamics| dynamics.held.map(|pose| pose.map(|sample| sample.acceleration));
-        self.dynamics.look_at(t + half);
-        let later = accelerations(&self.dynamics);
-        tangent.natural_rate.copy_from_slice(&self.dynamics.natural_rate);
-        self.dynamics.look_at(t - half);
-        let sooner = accelerations(&self.dynamics);
-        tangent
-            .natural_rate
-            .iter_mut()
-            .zip(&self.dynamics.natural_rate)
-            .for_each(|(r, s)| *r = (*r - s) / (2.0 * half));
-        self.dynamics.move_to(t, &mut self.state);
+        let [later, sooner] = [t + half, t - half].map(|t| {
+            self.dynamics.look_at(t);
+            accelerations(&self.dynamics)
+        });
+        self.dynamics.move_to(t, &mut self.now.state);
+        self.dynamics.natural_acceleration(t, &mut tangent.natural_rate);
         tangent.natural.copy_from_slice(&self.dynamics.natural_rate);
         if let (Some(later), Some(sooner), Some([.., angle])) = (later, sooner, self.dynamics.held) {
-            for i in 0..2 {
+            let shape = moving && self.dynamics.mechanics == Mechanics::Shape;
+            for i in 0..if shape { 0 } else { 2 } {
                 d.a[i] = (later[i] - sooner[i]) / (2.0 * half);
             }
             tangent.angle = [angle.rate, angle.acceleration];
+        }
+        if moving && self.dynamics.mechanics == Mechanics::Shape {
+            // Moments follow from accelerations there, which follow from the shape.
+            for sign in [1.0, -1.0] {
+                let (mut there, tau) = (self.now.state.clone(), sign * half);
+                there.t = t + tau;
+                for (q, (v, a)) in there.q.iter_mut().zip(self.now.state.v.iter().zip(&self.now.state.a)) {
+                    *q += tau * (v + 0.5 * tau * a);
+                }
+                there.v.iter_mut().zip(&self.now.state.a).for_each(|(v, a)| *v += tau * a);
+                self.mover.settle(&mut self.dynamics, &mut self.newton, &mut there)?;
+                tangent.state.a.iter_mut().zip(&there.a).for_each(|(rate, a)| *rate += a / (2.0 * tau));
+            }
+            self.dynamics.move_to(t, &mut self.now.state);
         }
         if let Some(course) = &self.dynamics.course {
             let rate = course.rate();
@@ -306,16 +377,40 @@ impl Stepper {
                 tangent.force.copy_from_slice(force);
             }
             (tangent.fluid, tangent.layers) = (rate.fluid, rate.layers);
+            tangent.inputs.clone_from(rate);
         }
         tangent.fluid.flow = self.dynamics.inputs.fluid.acceleration;
-        tangent.read(&self.dynamics.shape(&self.state)?, true);
-        let now = &self.meter.now;
-        tangent.meter.totals.work = now.power;
-        tangent.meter.totals.impulse = now.push;
+        tangent.inputs.fluid.flow = tangent.fluid.flow;
+        tangent.read(&self.dynamics.shape(&self.now.state)?, &self.now.meter.now, true);
+        if self.dynamics.course.is_some() && self.dynamics.model.forces.are_inertial() {
+            let [later, sooner] = [self.brought_after(half)?, self.brought_after(-half)?];
+            tangent.meter.now.power.flow += (later.0 - sooner.0) / (2.0 * half);
+            tangent.meter.now.push.flow += (later.1 - sooner.1) / (2.0 * half);
+            self.dynamics.move_to(t, &mut self.now.state);
+        }
+        let now = &self.now.meter.now;
+        if moving {
+            tangent.meter.totals.work = now.power;
+            tangent.meter.totals.impulse = now.push;
+        }
         let aside = now.com.y * tangent.meter.now.com.y;
-        let at_most = now.com.y.abs() >= self.meter.totals.max_lateral;
+        let at_most = now.com.y.abs() >= self.now.meter.totals.max_lateral;
         tangent.meter.totals.max_lateral = if at_most && aside > 0.0 { tangent.meter.now.com.y.abs() } else { 0.0 };
         Ok(self.put_tangent(tangent))
+    }
+
+    /// What inputs that change by a rate bring with them, see `Dynamics::brought`, `h` (s) from now.
+    fn brought_after(&mut self, h: f64) -> Result<(f64, Vector2<f64>)> {
+        let mut state = self.now.state.clone();
+        for i in 0..state.q.len() {
+            state.q[i] += h * (state.v[i] + 0.5 * h * state.a[i]);
+            state.v[i] += h * state.a[i];
+        }
+        state.links.clear();
+        self.dynamics.move_to(self.now.state.t + h, &mut state);
+        let mut room = vec![0.0; state.q.len()];
+        let bent = self.dynamics.shape(&state)?;
+        Ok(bent.dynamics.brought(&bent.kinematics(), &mut room))
     }
 
     /// The change of every output at once when the inputs change: `seed` writes the change of each input, by
@@ -326,13 +421,56 @@ impl Stepper {
     pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>)) -> Result<Change<'_>> {
         let mut tangent = self.take_tangent();
         seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs });
-        let bent = self.dynamics.shape(&self.state)?;
+        let bent = self.dynamics.shape(&self.now.state)?;
         tangent.follow_inputs(&bent);
         tangent.meter.totals.max_lateral = 0.0;
-        tangent.read(&bent, false);
+        tangent.read(&bent, &self.now.meter.now, false);
+        let (power, force) = self.brought_change(&tangent.inputs)?;
+        tangent.meter.now.power.flow += power;
+        tangent.meter.now.push.flow += force;
         tangent.meter.totals.work.flow = tangent.meter.now.energy.fluid;
         tangent.meter.totals.impulse = Push { flow: tangent.meter.now.momentum.fluid, ..Push::default() };
         Ok(self.put_tangent(tangent))
+    }
+
+    /// The change of what inputs that go on by a rate bring with them, see `Dynamics::brought`, when the inputs change by `change` and
+    /// their rates do not. It is linear in densities and quadratic in the flow, so that central differences are exact there.
+    fn brought_change(&mut self, change: &Inputs) -> Result<(f64, Vector2<f64>)> {
+        let nothing = (0.0, Vector2::zeros());
+        let Inputs { fluid, layers, .. } = &self.dynamics.inputs;
+        if self.dynamics.course.is_none() || !self.dynamics.model.forces.are_inertial() {
+            return Ok(nothing);
+        }
+        let length = self.dynamics.length();
+        let of_fluid = |now: &Fluid, by: &Fluid| {
+            (by.density / now.density.max(1.0)).abs().max(by.flow.amax() / now.flow.amax().max(length))
+        };
+        let mut size = of_fluid(fluid, &change.fluid);
+        for (now, by) in layers.iter().flat_map(Layers::iter).zip(change.layers.iter().flat_map(Layers::iter)) {
+            let reach = if now.thickness > 0.0 { now.thickness } else { length };
+            size = size.max(of_fluid(&now.fluid, &by.fluid)).max((by.offset / reach).abs());
+        }
+        if size == 0.0 {
+            return Ok(nothing);
+        }
+        let step = BROUGHT / size;
+        let kept = (*fluid, *layers);
+        let mut at = |step: f64| {
+            let Inputs { fluid, layers, .. } = &mut self.dynamics.inputs;
+            fluid.add(&change.fluid, step);
+            if let (Some(to), Some(by)) = (layers, &change.layers) {
+                to.add(by, step);
+            }
+            let brought = self.dynamics.shape(&self.now.state).map(|bent| {
+                let mut room = vec![0.0; bent.state.q.len()];
+                bent.dynamics.brought(&bent.kinematics(), &mut room)
+            });
+            (self.dynamics.inputs.fluid, self.dynamics.inputs.layers) = kept;
+            brought
+        };
+        let [more, less] = [at(step)?, at(-step)?];
+        self.dynamics.shape(&self.now.state)?;
+        Ok(((more.0 - less.0) / (2.0 * step), (more.1 - less.1) / (2.0 * step)))
     }
 
     fn take_tangent(&mut self) -> Box<Tangent> {
@@ -342,16 +480,27 @@ impl Stepper {
     }
 
     fn put_tangent(&mut self, tangent: Box<Tangent>) -> Change<'_> {
+        let time = self.time();
         let tangent = &**self.tangent.insert(tangent);
         let now = View {
+            time,
             dynamics: &self.dynamics,
-            state: &self.state,
-            meter: &self.meter,
-            cycles: &self.cycles,
+            inputs: &self.dynamics.inputs,
+            state: &self.now.state,
+            meter: &self.now.meter,
+            cycles: &self.now.cycles,
             work: self.newton.work,
-            time_step: self.time_step,
+            time_step: self.now.time_step,
         };
-        Change { now, change: View { state: &tangent.state, meter: &tangent.meter, work: Work::default(), ..now } }
+        let change = View {
+            time: tangent.state.t,
+            inputs: &tangent.inputs,
+            state: &tangent.state,
+            meter: &tangent.meter,
+            work: Work::default(),
+            ..now
+        };
+        Change { now, change }
     }
 }
 
@@ -369,7 +518,7 @@ impl Seed<'_> {
             return; // the head goes on as it moves now
         }
         std::mem::swap(&mut self.dynamics.inputs, self.change);
-        variable.write(self.dynamics, 0.0, values);
+        variable.write(self.dynamics, 0.0, 0, values);
         std::mem::swap(&mut self.dynamics.inputs, self.change);
     }
 }

@@ -6,26 +6,36 @@ use crate::scene::Scene;
 use crate::system::Form;
 
 impl Stepper {
+    /// True if [`retune`](Self::retune) can be: not in the chain form, whose state has moments, not curvatures.
+    pub fn can_be_retuned(&self) -> bool {
+        self.form() != Form::Chain
+    }
+
     /// Goes on as `scene`, whose tunable parameters alone differ from this one's
     /// ([`Parameter::is_tunable`](crate::scene::parameter::Parameter::is_tunable)): state, inputs and totals stay, accelerations
     /// follow with the next step. The energy that a stiffness gives or takes at once is no defect of the balance.
     ///
     /// # Errors
-    /// Those of the scene; [`Error::Fmu`] in the chain form, whose state has moments, not curvatures; nothing is changed then.
+    /// Those of the scene; [`Error::Scene`] where anything else differs; [`Error::Fmu`] in the chain form. Nothing is changed then.
     pub fn retune(&mut self, scene: &Scene) -> Result<()> {
-        if self.form() == Form::Chain {
+        if !self.can_be_retuned() {
             let problem = "parameters are fixed in the chain form; allowed: with solver.form = \"positions\"";
             return Err(Error::Fmu(problem.to_string()));
         }
-        let mut other = Self::of(scene)?;
+        if let Some(key) = self.made_from.as_ref().and_then(|own| own.differs_beyond_tuning(scene)) {
+            let problem = "differs from the stepper's scene; allowed between steps: other values of rod.youngs_modulus_pa, of the \
+                 numbers of [drag] and of reactive.shedding (a scene that differs otherwise needs a stepper of its own)";
+            return Err(scene.error(&key, problem.to_string()));
+        }
+        let mut other = Self::in_form(scene, Some(self.form()))?;
         let mut now = self.save();
         now.scene = other.scene;
         other.restore(&now)?;
-        other.reading.take(&mut other.dynamics, &other.state)?;
-        let before = other.meter.now.energy.total();
-        std::mem::swap(&mut other.meter.now, &mut other.reading);
-        other.meter.first_energy += other.meter.now.energy.total() - before;
-        other.kick.due = true;
+        other.reading.take(&mut other.dynamics, &other.now.state)?;
+        let before = other.now.meter.now.energy.total();
+        std::mem::swap(&mut other.now.meter.now, &mut other.reading);
+        other.now.meter.first_energy += other.now.meter.now.energy.total() - before;
+        other.now.unsettled = true;
         *self = other;
         Ok(())
     }

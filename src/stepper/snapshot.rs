@@ -4,12 +4,10 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
-use super::{Clock, Stepper};
-use crate::cycle::Cycles;
+use super::Stepper;
+use super::moment::Moment;
 use crate::error::{Error, Result};
-use crate::metrics::Meter;
-use crate::model::{Course, Inputs};
-use crate::newton::Work;
+use crate::model::Inputs;
 use crate::system::{State, System};
 
 /// Begins every serialised snapshot.
@@ -21,17 +19,7 @@ const MAGIC: [u8; 8] = *b"caudal\x00\x01";
 pub struct Snapshot {
     /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint); 0 of a stepper that was made without one.
     pub(super) scene: u128,
-    clock: Clock,
-    time_step: f64,
-    ahead: Option<f64>,
-    state: State,
-    kicked: bool,
-    gust: [f64; 2],
-    inputs: Inputs,
-    course: Option<Box<Course>>,
-    meter: Meter,
-    cycles: Cycles,
-    work: Work,
+    moment: Moment,
 }
 
 /// What is wrong with a snapshot of another scene.
@@ -74,7 +62,8 @@ impl Label {
 impl Snapshot {
     /// Time, s.
     pub fn time(&self) -> f64 {
-        self.ahead.unwrap_or(self.state.t)
+        let now = &self.moment.now;
+        now.waiting.unwrap_or(now.state.t)
     }
 
     /// Its bytes, which a stepper of the same scene in any process of this version takes over.
@@ -99,20 +88,7 @@ impl Snapshot {
 impl Stepper {
     /// A copy of everything that changes.
     pub fn save(&self) -> Snapshot {
-        Snapshot {
-            scene: self.scene,
-            clock: self.clock,
-            time_step: self.time_step,
-            ahead: self.ahead,
-            state: self.state.clone(),
-            kicked: self.kick.due,
-            gust: self.kick.gust.into(),
-            inputs: self.dynamics.inputs.clone(),
-            course: self.dynamics.course.clone(),
-            meter: self.meter.clone(),
-            cycles: self.cycles,
-            work: self.newton.work,
-        }
+        Snapshot { scene: self.scene, moment: self.moment() }
     }
 
     /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
@@ -124,22 +100,12 @@ impl Stepper {
         if snapshot.scene != self.scene {
             return refuse(OTHER);
         }
-        let (expected, found) = (self.state.q.len(), snapshot.state.q.len());
+        let (expected, found) = (self.now.state.q.len(), snapshot.moment.now.state.q.len());
         if !self.fits(snapshot) {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
-        self.clock = snapshot.clock;
-        (self.time_step, self.ahead) = (snapshot.time_step, snapshot.ahead);
-        self.state.copy_from(&snapshot.state);
-        (self.kick.due, self.kick.gust) = (snapshot.kicked, snapshot.gust.into());
-        self.before = None;
-        self.steered = true;
-        self.dynamics.restore(&snapshot.inputs);
-        self.dynamics.course.clone_from(&snapshot.course);
-        self.dynamics.move_to(self.state.t, &mut self.state);
-        self.meter.clone_from(&snapshot.meter);
-        self.cycles = snapshot.cycles;
-        self.newton.work = snapshot.work;
+        self.go_back_to(&snapshot.moment);
+        self.now.steered = true;
         Ok(())
     }
 
@@ -154,18 +120,19 @@ impl Stepper {
 
     /// True if every array of `snapshot` has the length it has here.
     fn fits(&self, other: &Snapshot) -> bool {
-        let (nodes, unknowns) = (self.dynamics.nodes(), self.state.q.len());
-        let State { t: _, q, v, a, links, memory } = &other.state;
-        let lengths = [q.len(), v.len(), a.len(), other.meter.first_positions.len()];
+        let Moment { now, inputs: given, course, .. } = &other.moment;
+        let (nodes, unknowns, here) = (self.dynamics.nodes(), self.now.state.q.len(), &self.now.state);
+        let State { t: _, q, v, a, links, memory } = &now.state;
+        let lengths = [q.len(), v.len(), a.len(), now.meter.first_positions.len()];
         let inputs = |inputs: &Inputs| {
             inputs.natural.as_ref().is_none_or(|x| x.len() == nodes)
                 && inputs.force.as_ref().is_none_or(|x| x.len() == unknowns)
         };
         lengths.iter().all(|len| *len == unknowns)
-            && (links.len(), memory.len()) == (self.state.links.len(), self.state.memory.len())
-            && other.meter.now.nodes() == nodes
-            && inputs(&other.inputs)
-            && other.course.as_ref().is_none_or(|course| course.parts().all(inputs))
+            && (links.len(), memory.len()) == (here.links.len(), here.memory.len())
+            && now.meter.now.nodes() == nodes
+            && inputs(given)
+            && course.as_ref().is_none_or(|course| course.parts().all(inputs))
     }
 }
 

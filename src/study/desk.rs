@@ -3,7 +3,6 @@
 use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::ops::ControlFlow;
-use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -11,16 +10,17 @@ use std::time::Instant;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::{JOURNAL, Studied};
+use super::Studied;
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
-use crate::report::Folder;
+use crate::report::{Folder, JOURNAL};
 use crate::scene::Scene;
 
 /// What is known of a study while it goes on, and where its results are kept.
 #[derive(Clone, Copy)]
 pub struct Desk<'a> {
-    folder: &'a Path,
+    /// None where the runs are made for another program.
+    folder: Option<&'a Mutex<Folder>>,
     pub(super) interrupted: &'a AtomicBool,
     progress: &'a (dyn Fn(usize, usize) + Sync),
     makers: Makers<'a>,
@@ -55,8 +55,6 @@ pub(super) struct Next {
     pub journal: Journal,
     /// Each in words.
     pub words: Vec<String>,
-    /// It does not stay where nothing was written to it.
-    pub _folder: Folder,
 }
 
 /// Some runs of a study for another program.
@@ -70,9 +68,14 @@ pub(super) struct Errand {
 }
 
 impl<'a> Desk<'a> {
-    /// A study's folder; `interrupted`, raised from outside, interrupts it; `progress` is told how many runs of how many are there.
-    pub fn new(folder: &'a Path, interrupted: &'a AtomicBool, progress: &'a (dyn Fn(usize, usize) + Sync)) -> Self {
-        Self { folder, interrupted, progress, makers: Makers::Threads }
+    /// A study's folder ([`Study::claim`](super::Study::claim)); `interrupted`, raised from outside, interrupts it; `progress` is told
+    /// how many runs of how many are there.
+    pub fn new(
+        folder: &'a Mutex<Folder>,
+        interrupted: &'a AtomicBool,
+        progress: &'a (dyn Fn(usize, usize) + Sync),
+    ) -> Self {
+        Self { folder: Some(folder), interrupted, progress, makers: Makers::Threads }
     }
 
     /// The same for runs that are made elsewhere.
@@ -80,9 +83,13 @@ impl<'a> Desk<'a> {
         Self { makers: Makers::Others(plan), ..self }
     }
 
-    /// The same for runs that another program asks for.
-    pub(super) fn serving(self, errand: &'a Errand) -> Self {
-        Self { makers: Makers::This(errand), ..self }
+    /// One without a folder, for runs that another program asks for.
+    pub(super) fn serving(
+        errand: &'a Errand,
+        interrupted: &'a AtomicBool,
+        progress: &'a (dyn Fn(usize, usize) + Sync),
+    ) -> Self {
+        Self { folder: None, interrupted, progress, makers: Makers::This(errand) }
     }
 
     /// Makes every run of `runs`, called `name`, of `scene`, on `threads` threads, or takes it from the journal;
@@ -101,9 +108,11 @@ impl<'a> Desk<'a> {
         if let Makers::This(errand) = self.makers {
             return errand.work(name, runs, run);
         }
-        let failed = |e: std::io::Error| Error::Write { path: self.folder.to_path_buf(), reason: e.to_string() };
-        let folder = Folder::open(self.folder)?;
-        let path = self.folder.join(format!("{name}{JOURNAL}"));
+        let Some(folder) = self.folder else {
+            return Err(Error::Parcel { problem: "it has no folder for its runs".to_string() });
+        };
+        let path = locked(folder).journal(&format!("{name}{JOURNAL}"))?;
+        let failed = |e: std::io::Error| Error::Write { path: path.clone(), reason: e.to_string() };
         let job = Job::new(name, format!("{scene:?} {runs:?}").as_bytes(), runs.len());
         if Journal::read(&path).is_ok_and(|journal| job.difference(journal.job()).is_some()) {
             std::fs::remove_file(&path).map_err(failed)?; // of a study that asked for something else
@@ -116,7 +125,7 @@ impl<'a> Desk<'a> {
             && !todo.is_empty()
         {
             let words = runs.iter().map(|run| format!("{run:?}")).collect();
-            locked(plan).next = Some(Next { journal, words, _folder: folder });
+            locked(plan).next = Some(Next { journal, words });
             return Ok(Err(Studied::Interrupted(done, runs.len())));
         }
         jobs::run(

@@ -3,6 +3,7 @@
 
 use std::f64::consts::TAU;
 
+use faer::c64;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
@@ -11,7 +12,7 @@ use super::stability::{Stability, spread};
 use super::{Desk, Studied};
 use crate::error::{Error, Result};
 use crate::jobs;
-use crate::linear_stability::{SteadyState, Unsteady};
+use crate::linear_stability::{SteadyState, Unsteady, grows};
 use crate::report::chart::{Chart, Mark, Scale, Series};
 use crate::report::map::{Category, Map, Panel};
 use crate::report::{Figure, Findings, Table};
@@ -25,9 +26,6 @@ const SHARES: [f64; 2] = [0.05, 0.95];
 
 /// Smallest and largest speed where none are asked for, in units of √(EI/m_a)/L.
 const SPEEDS: [f64; 2] = [1.0, 20.0];
-
-/// Growth below this part of the lowest frequency of the rod in still water is rounding, and none.
-const GROWS: f64 = 1e-6;
 
 /// Part of the length up to which a rest is straight, of EI/L² up to which loads along it are none, and up to which stretched
 /// edges are alike.
@@ -43,14 +41,68 @@ const FINER: usize = 4;
 const LOOKS: usize = 60;
 const HALVINGS: usize = 30;
 
-/// The first x between `low` and `high` from which `holds` is true.
-pub(super) fn first(low: f64, high: f64, mut holds: impl FnMut(f64) -> bool) -> Option<f64> {
+/// Looks for the top of a narrow peak between samples.
+const CLIMBS: usize = 24;
+
+/// The golden section.
+const GOLDEN: f64 = 0.618_033_988_749_895;
+
+/// Two neighbours between which `f` first rises above zero, after `samples` (x, f(x)) with rising x: where it peaks between samples
+/// below zero, the top of the peak is looked for.
+fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
+    for i in 0..samples.len() {
+        let (x, here) = samples[i];
+        if here > 0.0 {
+            return Some([if i == 0 { x } else { samples[i - 1].0 }, x]);
+        }
+        let Some(((from, before), (to, after))) = i.checked_sub(1).map(|i| samples[i]).zip(samples.get(i + 1).copied())
+        else {
+            continue;
+        };
+        if after > 0.0 || here <= before || here < after {
+            continue;
+        }
+        // The golden section: the inner one of two places that is higher stays inside.
+        let (mut low, mut high) = (from, to);
+        let mut places = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
+        let mut heights = places.map(&mut f);
+        for _ in 0..CLIMBS {
+            if let Some(top) = (0..2).find(|i| heights[*i] > 0.0) {
+                return Some([from, places[top]]);
+            }
+            if heights[0] > heights[1] {
+                high = places[1];
+                places = [high - GOLDEN * (high - low), places[0]];
+                heights = [f(places[0]), heights[0]];
+            } else {
+                low = places[0];
+                places = [places[1], low + GOLDEN * (high - low)];
+                heights = [heights[1], f(places[1])];
+            }
+        }
+    }
+    None
+}
+
+/// The first x between `low` and `high` from which `f` is above zero.
+pub(super) fn first(low: f64, high: f64, mut f: impl FnMut(f64) -> f64) -> Option<f64> {
     let at = |i: usize| low + (high - low) * i as f64 / LOOKS as f64;
-    let i = (1..=LOOKS).find(|i| holds(at(*i)))?;
-    let (mut below, mut above) = (at(i - 1), at(i));
+    let mut samples = Vec::with_capacity(LOOKS);
+    // Beyond the first place that is above it there is nothing to look for.
+    for x in (1..=LOOKS).map(at) {
+        let here = f(x);
+        samples.push((x, here));
+        if here > 0.0 {
+            break;
+        }
+    }
+    let [mut below, mut above] = first_rise(&samples, &mut f)?;
+    if below == above {
+        below = low;
+    }
     for _ in 0..HALVINGS {
         let middle = 0.5 * (below + above);
-        if holds(middle) { above = middle } else { below = middle }
+        if f(middle) > 0.0 { above = middle } else { below = middle }
     }
     Some(0.5 * (below + above))
 }
@@ -97,6 +149,18 @@ struct Point {
     slowest: Vec<[f64; 2]>,
 }
 
+impl Point {
+    /// Above zero where the rest is left; below, how little of its size the least damped oscillation loses, less than none.
+    fn rise(&self) -> f64 {
+        if self.outcome != Outcome::Stable {
+            return 1.0;
+        }
+        let swinging = self.slowest.iter().filter(|[_, omega]| *omega > 0.0);
+        let least = swinging.map(|[growth, omega]| growth / growth.hypot(*omega)).fold(-1.0, f64::max);
+        least.min(-f64::MIN_POSITIVE)
+    }
+}
+
 /// What is found of a mass.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct Column {
@@ -113,8 +177,6 @@ struct Tail {
     masses: [f64; 2],
     /// √(EI/m_a)/L, m/s.
     unit: f64,
-    /// Growth that counts, 1/s.
-    grows: f64,
     /// Share χ of the wake, where theory has this rod; else why it has not.
     theory: std::result::Result<f64, &'static str>,
 }
@@ -133,7 +195,7 @@ impl Tail {
 /// What the tail of `scene` is like, by its rest.
 fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Unsteady> {
     let refuse = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
-    let Some(reactive) = scene.reactive_on(&steady.model().rod).cloned() else {
+    let Some(reactive) = scene.reactive_on().cloned() else {
         return Err(refuse("reactive", "missing; without the water's inertia no flow makes a tail flutter or diverge"));
     };
     let added = steady.added_mass().map_err(|error| refuse("reactive", &error.to_string()))?;
@@ -146,7 +208,6 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Un
     let direction = if speed > 0.0 { (model.fluid.flow / speed).into() } else { along };
     let masses = [rod.total_mass(), added.iter().sum()];
     let unit = (rod.ei / (masses[1] / rod.length)).sqrt() / rod.length;
-    let lowest = 3.516 * (rod.ei / ((masses[0] + masses[1]) * rod.length.powi(3))).sqrt();
     let alike = |values: &[f64]| values.iter().all(|value| (value / values[0] - 1.0).abs() < STRAIGHT);
     let inner = 1..rod.nodes - 1;
     let uniform = alike(&rod.joint[inner.clone()]) && alike(&rod.mass[inner.clone()]) && alike(&added[inner]);
@@ -159,7 +220,7 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Un
         (.., true) => Err("it is for a straight rod without loads along it"),
         _ => Ok(reactive.shedding.get()),
     };
-    Ok(Tail { direction, masses, unit, grows: GROWS * lowest, theory })
+    Ok(Tail { direction, masses, unit, theory })
 }
 
 /// The tail in a flow of that speed (m/s), with that factor on its density.
@@ -167,13 +228,17 @@ fn point(scene: &Scene, tail: &Tail, factor: f64, speed: f64) -> Point {
     let none = Point { outcome: Outcome::NoRest, leading: [0.0; 2], slowest: Vec::new() };
     let scene = scene.with_rod_density(factor).with_flow(tail.direction.map(|x| x * speed));
     let Ok(Ok(mut steady)) = scene.model().map(SteadyState::of) else { return none };
-    let Ok(mut values) = steady.eigenvalues() else { return none };
-    let Some(leading) = values.iter().copied().max_by(|a, b| a.re.total_cmp(&b.re)) else { return none };
+    let Ok(found) = steady.eigenvalues() else { return none };
+    let mut values: Vec<c64> = found.iter().map(|(value, _)| *value).collect();
+    let growing = found.iter().filter(|(value, uncertainty)| grows(*value, *uncertainty)).map(|(value, _)| *value);
+    let fastest = |values: &mut dyn Iterator<Item = c64>| values.max_by(|a, b| a.re.total_cmp(&b.re));
+    let growing = fastest(&mut growing.into_iter());
+    let Some(leading) = growing.or_else(|| fastest(&mut values.iter().copied())) else { return none };
     values.sort_by(|a, b| a.norm().total_cmp(&b.norm()));
-    let outcome = match (leading.re > tail.grows, leading.im > tail.grows) {
-        (false, _) => Outcome::Stable,
-        (true, true) => Outcome::Flutter,
-        (true, false) => Outcome::Divergence,
+    let outcome = match growing {
+        None => Outcome::Stable,
+        Some(value) if value.im > 0.0 => Outcome::Flutter,
+        Some(_) => Outcome::Divergence,
     };
     let slowest = values.iter().take(FOLLOWED).map(|value| [value.re, value.im]).collect();
     Point { outcome, leading: [leading.re, leading.im], slowest }
@@ -207,10 +272,28 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
         let factor = tail.factor(case.share);
         let at = |speed: f64| point(&coarse, &tail, factor, speed);
         let points: Vec<Point> = case.speeds.iter().map(|speed| at(*speed)).collect();
-        let left = points.iter().position(|point| point.outcome != Outcome::Stable);
-        let critical = left.filter(|_| case.critical).map(|i| {
-            let mut below = if i == 0 { 0.0 } else { case.speeds[i - 1] };
-            let (mut above, mut then) = (case.speeds[i], points[i].clone());
+        // Between speeds that are far apart, others are looked at, up to the first that leaves the rest.
+        let between = LOOKS.div_ceil(case.speeds.len());
+        let mut samples: Vec<(f64, f64)> = Vec::new();
+        for (i, point) in points.iter().enumerate().filter(|_| case.critical) {
+            let (before, here) = (case.speeds[i.saturating_sub(1)], case.speeds[i]);
+            let inner = (1..between).filter(|_| i > 0).map(|k| before + (here - before) * k as f64 / between as f64);
+            samples.extend(inner.map(|speed| (speed, at(speed).rise())));
+            samples.push((here, point.rise()));
+            if samples.iter().any(|(_, rise)| *rise > 0.0) {
+                break;
+            }
+        }
+        let left = first_rise(&samples, |speed| at(speed).rise());
+        let critical = left.map(|[mut below, mut above]| {
+            let mut then = at(above);
+            if below == above {
+                let still = at(0.0);
+                if still.outcome != Outcome::Stable {
+                    return (0.0, still.outcome, still.leading[1]);
+                }
+                below = 0.0;
+            }
             while above - below > 1e-5 * above {
                 let middle = at(0.5 * (below + above));
                 if middle.outcome == Outcome::Stable {
@@ -228,14 +311,16 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
         Ok(columns) => columns,
         Err(interrupted) => return Ok(interrupted),
     };
-    let report = Report { scene, tail: &tail, own_speed, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
+    let own = (own_speed > 0.0).then(|| (own_speed, point(&coarse, &tail, 1.0, own_speed)));
+    let report = Report { scene, tail: &tail, own, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
     Ok(Studied::Complete(report.findings()))
 }
 
 struct Report<'a> {
     scene: &'a Scene,
     tail: &'a Tail,
-    own_speed: f64,
+    /// The scene's own flow (m/s), and what is found there.
+    own: Option<(f64, Point)>,
     nodes: usize,
     cases: &'a [Case],
     columns: Vec<Column>,
@@ -254,6 +339,11 @@ impl Report<'_> {
         };
         let own_theory = theory(own.share);
         findings.answers.push(match own_column.critical {
+            Some((0.0, outcome, _)) => format!(
+                "With the water's share {:.4} in the inertia the tail does not stay at rest in still fluid already: {}.",
+                own.share,
+                outcome.category().label
+            ),
             Some((speed, outcome, frequency)) => {
                 let how = match outcome {
                     Outcome::Divergence => "it diverges".to_string(),
@@ -280,13 +370,15 @@ impl Report<'_> {
             }
             (Err(why), _) => format!("Theory's line is left out: {why}."),
         });
-        if self.own_speed > 0.0 {
-            let flow = self.own_speed;
-            let says = match own_column.critical {
-                Some((speed, ..)) if flow >= speed => "above that: the run will not come to rest",
-                _ => "below that: the run will come to rest",
+        if let Some((flow, point)) = &self.own {
+            let omega = point.leading[1];
+            let says = match point.outcome {
+                Outcome::Stable => "small motions about its rest die out".to_string(),
+                Outcome::Flutter => format!("it flutters, at {:.4} Hz: the run will not come to rest", omega / TAU),
+                Outcome::Divergence => "it diverges: the run will not come to rest there".to_string(),
+                Outcome::NoRest => "no rest is found".to_string(),
             };
-            findings.answers.push(format!("The scene's flow of {flow:.4} m/s is {says}."));
+            findings.answers.push(format!("In the scene's own flow of {flow:.4} m/s {says}."));
         }
         if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
             findings

@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::report::{Findings, Kept};
+use crate::report::{Claim, Findings, Folder, Kept, Owner};
 use crate::scene::{Document, NODES, Scene};
 pub use accuracy::Accuracy;
 pub use desk::Desk;
@@ -28,9 +28,6 @@ pub use modes::Spectrum;
 pub use runs::{Runs, make_runs};
 pub use scaling::Scaling;
 pub use stability::{Stability, Vary};
-
-/// Ending of the names of the files in which a study keeps its runs until it is complete.
-const JOURNAL: &str = ".journal";
 
 /// A study, with what is asked of it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -63,6 +60,15 @@ impl Study {
     /// The folder of its results where none is asked for.
     pub fn folder(&self, scene: &Scene) -> PathBuf {
         PathBuf::from("out").join(format!("{}-study-{}", scene.name, self.name()))
+    }
+
+    /// Claims `folder` for its results on `scene`.
+    ///
+    /// # Errors
+    /// Those of [`Folder::claim`].
+    pub fn claim(&self, scene: &Scene, folder: &Path, claim: Claim) -> Result<Folder> {
+        let kind = format!("study of {}", self.name());
+        Folder::claim(folder, Owner::of(&kind, scene), claim, &["summary.json", "report.html"])
     }
 
     /// Makes it on `scene`.
@@ -137,19 +143,14 @@ pub enum Studied {
     Interrupted(usize, usize),
 }
 
-/// Writes what the study of scene `name` found to its `folder`, and forgets the runs that are kept there once all is written.
+/// Writes what the study of scene `name` found to its `folder`, and forgets the runs that it keeps there once all is written.
 ///
 /// # Errors
 /// Those of [`Findings::write`].
-pub fn keep(findings: &Findings, folder: &Path, name: &str, document: &Document) -> Result<Kept> {
+pub fn keep(findings: &Findings, folder: &mut Folder, name: &str, document: &Document) -> Result<Kept> {
     let kept = findings.write(folder, name, document)?;
-    if !kept.lost.is_empty() {
-        return Ok(kept);
-    }
-    for entry in std::fs::read_dir(folder).into_iter().flatten().flatten() {
-        if entry.file_name().to_string_lossy().ends_with(JOURNAL) {
-            let _ = std::fs::remove_file(entry.path()); // of use to nobody, and of no harm
-        }
+    if kept.lost.is_empty() {
+        folder.forget_journals();
     }
     Ok(kept)
 }

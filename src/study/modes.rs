@@ -8,7 +8,8 @@ use serde_json::json;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::linear_stability::{SteadyState, Unsteady};
-use crate::modes::{Axis, Matrices, Mode, Modes, lowest};
+use crate::model::Model;
+use crate::modes::{Axis, Matrices, Mode, Modes, lowest_within};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::rod::Rod;
@@ -20,8 +21,6 @@ const ALL_UP_TO: usize = 1001;
 const MATRICES_UP_TO: usize = 100_001;
 /// Up to this many nodes motions with damping are computed: their cost grows as N³, twice as many unknowns as nodes twice.
 const DAMPED_UP_TO: usize = 129;
-/// Growth of this part of an eigenvalue is rounding.
-const GROWS: f64 = 1e-9;
 /// Shapes in the figure.
 const DRAWN: usize = 5;
 /// Up to this many points of a shape are tabled and drawn.
@@ -43,27 +42,39 @@ impl Default for Spectrum {
     }
 }
 
+/// A fluid of this part of its density is none; a law of drag may divide by it.
+const VACUUM: f64 = 1e-12;
+
 /// The `count` lowest modes of `scene`.
 ///
 /// # Errors
-/// Those of [`Scene::model`] and [`lowest`].
+/// Those of [`Scene::model`] and [`lowest_within`].
 pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let model = scene.model()?;
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
-    let rod = model.rod;
-    let found = lowest(&rod, count)?;
-    let matrices = Matrices::of(&rod, Some((model.forces, model.fluid, model.layers)))?;
-    let all = if rod.nodes <= ALL_UP_TO { Some(Modes::of(&rod)?) } else { None };
+    let outside = |model: Model| (model.forces, model.fluid, model.layers);
+    let found = lowest_within(&model.rod, Some(outside(scene.model()?)), count)?;
+    let all = if model.rod.nodes <= ALL_UP_TO { Some(Modes::of_model(scene.model()?)?) } else { None };
+    let wet = model.forces.are_inertial();
+    let Model { rod, forces, fluid, layers, .. } = model;
+    let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?;
 
     let mut findings = Findings { subject: "natural modes", ..Findings::default() };
     let head = if matrices.first == 0 { "free" } else { "held at its head" };
     let Some(first) = found.first() else { return Ok(findings) };
     findings.answers.push(format!(
-        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}).",
+        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}){}.",
         rod.nodes,
         first.frequency / TAU,
-        first.axis.name()
+        first.axis.name(),
+        if wet { ", with the fluid that it accelerates" } else { "" }
     ));
+    // What is not the fluid's, as the inertia of a body at the head, stays.
+    let mut dry = scene.model()?;
+    (dry.fluid.density, dry.layers) = (VACUUM * dry.fluid.density, None);
+    if wet && let Some(dry) = lowest_within(&dry.rod.clone(), Some(outside(dry)), 1)?.first() {
+        findings.answers.push(format!("Without that fluid it would be {:.6} Hz.", dry.frequency / TAU));
+    }
     if let Some(drive) = drive {
         let ratio = TAU * drive / first.frequency;
         let says = if ratio < 0.1 {
@@ -71,7 +82,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
         } else if ratio < 0.7 {
             "below it: inertia adds to the natural curvature, by about the square of the ratio"
         } else {
-            "at or above it: the rod resonates, and its shape is not the one prescribed"
+            "near or above it: the rod resonates, and its shape is not the one prescribed"
         };
         findings.answers.push(format!("The actuation at {drive} Hz is {ratio:.3e} of that, {says}."));
     }
@@ -162,14 +173,17 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     };
     let bend = steady.bend();
     let modes = steady.eigenmodes()?;
-    let Some(leading) = modes.iter().max_by(|a, b| a.growth.total_cmp(&b.growth)) else { return Ok(()) };
+    let fastest = |grows: bool| {
+        let some = modes.iter().filter(|mode| mode.grows() || !grows);
+        some.max_by(|a, b| a.growth.total_cmp(&b.growth))
+    };
+    let Some(leading) = fastest(true).or_else(|| fastest(false)) else { return Ok(()) };
     let place = match (free, flow > 0.0) {
         (true, _) => "In the fluid, with which a free rod goes,".to_string(),
         (false, true) => format!("In the flow of {flow:.4} m/s, at rest {bend:.2e} m from straight,"),
         (false, false) => format!("In the fluid, at rest {bend:.2e} m from straight,"),
     };
-    let grows = leading.growth > GROWS * leading.growth.hypot(leading.frequency);
-    findings.answers.push(if grows {
+    findings.answers.push(if leading.grows() {
         let how = if leading.frequency > 0.0 {
             format!("flutters: a motion of {:.4} Hz", leading.frequency / TAU)
         } else {

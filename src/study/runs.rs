@@ -4,13 +4,14 @@
 //! from what was sent along, and makes those that it is asked for.
 
 use std::path::Path;
-use std::sync::Mutex;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Mutex, PoisonError};
 
 use super::desk::{Errand, Known, Next, Plan, locked};
 use super::{Desk, Studied, Study};
 use crate::error::{Error, Result};
 use crate::parts::Parts;
+use crate::report::{Claim, Folder};
 use crate::scene::{Document, Parcel};
 
 /// The runs that a study needs next, with those of them that its folder has.
@@ -20,6 +21,7 @@ pub struct Runs {
     document: Document,
     known: Known,
     next: Next,
+    _folder: Folder, // the last one to be dropped: it goes where nothing came into it
 }
 
 impl Runs {
@@ -37,9 +39,12 @@ impl Runs {
             return Err(Error::Study { problem });
         }
         let plan = Mutex::new(Plan::default());
-        study.make(&document.scene()?, Desk::new(folder, &AtomicBool::new(false), &|_, _| ()).planning(&plan))?;
+        let scene = document.scene()?;
+        let folder = Mutex::new(study.claim(&scene, folder, Claim::Own)?);
+        study.make(&scene, Desk::new(&folder, &AtomicBool::new(false), &|_, _| ()).planning(&plan))?;
+        let folder = folder.into_inner().unwrap_or_else(PoisonError::into_inner);
         let Plan { known, next } = std::mem::take(&mut *locked(&plan));
-        Ok(next.map(|next| Self { study: study.clone(), document: document.clone(), known, next }))
+        Ok(next.map(|next| Self { study: study.clone(), document: document.clone(), known, next, _folder: folder }))
     }
 }
 
@@ -73,7 +78,7 @@ pub fn make_runs(parcel: &[u8], indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>
     let (document, (study, known)) = Parcel::<(Study, Known)>::read(parcel)?.scene()?;
     let errand = Errand { known, indices: indices.to_vec(), ..Errand::default() };
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
-    let desk = Desk::new(Path::new(""), &interrupted, &progress).serving(&errand);
+    let desk = Desk::serving(&errand, &interrupted, &progress);
     match study.make(&document.scene()?, desk)? {
         Studied::Interrupted(..) => Ok(std::mem::take(&mut *locked(&errand.made))),
         Studied::Complete(_) => Err(Error::Parcel { problem: "the study needs no runs".to_string() }),

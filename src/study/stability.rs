@@ -183,9 +183,7 @@ fn grows(trial: &Trial) -> bool {
 /// Largest distance of two tips over how far the second goes.
 fn apart(trial: &Trial, reference: &Trial) -> f64 {
     let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-    let first = reference.tip.first().copied().unwrap_or_default();
-    let travel = reference.tip.iter().map(|tip| distance(tip, &first)).fold(f64::MIN_POSITIVE, f64::max);
-    trial.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / travel
+    trial.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
 }
 
 #[derive(Debug)]
@@ -287,9 +285,9 @@ impl Report<'_> {
         let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
         let mut points = Vec::new();
         for value in self.values {
-            let rod = self.asked.vary.set(self.scene, *value).model()?.rod;
-            if rod.nodes as u64 <= MODES_UP_TO {
-                points.push((*value, limit / Modes::of(&rod)?.highest()));
+            let model = self.asked.vary.set(self.scene, *value).model()?;
+            if model.rod.nodes as u64 <= MODES_UP_TO {
+                points.push((*value, limit / Modes::of_model(model)?.highest()));
             }
         }
         Ok(points)

@@ -13,6 +13,7 @@ use crate::error::{Error, Result};
 use crate::integrator::{METHODS, Method};
 use crate::metrics::Power;
 use crate::reduced::{FULL, RUNGS, Rung};
+use crate::run::rounding;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
@@ -22,6 +23,12 @@ const REPETITIONS: u32 = 30;
 
 /// Energy from nowhere, over the largest energy or work, from which on a run is given up: it only grows.
 const EXPLODED: f64 = 1e3;
+
+/// Energies below so many times what one rounding of the positions makes are noise: over 10⁴ steps at rest it comes to a third of one.
+const NOISE: f64 = 1e3;
+
+/// A tip that goes no further than this part of the length is at rest.
+const AT_REST: f64 = 1e-9;
 
 /// Parameters worth comparing beside the defaults: the source study's Newmark.
 const ALSO: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
@@ -107,6 +114,11 @@ impl Recipe {
         rungs.map(|rung| Self { rung, method, values: values.clone() }).collect()
     }
 
+    /// True where `name` is that of its method or, of a cheaper model, of the model.
+    pub fn is(&self, name: &str) -> bool {
+        name == if self.is_whole() { self.method.name } else { self.rung.name }
+    }
+
     /// True where it keeps all of the rod's mechanics.
     pub fn is_whole(&self) -> bool {
         *self.rung == FULL
@@ -159,6 +171,8 @@ pub struct Trial {
     pub wall_s: f64,
     /// Processor time of the fastest repetition, s: what else the machine does hardly counts in it.
     pub processor_s: f64,
+    /// Length of the rod, m.
+    pub length: f64,
     /// Displacement of the centre of mass, m.
     pub displacement: [f64; 2],
     /// Mean force (N) on a held head over the run, and the mean of its modulus.
@@ -225,6 +239,7 @@ impl Trial {
             halvings: 0,
             wall_s: 0.0,
             processor_s: 0.0,
+            length: scene.rod.length_m.get(),
             displacement: [0.0; 2],
             head_force: None,
             cycles: [None; SHOWN.len()],
@@ -277,7 +292,8 @@ impl Trial {
         let tip = |q: &[f64]| [q[q.len() - 2], q[q.len() - 1]];
         self.tip.push(tip(&stepper.state().q));
         self.created.push(0.0);
-        let (mut scale, mut largest) = (stepper.meter().first_energy, 0.0_f64);
+        // Of a rod at rest there is nothing but rounding.
+        let (mut scale, mut largest) = (stepper.meter().first_energy.max(NOISE * rounding(stepper)), 0.0_f64);
         if let Some(part) = manner.push {
             push(stepper, scene, part)?;
         }
@@ -337,6 +353,13 @@ impl Trial {
             }
         }
         Ok(ControlFlow::Continue(()))
+    }
+
+    /// How far the tip goes from where it began, m; no less than what rounding makes of rest.
+    pub fn travel(&self) -> f64 {
+        let first = self.tip.first().copied().unwrap_or_default();
+        let distance = |tip: &[f64; 2]| (tip[0] - first[0]).hypot(tip[1] - first[1]);
+        self.tip.iter().map(distance).fold(AT_REST * self.length, f64::max)
     }
 
     /// True if it reached its end.

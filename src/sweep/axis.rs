@@ -10,6 +10,9 @@ use crate::scene::value::refused;
 /// Most levels of an axis, and most points of a sample.
 const MOST_LEVELS: usize = 1_000_000;
 
+/// Numbers between whole ones that differ from a whole one by no more than this part of it are that.
+const ROUNDING: f64 = 1e-12;
+
 /// Keys that tell an axis from a table of the scene.
 pub(super) const MARKS: [&str; 10] =
     ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
@@ -44,6 +47,13 @@ pub struct Axis {
     pub sampled: bool,
     /// True where equal steps of it are equal factors.
     pub logarithmic: bool,
+}
+
+impl Axis {
+    /// True where a sweep's file calls it `name`.
+    pub(super) fn is_called(&self, name: &str) -> bool {
+        self.name == name || self.name.strip_prefix("axis.").is_some_and(|own| own == name && is_result(own))
+    }
 }
 
 /// `[samples]`: a Latin hypercube.
@@ -192,7 +202,13 @@ fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Resu
     }
     let labels = match labels {
         Some(labels) => labelled(labels, levels.len(), path)?,
-        None => levels.iter().map(|level| level[0].clone()).collect(),
+        None => {
+            // The first key stands for all, unless it has a value twice.
+            let first: Vec<Value> = levels.iter().map(|level| level[0].clone()).collect();
+            let distinct = (1..first.len()).all(|i| !first[..i].contains(&first[i]));
+            let all = |level: &Vec<Value>| level.iter().map(Value::to_string).collect::<Vec<_>>().join(", ");
+            if distinct { first } else { levels.iter().map(all).map(Value::String).collect() }
+        }
     };
     let keys = lists.into_iter().map(|(key, _)| key).collect();
     Ok(Axis { name, path: path.to_string(), kind: Kind::Zip, keys, labels, levels, sampled: false, logarithmic: false })
@@ -206,6 +222,94 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Faul
             problem: refused(labels, format!("a list of {count} texts, one for each level")),
         }),
     }
+}
+
+/// Columns of a sweep's table that are no quantities of a summary, and those of a summary that are not means over cycles.
+const RESULTS: [&str; 79] = [
+    "case",
+    "scene_hash",
+    "caudal_version",
+    "name",
+    "scene_file",
+    "scene_fingerprint",
+    "complete",
+    "ending",
+    "end_time_s",
+    "nodes",
+    "model",
+    "model_reason",
+    "forces",
+    "fluid_reason",
+    "fluid_error",
+    "integrator",
+    "form",
+    "time_step_s",
+    "tolerance",
+    "steps",
+    "rejected_steps",
+    "newton_iterations",
+    "factorisations",
+    "linear_solver",
+    "linear_fallbacks",
+    "step_halvings",
+    "newton_floor_stops",
+    "max_strain",
+    "max_rotation_per_step_rad",
+    "x_com_m",
+    "y_com_m",
+    "net_displacement_m",
+    "max_lateral_excursion_m",
+    "com_path_m",
+    "initial_energy_j",
+    "stretching_energy_j",
+    "bending_energy_j",
+    "kinetic_energy_j",
+    "fluid_energy_j",
+    "mean_stretching_energy_j",
+    "mean_bending_energy_j",
+    "mean_kinetic_energy_j",
+    "actuation_work_j",
+    "viscous_work_j",
+    "wake_work_j",
+    "spray_work_j",
+    "other_work_j",
+    "load_work_j",
+    "head_work_j",
+    "flow_work_j",
+    "mean_actuation_power_w",
+    "mean_viscous_power_w",
+    "mean_wake_power_w",
+    "mean_spray_power_w",
+    "mean_load_power_w",
+    "mean_head_power_w",
+    "mean_flow_power_w",
+    "numerical_dissipation_j",
+    "rod_momentum_n_s",
+    "fluid_momentum_n_s",
+    "drag_impulse_n_s",
+    "wake_impulse_n_s",
+    "flow_impulse_n_s",
+    "load_impulse_n_s",
+    "head_impulse_n_s",
+    "momentum_defect_n_s",
+    "notes",
+    "cost_of_transport",
+    "efficiency",
+    "head_force_n",
+    "head_moment_n_m",
+    "mean_head_force_n",
+    "mean_thrust_n",
+    "mean_head_moment_n_m",
+    "swims",
+    "periodic",
+    "wall_s",
+    "verification",
+    "final_positions_m",
+];
+
+/// True for the name of a column of results.
+pub(super) fn is_result(name: &str) -> bool {
+    RESULTS.contains(&name) || name.starts_with("cycle")
 }
 
 /// The levels that `value` describes: a list, or a table with a range.
@@ -247,7 +351,7 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
             let whole = from.is_integer() && to.is_integer();
             let level = |i: usize| match between(low, high, scale, i as f64 / (count - 1) as f64) {
                 _ if i == count - 1 => to.clone(),
-                x if whole && x == x.round() => Value::Integer(x as i64),
+                x if whole && (x - x.round()).abs() <= ROUNDING * x.abs() => Value::Integer(x.round() as i64),
                 x => Value::Float(x),
             };
             Ok(Levels::Listed { values: (0..count).map(level).collect(), scale })
@@ -323,7 +427,7 @@ pub(super) fn leaves(table: &toml::Table, path: &str, found: &mut Vec<(String, V
     for (key, value) in table {
         let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
         match value {
-            Value::Table(inner) => leaves(inner, &path, found),
+            Value::Table(inner) if !inner.is_empty() => leaves(inner, &path, found),
             value => found.push((path, value.clone())),
         }
     }
@@ -334,23 +438,6 @@ pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value
     match key.split_once('.') {
         Some((first, rest)) => look_up(table.get(first)?.as_table()?, rest),
         None => table.get(key),
-    }
-}
-
-/// Puts a value at a dotted key; tables go on top of tables, as in a scene's overrides.
-pub(super) fn put(table: &mut toml::Table, key: &str, value: Value) {
-    if let Some((first, rest)) = key.split_once('.') {
-        let inner = table.entry(first).or_insert_with(|| Value::Table(toml::Table::new()));
-        if let Value::Table(inner) = inner {
-            put(inner, rest, value);
-        }
-        return;
-    }
-    match (table.get_mut(key), value) {
-        (Some(Value::Table(base)), Value::Table(over)) => {
-            over.into_iter().for_each(|(key, value)| put(base, &key, value))
-        }
-        (_, value) => drop(table.insert(key.to_string(), value)),
     }
 }
 

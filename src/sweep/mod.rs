@@ -17,8 +17,8 @@ use toml::Value;
 
 use crate::error::{Error, Result, bytes, did_you_mean, nearest};
 use crate::jobs::{self, Job, Journal};
-use crate::report::{Frame, room};
-use crate::scene::{Document, Fault, Files, Scene};
+use crate::report::{Claim, Folder, Frame, Owner, room};
+use crate::scene::{Document, Fault, Files, Scene, rivals};
 
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, rows, run};
@@ -123,6 +123,8 @@ pub struct Sweep {
     set: Vec<String>,
     /// Where all of it is read from.
     files: Files,
+    /// Names of the columns that say which case a row is, each with the axis whose label it has; none where it has the value of a key.
+    columns: Vec<(String, Option<usize>)>,
 }
 
 /// What the check of the scenes of all cases found.
@@ -252,18 +254,39 @@ impl Sweep {
         order.sort_by_key(|(at, _)| *at);
         axes = order.into_iter().map(|(_, axis)| axis).collect();
         axis::sample(&mut axes, file.samples).map_err(refuse)?;
+        for axis in axes.iter_mut().filter(|axis| axis::is_result(&axis.name)) {
+            axis.name = format!("axis.{}", axis.name); // the table has a column of results of its own name
+        }
 
         let folder = path.parent().unwrap_or(Path::new(""));
         let scene = folder.join(&file.scene);
         let mut base = base.map_or_else(|| Document::read_from(files.clone(), &scene), Ok)?;
         let mut own = Vec::new();
         axis::leaves(&file.set, "", &mut own);
-        for (key, value) in own {
-            base.put(&document.place_of(&format!("set.{key}")), &key, &value);
+        base.begin_layer();
+        for (key, value) in &own {
+            let place = document.place_of(&format!("set.{key}"));
+            excluded(&axes, key, false).map_err(|problem| Error::Scene {
+                place: place.clone(),
+                key: key.clone(),
+                problem,
+            })?;
+            base.put(&place, key, value);
         }
+        base.begin_layer();
         for assignment in set {
             base.set(assignment)?;
         }
+        let asked = base.overrides()[base.overrides().len() - set.len()..].to_vec();
+        for text in asked {
+            let mut keys = Vec::new();
+            axis::leaves(&text.parse().unwrap_or_default(), "", &mut keys);
+            for (key, _) in keys {
+                let place = format!("--set {text}");
+                excluded(&axes, &key, true).map_err(|problem| Error::Scene { place, key, problem })?;
+            }
+        }
+        base.begin_layer(); // for the axes
         let mut sweep = Self {
             name: if file.name.is_empty() {
                 path.file_stem().map_or_else(|| "sweep".into(), |stem| stem.to_string_lossy().into())
@@ -280,13 +303,14 @@ impl Sweep {
             own: [path.to_path_buf(), scene],
             set: set.to_vec(),
             files: files.clone(),
+            columns: columns(&axes),
             axes,
             base,
             document,
         };
         sweep.check(&file.report).map_err(|fault| sweep.document.refuse(&fault))?;
         if let Some(split) = &file.report.split {
-            sweep.split = sweep.axes.iter().position(|axis| axis.name == *split);
+            sweep.split = sweep.axes.iter().position(|axis| axis.is_called(split));
         }
         sweep.played = jobs::shuffled(sweep.size()).into_iter().take(sweep.record.played).collect();
         Ok(sweep)
@@ -346,7 +370,7 @@ impl Sweep {
             }
         }
         if let Some(split) = &report.split
-            && !self.axes.iter().any(|axis| axis.name == *split && !axis.sampled)
+            && !self.axes.iter().any(|axis| axis.is_called(split) && !axis.sampled)
         {
             let names = self.axes.iter().filter(|axis| !axis.sampled).map(|axis| axis.name.as_str());
             let names: Vec<&str> = names.collect();
@@ -438,23 +462,18 @@ impl Sweep {
     /// # Errors
     /// [`Error::Scene`] that names the axis and the case; [`Error::Read`].
     pub fn scene(&self, case: &Case) -> Result<(Scene, String)> {
-        let scene = self.document(case).scene().map_err(|error| match error {
+        let (scene, mut inputs) = self.document(case).resolved().map_err(|error| match error {
             Error::Several(mistakes) => {
                 Error::Several(mistakes.into_iter().map(|one| self.in_case(case, one)).collect())
             }
             one => self.in_case(case, one),
         })?;
-        let mut tables = self.tables.clone();
-        for (_, key, value) in &case.settings {
-            axis::put(&mut tables, key, value.clone());
-        }
-        let mut inputs = tables.to_string().into_bytes();
         let files = scene.files();
         if !files.is_empty() {
             scene.model()?; // reads and checks them
         }
         for path in files {
-            inputs.extend(self.files.read(&path)?);
+            inputs.extend(scene.read_from.read(&path)?);
         }
         Ok((scene, jobs::hash(&inputs)))
     }
@@ -512,17 +531,28 @@ impl Sweep {
         Ok(Job { kept, ..Job::new(&format!("sweep {}", self.name), inputs.as_bytes(), self.size()) })
     }
 
-    /// Opens the journal of `job`, this sweep's, at `path` to go on with it, or begins it. One of the same sweep before levels or
-    /// axes were added has its cases taken over, as they are the same.
+    /// Claims `folder` for the results of `job`, this sweep's, waiting for others of it that hold it for a moment.
     ///
     /// # Errors
-    /// Those of [`Journal::open`].
-    pub fn journal(&self, path: &Path, job: &Job) -> Result<Journal> {
-        let refusal = match Journal::open(path, job) {
+    /// Those of [`Folder::claim`].
+    pub fn claim(&self, folder: &Path, job: &Job, claim: Claim) -> Result<Folder> {
+        let source = self.own[0].canonicalize().unwrap_or_else(|_| self.own[0].clone());
+        let owner = Owner { kind: "sweep".to_string(), name: self.name.clone(), source, fingerprint: job.hash.clone() };
+        Folder::claim_shared(folder, owner, claim, &[results::TABLE, results::PAGE])
+    }
+
+    /// Opens the journal `name` of `job`, this sweep's, in `folder` to go on with it, or begins it. One of the same sweep before levels
+    /// or axes were added has its cases taken over, as they are the same.
+    ///
+    /// # Errors
+    /// Those of [`Folder::journal`] and [`Journal::open`].
+    pub fn journal(&self, folder: &mut Folder, name: &str, job: &Job) -> Result<Journal> {
+        let path = folder.journal(name)?;
+        let refusal = match Journal::open(&path, job) {
             Ok(journal) => return Ok(journal),
             Err(error) => error,
         };
-        if self.take_over(path, job).unwrap_or(false) { Journal::open(path, job) } else { Err(refusal) }
+        if self.take_over(&path, job).unwrap_or(false) { Journal::open(&path, job) } else { Err(refusal) }
     }
 
     /// Replaces the journal at `path` by one of `job` with the same cases, where it has only cases of this sweep.
@@ -539,7 +569,10 @@ impl Sweep {
         if !known.keys().all(|hash| own.contains(hash)) {
             return Ok(false);
         }
-        let beside = path.with_file_name(format!(".cases.{}.partial", std::process::id()));
+        let path =
+            &path.canonicalize().map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let beside = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
         let mut new = Journal::open(&beside, job)?;
         for (index, hash) in hashes.iter().enumerate() {
             let Some(mut row) = known.get(hash).map(|at| old.get::<Row>(*at)).transpose()?.flatten() else { continue };
@@ -555,26 +588,19 @@ impl Sweep {
         Ok(true)
     }
 
-    /// The columns of the table that say which case it is: one for every axis, then every key that no axis is named after.
-    pub fn columns(&self) -> Vec<&str> {
-        let mut names: Vec<&str> = self.axes.iter().map(|axis| axis.name.as_str()).collect();
-        for key in self.axes.iter().flat_map(|axis| &axis.keys) {
-            if !names.contains(&key.as_str()) {
-                names.push(key);
-            }
-        }
-        names
+    /// The columns of the table that say which case it is: one for every axis, then every key that no axis is named after. What is
+    /// named after a key has the value that ran.
+    pub fn columns(&self) -> Vec<String> {
+        self.columns.iter().map(|(name, _)| name.clone()).collect()
     }
 
     /// The values of a case in these columns.
     pub fn values(&self, case: &Case) -> Vec<Value> {
-        let levels = self.axes.iter().zip(&case.levels).map(|(axis, level)| axis.labels[*level].clone());
-        let mut values: Vec<Value> = levels.collect();
-        let columns = self.columns();
-        for column in &columns[values.len()..] {
-            values.extend(case.settings.iter().find(|(_, key, _)| key == column).map(|(_, _, value)| value.clone()));
-        }
-        values
+        let value = |(name, axis): &(String, Option<usize>)| match axis {
+            Some(axis) => Some(self.axes[*axis].labels[case.levels[*axis]].clone()),
+            None => case.settings.iter().find(|(_, key, _)| key == name).map(|(_, _, value)| value.clone()),
+        };
+        self.columns.iter().map(|column| value(column).unwrap_or(Value::String(String::new()))).collect()
     }
 
     /// True for cases whose motion is kept.
@@ -590,6 +616,46 @@ impl Sweep {
     /// The folder where its results belong unless another one is asked for.
     pub fn folder(&self) -> PathBuf {
         PathBuf::from("out").join(&self.name)
+    }
+}
+
+/// See [`Sweep::columns`].
+fn columns(axes: &[Axis]) -> Vec<(String, Option<usize>)> {
+    let keys = || axes.iter().flat_map(|axis| &axis.keys);
+    let mut columns: Vec<(String, Option<usize>)> = Vec::new();
+    for (i, axis) in axes.iter().enumerate() {
+        if !keys().any(|key| *key == axis.name) {
+            columns.push((axis.name.clone(), Some(i)));
+            continue;
+        }
+        columns.push((axis.name.clone(), None));
+        if axis.labels.iter().zip(&axis.levels).any(|(label, level)| label != &level[0]) {
+            columns.push((format!("{}.label", axis.name), Some(i)));
+        }
+    }
+    for key in keys() {
+        if !columns.iter().any(|(name, _)| name == key) {
+            columns.push((key.clone(), None));
+        }
+    }
+    columns
+}
+
+/// Why `key` cannot be set beside `axes`: one of them sets what excludes it, or, where it is `asked` for, itself.
+fn excluded(axes: &[Axis], key: &str, asked: bool) -> std::result::Result<(), String> {
+    let within = |a: &str, b: &str| a == b || a.strip_prefix(b).is_some_and(|rest| rest.starts_with('.'));
+    let sets = |axis: &&Axis| {
+        axis.kind != Kind::Factors
+            && axis
+                .keys
+                .iter()
+                .any(|own| asked && (within(own, key) || within(key, own)) || rivals(key).any(|rival| rival == *own))
+    };
+    match axes.iter().find(sets) {
+        Some(axis) => {
+            Err(format!("found beside the axis `{}`, which takes its place; leave one of them out", axis.name))
+        }
+        None => Ok(()),
     }
 }
 

@@ -11,15 +11,19 @@ use serde_json::Value;
 use super::{Row, Sweep};
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
-use crate::report::Figure;
 use crate::report::cases::{Axis, Cases};
 #[cfg(feature = "parquet")]
 use crate::report::parquet::parquet_of;
-use crate::report::tables::{ColumnType, Folder, Kept, Mixed};
+use crate::report::tables::{ColumnType, Mixed};
+use crate::report::{Figure, Folder, Kept};
 
 /// From this number of cases on the table is there as Parquet too.
 #[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
+
+/// The files that every sweep has.
+pub(super) const TABLE: &str = "table.csv";
+pub(super) const PAGE: &str = "report.html";
 
 /// Rows that are still in memory: what is written at the end need not be read again. Only so many are kept.
 #[derive(Debug, Default)]
@@ -102,9 +106,9 @@ impl<'a> Results<'a> {
     /// Writes table, figures and report into `folder`, in this order, each put in place whole.
     ///
     /// # Errors
-    /// [`Error::Write`] for the folder, [`Error::Journal`], [`Error::Read`].
-    pub fn write(&self, folder: &Path) -> Result<Written> {
-        let folder = Folder::open(folder)?;
+    /// [`Error::Journal`], [`Error::Read`].
+    pub fn write(&self, folder: &mut Folder) -> Result<Written> {
+        let path = folder.path().to_path_buf();
         let sweep = self.sweep;
         // A first pass learns the columns and keeps what figures and page need.
         let mut names: Vec<(String, Option<ColumnType>)> = Vec::new();
@@ -134,7 +138,7 @@ impl<'a> Results<'a> {
         let number = |name: &str| (name.to_string(), ColumnType::Number);
         let text = |name: &str| (name.to_string(), ColumnType::Text);
         let kind = |(name, kind): (String, Option<ColumnType>)| (name, kind.unwrap_or(ColumnType::Number));
-        let own = sweep.columns().into_iter().map(str::to_string).zip(own);
+        let own = sweep.columns().into_iter().zip(own);
         let header: Vec<_> = std::iter::once(number("case"))
             .chain(own.map(kind))
             .chain([text("scene_hash"), text("caudal_version")])
@@ -152,13 +156,13 @@ impl<'a> Results<'a> {
         let columns: Vec<String> = header.iter().map(|(name, _)| name.clone()).collect();
         // Both tables from one reading of the rows.
         let tables = || {
-            let mut kept = Kept::default();
-            let path = folder.path().join("table.csv");
-            let mut table = Mixed::create(&path, &columns);
+            let mut files = Vec::new();
+            let place = path.join(TABLE);
+            let mut table = Mixed::create(&place, &columns);
             let rows = self.read(Numbers::Kept, Numbers::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
                 let added = match (&mut table, cells) {
                     (Ok(table), Ok(cells)) => table.row(cells),
-                    (_, Err(error)) => Err(Error::Journal { path: path.clone(), problem: error.to_string() }),
+                    (_, Err(error)) => Err(Error::Journal { path: place.clone(), problem: error.to_string() }),
                     (Err(_), _) => Ok(()),
                 };
                 if let Err(error) = added {
@@ -169,35 +173,38 @@ impl<'a> Results<'a> {
             let rows = {
                 let mut rows = rows;
                 if sweep.size() >= PARQUET_FROM {
-                    let path = folder.path().join("table.parquet");
-                    let table = parquet_of(&path, &header, rows.by_ref());
-                    kept.put(path, table);
+                    let table = parquet_of(&path.join("table.parquet"), &header, rows.by_ref());
+                    files.push(("table.parquet", table));
                 }
                 rows
             };
             rows.for_each(drop);
-            kept.put(path, table.and_then(Mixed::complete));
+            files.push((TABLE, table.and_then(Mixed::complete)));
             if sweep.record.traces > 0 {
-                let path = folder.path().join("traces.csv");
-                let table = self.traces(&path);
-                kept.put(path, table);
+                files.push(("traces.csv", self.traces(&path.join("traces.csv"))));
             }
-            kept
+            files
         };
-        let mut kept = None;
+        let mut made = None;
         let (figures, page) = std::thread::scope(|scope| {
             // Where no thread is to be had the tables come after the page.
-            let _ = jobs::spawn(scope, || kept = Some(tables()));
+            let _ = jobs::spawn(scope, || made = Some(tables()));
             let figures = cases.figures();
             let page = cases.page(&figures);
             (figures, page)
         });
-        let mut kept = kept.unwrap_or_else(tables);
-        for Figure { file, svg, .. } in &figures {
-            kept.put_file(folder.path().join(file), Ok(svg));
+        let made = made.unwrap_or_else(tables);
+        let mut results = folder.results();
+        let figure_files = figures.iter().map(|figure| figure.file.as_str());
+        results.list(made.iter().map(|(file, _)| *file).chain(figure_files).chain([PAGE]));
+        for (file, table) in made {
+            results.put(file, table);
         }
-        kept.put_file(folder.path().join("report.html"), page);
-        Ok(Written { kept, failed: cases.into_endings() })
+        for Figure { file, svg, .. } in &figures {
+            results.put_file(file, Ok(svg));
+        }
+        results.put_file(PAGE, page);
+        Ok(Written { kept: results.finish(), failed: cases.into_endings() })
     }
 
     /// The paths of the centres of mass: one row per case and time.

@@ -252,3 +252,9 @@ pub fn largest(values: impl IntoIterator<Item = f64>) -> f64 {
 pub fn time_step(scene: &Scene) -> f64 {
     scene.solver.time_step_s.unwrap().get()
 }
+
+/// The folder of a study, claimed for it.
+#[cfg(feature = "report")]
+pub fn claimed(study: &caudal::study::Study, scene: &Scene, folder: &Path) -> std::sync::Mutex<caudal::report::Folder> {
+    std::sync::Mutex::new(study.claim(scene, folder, caudal::report::Claim::Own).unwrap())
+}

@@ -59,7 +59,8 @@ extern "C" {
 // The version of the library.
 const char *caudal_version(void);
 
-// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call.
+// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call. Empty in a thread that
+// ends, as in the destructors of its own values.
 const char *caudal_message(void);
 
 // Reads the scene in the file `path`, with `count` `overrides` of its keys as "table.key=value", and starts it. Writes the
@@ -77,6 +78,10 @@ double caudal_time(const caudal_simulation *simulation);
 
 // Moves on by `h` (s) to exactly t + h.
 caudal_status caudal_do_step(caudal_simulation *simulation, double h);
+
+// What the steps since the last call of this have to say, although they were made: that the pose or the velocity of the head which the
+// host gave jumped. Empty where there is nothing to say, and for null; valid until the next call of this with the same simulation.
+const char *caudal_note(caudal_simulation *simulation);
 
 // The number of variables; 0 for null. They are counted from 0.
 size_t caudal_variable_count(const caudal_simulation *simulation);
@@ -101,7 +106,7 @@ caudal_status caudal_set_derivative(caudal_simulation *simulation,
                                     const double *given,
                                     size_t length);
 
-// Writes the first derivatives by time of the output `index` now.
+// Writes the first derivatives by time of variable `index` now: of an input as it goes on, of a parameter zero.
 caudal_status caudal_rate(caudal_simulation *simulation, size_t index, double *out, size_t length);
 
 // Saves the state: time, motion, inputs, totals. Over `*state`, which is null or a state from here.

@@ -69,6 +69,7 @@ pub struct caudal_simulation {
     stepper: Stepper,
     variables: Vec<&'static Variable>,
     texts: Vec<[CString; 3]>,
+    note: CString,
     broken: bool,
 }
 
@@ -110,8 +111,14 @@ fn call(work: impl FnOnce() -> Outcome) -> caudal_status {
         Ok(Err(Refusal(status, message))) => (status, message),
         Err(_) => (CAUDAL_BROKEN, "internal error".to_string()),
     };
-    MESSAGE.set(CString::new(message.replace('\0', "")).unwrap_or_default());
+    say(message);
     status
+}
+
+/// Keeps the message of this thread; not in one that ends, whose own values may be gone.
+fn say(message: impl Into<String>) {
+    let message = CString::new(message.into().replace('\0', "")).unwrap_or_default();
+    let _ = MESSAGE.try_with(|last| last.replace(message));
 }
 
 /// The same for a simulation; a panic ends it.
@@ -125,6 +132,7 @@ unsafe fn on(
     // SAFETY: the caller's promise.
     let Some(simulation) = (unsafe { simulation.as_mut() }) else { return call(|| refuse("no simulation")) };
     if simulation.broken {
+        say("this simulation broke down before");
         return CAUDAL_BROKEN;
     }
     let status = call(|| work(simulation));
@@ -182,10 +190,11 @@ pub extern "C" fn caudal_version() -> *const c_char {
     VERSION.as_ptr().cast()
 }
 
-/// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call.
+/// Why the last call of this thread that did not end in CAUDAL_OK did not; valid until the next such call. Empty in a thread that
+/// ends, as in the destructors of its own values.
 #[unsafe(no_mangle)]
 pub extern "C" fn caudal_message() -> *const c_char {
-    MESSAGE.with_borrow(|message| message.as_ptr())
+    MESSAGE.try_with(|message| message.borrow().as_ptr()).unwrap_or(c"".as_ptr())
 }
 
 /// Reads the scene in the file `path`, with `count` `overrides` of its keys as "table.key=value", and starts it. Writes the
@@ -209,7 +218,16 @@ pub unsafe extern "C" fn caudal_load(
         let owned = |text: &str| CString::new(text).unwrap_or_default();
         let texts = variables.iter().map(|variable| [variable.name, variable.unit, variable.description].map(owned));
         let texts = texts.collect();
-        put(simulation, Box::into_raw(Box::new(caudal_simulation { stepper, variables, texts, broken: false })))
+        put(
+            simulation,
+            Box::into_raw(Box::new(caudal_simulation {
+                stepper,
+                variables,
+                texts,
+                note: CString::default(),
+                broken: false,
+            })),
+        )
     })
 }
 
@@ -237,6 +255,23 @@ pub unsafe extern "C" fn caudal_time(simulation: *const caudal_simulation) -> f6
 pub unsafe extern "C" fn caudal_do_step(simulation: *mut caudal_simulation, h: f64) -> caudal_status {
     // SAFETY: the caller's promise.
     unsafe { on(simulation, |simulation| Ok(simulation.stepper.do_step(h)?)) }
+}
+
+/// What the steps since the last call of this have to say, although they were made: that the pose or the velocity of the head which the
+/// host gave jumped. Empty where there is nothing to say, and for null; valid until the next call of this with the same simulation.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn caudal_note(simulation: *mut caudal_simulation) -> *const c_char {
+    let mut note = c"".as_ptr();
+    // SAFETY: the caller's promise.
+    let _ = unsafe {
+        on(simulation, |simulation| {
+            let jump = simulation.stepper.take_head_jump().map(|jump| jump.to_string());
+            simulation.note = CString::new(jump.unwrap_or_default()).unwrap_or_default();
+            note = simulation.note.as_ptr();
+            Ok(())
+        })
+    };
+    note
 }
 
 /// The number of variables; 0 for null. They are counted from 0.
@@ -361,7 +396,7 @@ pub unsafe extern "C" fn caudal_set_derivative(
     }
 }
 
-/// Writes the first derivatives by time of the output `index` now.
+/// Writes the first derivatives by time of variable `index` now: of an input as it goes on, of a parameter zero.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn caudal_rate(
     simulation: *mut caudal_simulation,

@@ -6,7 +6,7 @@
 use std::ffi::{CString, c_char, c_int, c_uint, c_void};
 use std::path::PathBuf;
 
-use caudal::fmu::Target;
+use caudal::fmu::{Standard, Target};
 use percent_encoding::percent_decode_str;
 
 use crate::instance::{Experiment, Instance, Logger, Mode};
@@ -18,7 +18,7 @@ type Component = *mut c_void;
 type Reference = c_uint;
 
 /// Modes in which values can be read.
-const READABLE: [Mode; 5] = [Mode::Initialization, Mode::Step, Mode::StepFailed, Mode::Terminated, Mode::Error];
+const READABLE: [Mode; 4] = [Mode::Initialization, Mode::Step, Mode::StepFailed, Mode::Terminated];
 /// Modes in which values can be set.
 const SETTABLE: [Mode; 3] = [Mode::Instantiated, Mode::Initialization, Mode::Step];
 
@@ -67,7 +67,11 @@ pub unsafe extern "C" fn fmi2SetDebugLogging(
         call(c, |instance| {
             let categories: Option<Vec<String>> = values(categories, count)?.iter().map(|name| text(*name)).collect();
             let Some(categories) = categories else { return refuse("a null pointer in the place of a category") };
-            instance.log_categories(logging_on != 0, &categories.iter().map(String::as_str).collect::<Vec<_>>())
+            instance.log_categories(
+                Standard::Fmi2,
+                logging_on != 0,
+                &categories.iter().map(String::as_str).collect::<Vec<_>>(),
+            )
         })
     }
 }
@@ -114,7 +118,7 @@ pub unsafe extern "C" fn fmi2Instantiate(
         let mut instance = Instance::new(&resources(&location)?, &guid, log(), functions.environment)
             .map_err(|error| error.to_string())?;
         if logging_on != 0 {
-            instance.log_categories(true, &[]).map_err(|refusal| refusal.message)?;
+            instance.log_categories(Standard::Fmi2, true, &[]).map_err(|refusal| refusal.message)?;
         }
         Ok(instance)
     };

@@ -7,7 +7,7 @@ use std::ffi::{CString, c_char, c_void};
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use caudal::fmu::Target;
+use caudal::fmu::{Standard, Target};
 
 use crate::instance::{Experiment, Instance, IntermediateUpdate, Logger, Mode};
 use crate::states::{deserialize, forget, restore, save, serialize, state};
@@ -20,15 +20,8 @@ type Reference = u32;
 type Boolean = u8;
 
 /// Modes in which values can be read.
-const READABLE: [Mode; 7] = [
-    Mode::Instantiated,
-    Mode::Configuration,
-    Mode::Initialization,
-    Mode::Step,
-    Mode::Intermediate,
-    Mode::Terminated,
-    Mode::Error,
-];
+const READABLE: [Mode; 6] =
+    [Mode::Instantiated, Mode::Configuration, Mode::Initialization, Mode::Step, Mode::Intermediate, Mode::Terminated];
 /// Modes in which values can be set.
 const SETTABLE: [Mode; 4] = [Mode::Instantiated, Mode::Initialization, Mode::Step, Mode::Intermediate];
 /// Modes in which derivatives are known.
@@ -64,7 +57,11 @@ pub unsafe extern "C" fn fmi3SetDebugLogging(
         call(instance, |instance| {
             let categories: Option<Vec<String>> = values(categories, count)?.iter().map(|name| text(*name)).collect();
             let Some(categories) = categories else { return refuse("a null pointer in the place of a category") };
-            instance.log_categories(logging_on != 0, &categories.iter().map(String::as_str).collect::<Vec<_>>())
+            instance.log_categories(
+                Standard::Fmi3,
+                logging_on != 0,
+                &categories.iter().map(String::as_str).collect::<Vec<_>>(),
+            )
         })
     }
 }
@@ -145,7 +142,7 @@ pub unsafe extern "C" fn fmi3InstantiateCoSimulation(
         instance.early_return_allowed = early_return_allowed != 0;
         instance.intermediate_update = intermediate_update;
         if logging_on != 0 {
-            instance.log_categories(true, &[]).map_err(|refusal| refusal.message)?;
+            instance.log_categories(Standard::Fmi3, true, &[]).map_err(|refusal| refusal.message)?;
         }
         Ok(instance)
     };
@@ -172,9 +169,8 @@ pub unsafe extern "C" fn fmi3EnterInitializationMode(
         call(instance, |instance| {
             instance.only_in(&[Mode::Instantiated])?;
             let stop = (stop_time_defined != 0).then_some(stop_time);
-            instance.set_experiment(Experiment { start: start_time, stop })?;
-            instance.set_tolerance((tolerance_defined != 0).then_some(tolerance))?;
-            instance.enter_initialization()
+            let experiment = Experiment { start: start_time, stop };
+            instance.enter_initialization_of(experiment, (tolerance_defined != 0).then_some(tolerance))
         })
     }
 }
@@ -429,9 +425,9 @@ pub unsafe extern "C" fn fmi3GetVariableDependencies(
             }
             let (own, inputs) = (values_mut(elements_of_dependent, count)?, values_mut(independents, count)?);
             let (elements, kinds) = (values_mut(elements_of_independents, count)?, values_mut(kinds, count)?);
-            for (i, (node, place, k)) in dependencies.into_iter().enumerate() {
+            for (i, (node, independent, k)) in dependencies.into_iter().enumerate() {
                 // Elements count from 1.
-                (own[i], inputs[i], elements[i], kinds[i]) = (node + 1, place as Reference, k + 1, DEPENDENT);
+                (own[i], inputs[i], elements[i], kinds[i]) = (node + 1, independent, k + 1, DEPENDENT);
             }
             Ok(())
         })

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::ptr::NonNull;
 
 use caudal::error::{Error, Result};
-use caudal::fmu::{Catalogue, LOG_CATEGORIES, token};
+use caudal::fmu::{Catalogue, LOG_CATEGORIES, Standard, token};
 use caudal::integrator::Pace;
 use caudal::scene::{Document, Scene, parameter};
 use caudal::stepper::Stepper;
@@ -19,7 +19,7 @@ use caudal::variable::{Size, VARIABLES, Variable};
 use serde::{Deserialize, Serialize};
 
 pub use saved::SavedState;
-use values::Inputs;
+use values::SetInputs;
 
 use crate::status::{Outcome, Status, refuse};
 
@@ -35,8 +35,6 @@ pub enum Mode {
     /// A step was discarded (FMI 2.0).
     StepFailed,
     Terminated,
-    /// After an error in a step: only reading, reset, and going back to a saved state.
-    Error,
     /// After a panic.
     Fatal,
 }
@@ -96,13 +94,17 @@ pub struct Instance {
     scene: Scene,
     document: Document,
     original: Settings,
+    /// What the host wants; the stepper has it as soon as it is needed.
     settings: Settings,
-    /// Built with these settings when first needed.
-    stepper: Held,
+    /// What the host has set of the inputs at this time.
+    inputs: SetInputs,
+    /// The stepper was not built with `settings`.
     stale: bool,
-    /// The settings that it was built with, where parameters have changed between steps since.
-    untuned: Option<Settings>,
-    inputs: Inputs,
+    stepper: Held,
+    /// What the stepper was built with.
+    built: Settings,
+    /// Where the last step ends by the host's own sum, s.
+    host_time: Option<f64>,
     /// Values of each variable for one node each; of a scalar, one.
     lengths: Vec<usize>,
     /// The place of the number of nodes.
@@ -134,11 +136,12 @@ impl Instance {
         let mut instance = Self {
             mode: Mode::Instantiated,
             experiment: Experiment { start: 0.0, stop: None },
-            inputs: Inputs { values: Vec::new(), waiting: Vec::new() },
+            inputs: SetInputs::default(),
             catalogue,
             scene,
             document,
             settings: original.clone(),
+            built: original.clone(),
             original,
             lengths: Vec::new(),
             nodes_place: VARIABLES
@@ -147,9 +150,9 @@ impl Instance {
                 .unwrap_or(usize::MAX),
             stepper: Held { own: Some(Box::new(stepper)), lent: None },
             stale: false,
-            untuned: None,
+            host_time: None,
             log,
-            logged: Vec::new(),
+            logged: vec![Status::Error.category()],
             seeds: Vec::new(),
             environment,
             intermediate_update: None,
@@ -159,33 +162,33 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Makes room for the variables with the number of nodes there is; inputs are forgotten.
+    /// Finds the lengths of the variables with the number of nodes that the host wants.
     fn size(&mut self) {
         let nodes = self.settings.nodes as usize;
         let length = |variable: &Variable| if variable.size == Size::Scalar { 1 } else { nodes };
         self.lengths = VARIABLES.iter().map(length).collect();
-        self.inputs.values = vec![Default::default(); VARIABLES.len()];
-        self.inputs.waiting.clear();
     }
 
-    /// Logs a message, if its category is on or it is about a refusal.
+    /// Logs a message, if its category is on.
     pub fn say(&self, status: Status, message: &str) {
-        if status != Status::Ok || self.logged.contains(&status.category()) {
+        if self.logged.contains(&status.category()) {
             (self.log)(status, status.category(), message);
         }
     }
 
-    /// Turns categories of messages on or off; all where none is named.
-    pub fn log_categories(&mut self, on: bool, categories: &[&str]) -> Outcome {
+    /// Turns categories of messages on or off, all where none is named, as `standard` says: FMI 2.0 logs exactly the categories of
+    /// the last call, and none once it is off; FMI 3.0 adds and removes them, and always logs errors.
+    pub fn log_categories(&mut self, standard: Standard, on: bool, categories: &[&str]) -> Outcome {
         let known = LOG_CATEGORIES.iter().map(|(name, _)| *name);
         if let Some(other) = categories.iter().find(|name| !known.clone().any(|known| known == **name)) {
             return refuse(format!("there is no log category `{other}`"));
         }
         let meant = |name: &&str| categories.is_empty() || categories.contains(name);
-        if on {
-            self.logged.extend(known.filter(meant));
-        } else {
-            self.logged.retain(|name| !meant(name));
+        match (standard, on) {
+            (Standard::Fmi2, false) => self.logged.clear(),
+            (Standard::Fmi2, true) => self.logged = known.filter(meant).collect(),
+            (Standard::Fmi3, true) => self.logged.extend(known.filter(meant)),
+            (Standard::Fmi3, false) => self.logged.retain(|name| !meant(name) || *name == Status::Error.category()),
         }
         Ok(())
     }
@@ -209,54 +212,54 @@ impl Instance {
         Ok(())
     }
 
-    /// The mode in which inputs and parameters are set and all is read.
-    fn is_running(&self) -> bool {
-        matches!(self.mode, Mode::Step | Mode::Intermediate)
+    /// True once initialisation is over: from then on the stepper goes on, and is not built anew.
+    fn has_started(&self) -> bool {
+        !matches!(self.mode, Mode::Instantiated | Mode::Configuration | Mode::Initialization)
     }
 
-    /// The start of the scene with the host's settings.
-    fn build(&self) -> Result<Stepper> {
-        Stepper::of(&self.configured()?)
-    }
-
-    /// The scene with the host's settings.
-    fn configured(&self) -> Result<Scene> {
+    /// The scene with these settings.
+    fn configured(&self, settings: &Settings) -> Result<Scene> {
         let mut document = self.document.clone();
-        for text in parameter::overrides(&self.catalogue.parameters, &self.settings.parameters) {
+        document.begin_layer();
+        for text in parameter::overrides(&self.catalogue.parameters, &settings.parameters) {
             document.set(&text)?;
         }
-        if self.settings.nodes != self.original.nodes {
-            document.set(&format!("rod.nodes={}", self.settings.nodes - self.scene.front() as u64))?;
+        if settings.nodes != self.original.nodes {
+            document.set(&format!("rod.nodes={}", settings.nodes - self.scene.front() as u64))?;
         }
-        if let (Some(tolerance), Pace::Adaptive(_)) = (self.settings.tolerance, self.scene.pace()) {
+        if let Some(tolerance) = settings.tolerance {
             document.set(&format!("solver.tolerance={tolerance:e}"))?;
         }
         document.scene()
     }
 
-    /// The stepper with everything that the host has set.
+    /// The stepper with everything that the host has set; where that cannot be, nothing has changed.
     pub fn ready(&mut self) -> Outcome<&mut Stepper> {
-        if self.stale || self.stepper.get().is_none() {
-            let stepper = self.build()?;
-            self.inputs.all_wait();
-            (self.stepper.own, self.stale) = (Some(Box::new(stepper)), false);
+        if self.stale {
+            self.rebuild()?;
         }
-        if let Some(before) = self.untuned.take() {
-            let scene = self.configured();
-            let tuned = match (scene, self.stepper.get_mut()) {
-                (Ok(scene), Some(stepper)) => stepper.retune(&scene),
-                (Err(error), _) => Err(error),
-                (_, None) => Ok(()),
-            };
-            if let Err(error) = tuned {
-                self.settings = before;
-                return Err(error.into());
-            }
-        }
-        if self.inputs.any() {
+        if self.inputs.is_pending() {
             self.hand_over()?;
         }
         self.stepper.get_mut().map_or_else(|| refuse("there is no model"), Ok)
+    }
+
+    /// Builds the stepper with the host's settings and inputs; once started it goes on with tuned parameters.
+    fn rebuild(&mut self) -> Outcome {
+        let scene = self.configured(&self.settings)?;
+        if self.has_started() {
+            self.stepper
+                .get_mut()
+                .map_or_else(|| refuse("there is no model"), |stepper| Ok(stepper.retune(&scene)?))?;
+        } else {
+            let mut stepper = Stepper::of(&scene)?;
+            stepper.set_entries(self.inputs.changes(stepper.model(), true).into_iter())?;
+            self.stepper.own = Some(Box::new(stepper));
+            self.inputs.settle();
+        }
+        self.built.clone_from(&self.settings);
+        self.stale = false;
+        Ok(())
     }
 
     pub fn set_experiment(&mut self, experiment: Experiment) -> Outcome {
@@ -268,16 +271,30 @@ impl Instance {
         Ok(())
     }
 
-    /// Takes over the tolerance that the host wants: that of the internal steps where the scene has one.
+    /// Takes over the tolerance that the host wants, or the scene's own: that of the internal steps where the scene has one.
     pub fn set_tolerance(&mut self, tolerance: Option<f64>) -> Outcome {
         if let Some(tolerance) = tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance < 1.0)) {
             return refuse(format!("a relative tolerance of {tolerance}; allowed: between 0 and 1"));
         }
-        if tolerance.is_some() && self.settings.tolerance != tolerance {
+        let tolerance = tolerance.filter(|_| matches!(self.scene.pace(), Pace::Adaptive(_)));
+        if self.settings.tolerance != tolerance {
             self.settings.tolerance = tolerance;
-            self.stale |= matches!(self.scene.pace(), Pace::Adaptive(_));
+            self.stale = true;
         }
         Ok(())
+    }
+
+    /// Enters initialisation of an experiment, or changes nothing.
+    pub fn enter_initialization_of(&mut self, experiment: Experiment, tolerance: Option<f64>) -> Outcome {
+        let before = (self.experiment, self.settings.tolerance, self.stale);
+        let entered = self
+            .set_experiment(experiment)
+            .and_then(|()| self.set_tolerance(tolerance))
+            .and_then(|()| self.enter_initialization());
+        if entered.is_err() {
+            (self.experiment, self.settings.tolerance, self.stale) = before;
+        }
+        entered
     }
 
     pub fn enter_initialization(&mut self) -> Outcome {
@@ -293,9 +310,13 @@ impl Instance {
     }
 
     pub fn reset(&mut self) -> Outcome {
-        self.settings = self.original.clone();
+        let stepper = Stepper::of(&self.scene)?;
+        self.stepper.own = Some(Box::new(stepper));
+        self.settings.clone_from(&self.original);
+        self.built.clone_from(&self.original);
+        self.inputs.clear();
         self.experiment = Experiment { start: 0.0, stop: None };
-        (self.stepper.own, self.stale, self.untuned, self.mode) = (None, true, None, Mode::Instantiated);
+        (self.stale, self.host_time, self.mode) = (false, None, Mode::Instantiated);
         self.size();
         Ok(())
     }

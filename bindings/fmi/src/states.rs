@@ -7,15 +7,8 @@ use crate::status::{Outcome, refuse};
 use crate::{values, values_mut};
 
 /// Modes in which states are saved and restored.
-pub const STATEFUL: [Mode; 7] = [
-    Mode::Instantiated,
-    Mode::Configuration,
-    Mode::Initialization,
-    Mode::Step,
-    Mode::StepFailed,
-    Mode::Terminated,
-    Mode::Error,
-];
+pub const STATEFUL: [Mode; 6] =
+    [Mode::Instantiated, Mode::Configuration, Mode::Initialization, Mode::Step, Mode::StepFailed, Mode::Terminated];
 
 /// Saves the state of `instance` in `place`, in a new state where that is null.
 ///

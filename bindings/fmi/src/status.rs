@@ -9,7 +9,6 @@ pub enum Status {
     /// All well.
     Ok = 0,
     /// Done, but not quite as asked.
-    #[expect(dead_code, reason = "part of the standard's enumeration")]
     Warning = 1,
     /// Not done; what was before is still there.
     Discard = 2,

@@ -264,6 +264,9 @@ fn mistakes_are_answered_and_failed_steps_leave_the_last_good_state() {
         assert_eq!((fmi.step)(a, 0.0, 1e-3, 0, null_mut(), null_mut(), null_mut(), null_mut()), 3);
     }
     // A force that tears the rod apart.
+    type SetLogging = unsafe extern "C" fn(*mut c_void, u8, usize, *const *const c_char) -> c_int;
+    let set_logging: SetLogging = fmu.function("fmi3SetDebugLogging");
+    assert_eq!(unsafe { set_logging(a, 1, 1, &c"logStatusDiscard".as_ptr()) }, 0);
     assert_eq!(fmi.advance(a, 0.0, 1e-2).0, 0);
     let before = fmi.read(a, "x_m", 9);
     assert_eq!(fmi.write(a, "force_y_n", &[0.0, 0.0, 1e12, 0.0, -1e12, 0.0, 0.0, 0.0, 0.0]), 0);

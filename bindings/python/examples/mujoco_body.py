@@ -1,7 +1,7 @@
 """A MuJoCo body with a caudal tail: forces and poses exchanged in a Python loop, momentum and energy charted.
 
-The body is MuJoCo's: 0.5 kg that slides and turns in the plane, with linear damping. The tail is caudal's: a silicone plate in
-water that a wave of curvature bends, held at the body's stern. At every coupling step H both go on at once: caudal gets the
+The body is MuJoCo's: 0.5 kg that slides and turns in the plane, with linear damping. The tail is caudal's: a silicone plate, 20 mm × 2 mm,
+in water, that a wave of curvature bends, held at the body's stern. At every coupling step H both go on at once: caudal gets the
 joint's pose with rates and accelerations, MuJoCo the line through the last two reactions of the tail, as force on its stern.
 
 What MuJoCo's body gained and its damping took must be what the tail's head gave it: `head_impulse_…` and `head_work_j` of
@@ -44,7 +44,8 @@ TAIL = {
     "rod": {
         "nodes": 17,
         "length_m": 0.2,
-        "outer_radius_m": 0.002,
+        "outer_radius_m": 0.001,
+        "section": "rectangle",
         "depth_m": 0.02,
         "youngs_modulus_pa": 3e6,
         "density_kg_m3": 1100.0,

@@ -12,10 +12,10 @@ import keep_course  # noqa: E402
 
 @pytest.mark.parametrize("degrees", [-40.0, 0.0, 40.0])
 def test_the_course_made_good_is_the_one_asked_for_and_a_cross_flow_does_not_change_it(degrees):
-    courses, _ = keep_course.swim(np.radians(degrees), 80)
+    courses, _ = keep_course.swim(np.radians(degrees), 120)
     off = np.degrees(courses) - degrees
     print(f"{degrees}: off by {np.abs(off[-20:]).max():.3f} degrees")
-    # Measured over the last ten seconds: at most 0.004 degrees.
+    # Measured over the last ten seconds: at most 0.007 degrees.
     assert np.abs(off[-20:]).max() < 0.05
 
 

@@ -1,6 +1,7 @@
 //! Long computations look up now and then: for Ctrl-C, and to tell how far they are.
 
 use std::ops::ControlFlow;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
@@ -40,12 +41,18 @@ impl Attention {
 #[derive(Default)]
 pub struct Progress {
     /// Raised to stop it.
-    pub interrupted: AtomicBool,
+    pub interrupted: Arc<AtomicBool>,
     done: AtomicUsize,
     of: AtomicUsize,
 }
 
 impl Progress {
+    /// Of a computation that ends where this flag is raised; it is not yet.
+    pub fn ended_by(interrupted: Arc<AtomicBool>) -> Self {
+        interrupted.store(false, Ordering::Relaxed);
+        Self { interrupted, ..Self::default() }
+    }
+
     /// Says so.
     pub fn reach(&self, done: usize, of: usize) {
         self.done.store(done, Ordering::Relaxed);

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use caudal::design::{Design, Elsewhere, Iteration, simulate};
+use caudal::report::Claim;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -19,10 +20,12 @@ pub fn design<'py>(
     py: Python<'py>,
     scene: &Bound<'py, Scene>,
     out: Option<PathBuf>,
+    force: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
-    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let folder = out.unwrap_or_else(|| Design::folder(scene));
+    drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let (mut failure, mut tell) = (None, telling(progress));
     let designed = py.detach(|| {
         let design = Design::resumed(document, &folder, |iteration| tell(iteration, &mut failure))?;
@@ -59,10 +62,12 @@ pub fn parts(
     py: Python<'_>,
     scene: &Bound<'_, Scene>,
     out: Option<PathBuf>,
+    force: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Option<PartsAtWork>> {
     let Scene { scene, document, .. } = scene.get();
-    let folder = out.unwrap_or_else(|| PathBuf::from("out").join(&scene.name));
+    let folder = out.unwrap_or_else(|| Design::folder(scene));
+    drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let (mut failure, mut tell) = (None, telling(progress));
     let next = py.detach(|| Elsewhere::next(document, &folder, |iteration| tell(iteration, &mut failure)));
     match (next.or_raise(py)?, failure) {

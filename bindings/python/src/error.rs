@@ -23,11 +23,23 @@ fn raised(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
             Err(single) => fields.set_item("value", single.into_inner())?,
         }
     }
-    let exception = class.call1((error.to_string(),))?;
+    let exception = class.call1((as_arguments(&error.to_string()),))?;
     for (name, value) in &fields {
         exception.setattr(name.cast_into::<PyString>()?, value)?;
     }
     Ok(PyErr::from_value(exception))
+}
+
+/// What the library says of options of the command, said of the arguments that they are here.
+fn as_arguments(text: &str) -> String {
+    let options = [
+        ("--out", "`out=`"),
+        ("--force", "`force=True`"),
+        ("--restart", "`restart=True`"),
+        ("--jobs ", "jobs="),
+        ("`caudal variables SCENE` lists them", "`Stepper.variables` lists them"),
+    ];
+    options.into_iter().fold(text.to_string(), |text, (option, argument)| text.replace(option, argument))
 }
 
 /// Turns the library's results into Python's.

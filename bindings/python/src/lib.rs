@@ -6,6 +6,7 @@
 mod attention;
 mod design;
 mod error;
+mod locks;
 mod parts;
 mod run;
 mod scene;

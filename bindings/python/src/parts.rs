@@ -1,7 +1,7 @@
 //! Jobs whose parts are done elsewhere: the starts of designs, the runs of studies.
 
 use std::path::PathBuf;
-use std::sync::{Mutex, PoisonError};
+use std::sync::Mutex;
 
 use caudal::parts::Parts;
 use pyo3::exceptions::PyRuntimeError;
@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
 use crate::error::OrRaise;
+use crate::locks::lock;
 
 /// A job at work, with what is known of its parts in its folder.
 #[pyclass(module = "caudal._caudal", name = "_Parts", frozen)]
@@ -36,7 +37,7 @@ impl PartsAtWork {
     }
 
     fn with<T>(&self, act: impl FnOnce(&mut dyn Parts) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
-        let mut parts = self.parts.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut parts = lock(py, &self.parts);
         match parts.as_mut() {
             Some(parts) => act(parts.as_mut()).or_raise(py),
             None => Err(PyRuntimeError::new_err("it is closed")),
@@ -67,8 +68,9 @@ impl PartsAtWork {
     }
 
     /// Closes its journal, so that the job may go on with it.
-    fn close(&self) {
-        drop(self.parts.lock().unwrap_or_else(PoisonError::into_inner).take());
+    fn close(&self, py: Python<'_>) {
+        let parts = lock(py, &self.parts).take();
+        py.detach(|| drop(parts));
     }
 }
 

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 
 use caudal::Error;
 use caudal::check::Assessment;
-use caudal::report::Output;
 use caudal::report::film::{Film, Motion};
 use caudal::report::picture::{self, Format};
 use caudal::report::trajectory::{Column, Trajectory};
 use caudal::report::vtk;
+use caudal::report::{Claim, Folder, Output, Owner};
 use caudal::run::{Ending, Summary};
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn};
@@ -30,6 +30,7 @@ pub fn run<'py>(
     scene: &Bound<'py, Scene>,
     record: Option<Vec<String>>,
     out: Option<PathBuf>,
+    force: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<(Bound<'py, PyDict>, Option<PyErr>)> {
     let Scene { scene, document, .. } = scene.get();
@@ -43,7 +44,8 @@ pub fn run<'py>(
         return Err(exception(py, &document.refuse(fault)));
     }
     let mut trajectory = Trajectory::start(scene, &stepper, record.as_deref()).or_raise(py)?;
-    let mut output = out.map(|folder| Output::create(&folder, scene, &stepper)).transpose().or_raise(py)?;
+    let claim = Claim::forced(force);
+    let mut output = out.map(|folder| Output::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
     let duration = scene.solver.duration_s.get();
     let tell = |py: Python<'_>, time: f64| match &progress {
         None => Ok(ControlFlow::Continue(())),
@@ -77,8 +79,10 @@ pub fn run<'py>(
         Ok((outcome.ending, summary, html))
     });
     let (ending, summary, html) = finished.or_raise(py)?;
-    if ending == Ending::Complete {
-        let _ = tell(py, stepper.time())?;
+    if ending == Ending::Complete
+        && let Err(failure) = tell(py, stepper.time())
+    {
+        attention.failure.get_or_insert(failure);
     }
     let (variables, arrays) = (PyDict::new(py), PyDict::new(py));
     for Column { variable, nodes, values } in trajectory.into_columns() {
@@ -119,7 +123,7 @@ pub fn write_vtk(
     let model = scene.model().or_raise(py)?;
     let mut columns = Vec::with_capacity(arrays.len());
     for (name, array) in arrays {
-        let unknown = || exception(py, &Error::UnknownVariable { name: name.clone(), nearest: None });
+        let unknown = || exception(py, &Error::UnknownVariable { name: name.clone(), nearest: None, needs: None });
         let variable = VARIABLES.iter().find(|variable| variable.name == name).ok_or_else(unknown)?;
         let nodes = match variable.size {
             Size::Nodes => scene.recorded_nodes(),
@@ -127,7 +131,11 @@ pub fn write_vtk(
         };
         columns.push(Column { variable, nodes, values: array.as_array().iter().copied().collect() });
     }
-    py.detach(|| vtk::write(&folder, &scene.name, &model.rod, &columns)?.complete()).or_raise(py)
+    let written = py.detach(|| {
+        let mut folder = Folder::export(&folder, Owner::of("export", scene), Claim::Own)?;
+        vtk::write(&mut folder, &scene.name, &model.rod, &columns)?.complete()
+    });
+    written.or_raise(py)
 }
 
 /// Turns the figures of a folder into files of other formats; their paths.
@@ -146,7 +154,7 @@ pub fn pictures(
         _ => Err(PyValueError::new_err(format!("found {name:?}; allowed: \"png\", \"pdf\""))),
     };
     let formats = formats.iter().map(format).collect::<PyResult<Vec<_>>>()?;
-    py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out)?.complete()).or_raise(py)
+    py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, Claim::Own)?.complete()).or_raise(py)
 }
 
 /// Writes a film of a rod whose nodes have these positions, a row per time; `look` is pictures per second, speed, and pixels

@@ -1,5 +1,6 @@
 //! Scenes.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -8,14 +9,15 @@ use caudal::fmu::{Fmu, Standard};
 use caudal::scene::Document;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::{PyBytes, PyDict, PyTuple};
 
 use crate::error::OrRaise;
 use crate::values::{shown, to_toml};
 
 /// A scene, read and checked: everything there is to say about a run.
 ///
-/// It cannot be changed; :func:`caudal.load` makes another with other values. It can be pickled, which sends its text.
+/// It cannot be changed; :func:`caudal.load` makes another with other values. It has the contents of the tables that it names, and
+/// says the same whatever becomes of files and working directory; so does a pickled one.
 ///
 /// Parameters
 /// ----------
@@ -51,10 +53,12 @@ impl Scene {
             let text = toml::to_string(&to_toml(tables)?).map_err(|error| PyValueError::new_err(error.to_string()))?;
             (PathBuf::from(UNNAMED), Document::new(UNNAMED, text))
         } else {
-            let path: PathBuf = source.extract()?;
-            let document = Document::read(&path).or_raise(py)?;
-            (path, document)
+            let given: PathBuf = source.extract()?;
+            let read = Document::read(&given).or_raise(py)?;
+            let path = std::path::absolute(&given)?;
+            (path.clone(), Document::new(path, read.text()))
         };
+        document.begin_layer();
         for (key, value) in set.into_iter().flatten() {
             document.set(&format!("{key}={}", to_toml(&value)?)).or_raise(py)?;
         }
@@ -126,7 +130,7 @@ impl Scene {
         let assessment = assessment.or_raise(py)?;
         match &assessment.refusal {
             Some(fault) => Err(self.document.refuse(fault)).or_raise(py),
-            None => Ok(assessment.warnings),
+            None => Ok(assessment.all_warnings().cloned().collect()),
         }
     }
 
@@ -172,24 +176,52 @@ impl Scene {
 
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let rebuild = py.import("caudal._caudal")?.getattr("_rebuild")?;
-        Ok((rebuild, (&self.path, self.text(), self.overrides()).into_pyobject(py)?))
+        let tables = self.document.tables(&self.scene).or_raise(py)?;
+        Ok((rebuild, (&self.path, self.text(), self.document.layered(), tables).into_pyobject(py)?))
+    }
+
+    /// Files of one scene without overrides that says the same from any folder, names and contents: its text in `name`, and the
+    /// tables that it names.
+    fn _standalone<'py>(&self, py: Python<'py>, name: &str) -> PyResult<Vec<(String, Bound<'py, PyBytes>)>> {
+        let files = self.document.standalone(name).or_raise(py)?;
+        Ok(files.into_iter().map(|(name, content)| (name, PyBytes::new(py, &content))).collect())
+    }
+
+    /// The tables that it names, paths and contents.
+    fn _tables<'py>(&self, py: Python<'py>) -> PyResult<Vec<(PathBuf, Bound<'py, PyBytes>)>> {
+        let tables = self.document.tables(&self.scene).or_raise(py)?;
+        Ok(tables.into_iter().map(|(path, content)| (path, PyBytes::new(py, &content))).collect())
     }
 }
 
 impl Scene {
     fn of(py: Python<'_>, path: PathBuf, document: Document) -> PyResult<Self> {
-        let scene = Arc::new(py.detach(|| document.scene()).or_raise(py)?);
-        Ok(Self { document, scene, path })
+        let read = || {
+            let scene = document.scene()?;
+            let tables = document.tables(&scene)?;
+            if tables.is_empty() {
+                return Ok((document, scene));
+            }
+            let document = document.carrying(tables);
+            let scene = document.scene()?;
+            Ok((document, scene))
+        };
+        let (document, scene) = py.detach(read).or_raise(py)?;
+        Ok(Self { document, scene: Arc::new(scene), path })
     }
 }
 
 /// A scene from what pickle keeps of it.
 #[pyfunction]
 #[pyo3(name = "_rebuild")]
-pub fn rebuild(py: Python<'_>, path: PathBuf, text: String, overrides: Vec<String>) -> PyResult<Scene> {
-    let mut document = Document::new(path.clone(), text);
-    for assignment in &overrides {
-        document.set(assignment).or_raise(py)?;
-    }
+pub fn rebuild(
+    py: Python<'_>,
+    path: PathBuf,
+    text: String,
+    overrides: Vec<String>,
+    tables: BTreeMap<PathBuf, Vec<u8>>,
+) -> PyResult<Scene> {
+    let mut document = Document::new(path.clone(), text).carrying(tables);
+    document.set_layers(overrides.iter().map(String::as_str)).or_raise(py)?;
     Scene::of(py, path, document)
 }

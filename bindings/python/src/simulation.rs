@@ -1,6 +1,7 @@
 //! Simulations that can be differentiated.
 
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
 use caudal::Error;
 use caudal::cycle::slopes;
@@ -12,7 +13,9 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
+use crate::attention::Progress;
 use crate::error::OrRaise;
+use crate::locks::lock;
 use crate::scene::Scene;
 
 /// What a simulation is differentiated by.
@@ -161,18 +164,8 @@ impl Read {
     }
 }
 
-/// Outputs that a control over time, or forces, leave without derivative.
+/// Outputs that a control over time leaves without derivative.
 const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
-const NEEDS_FORCE: [&str; 8] = [
-    "load_power_w",
-    "load_work_j",
-    "numerical_dissipation_j",
-    "head_force_x_n",
-    "head_force_y_n",
-    "head_moment_n_m",
-    "head_power_w",
-    "head_work_j",
-];
 
 /// A simulation, as it was.
 #[pyclass(module = "caudal._caudal", name = "_Simulation", frozen)]
@@ -325,7 +318,7 @@ impl Inner {
             let read = Read::named(&name, &mut outputs, &problem).or_raise(py)?;
             reads.push((name, read));
         }
-        let (trajectory, values) = py.detach(|| problem.simulate_with(&outputs)).or_raise(py)?;
+        let (trajectory, values) = ending(py, &problem.interrupt(), || problem.simulate_with(&outputs))?;
         Ok(Self {
             problem,
             document,
@@ -346,13 +339,10 @@ impl Inner {
     /// Refuses derivatives of `output` that would lack a part.
     fn check(&self, output: &str, by: &[(String, By)]) -> PyResult<()> {
         for (name, by) in by {
-            let timed = self.over_time.contains(name) && NEEDS_RATE.contains(&output);
-            let forced = matches!(by, By::Force(_)) && NEEDS_FORCE.contains(&output);
-            if timed || forced {
-                let reason = if timed { "over time, whose rate is not given" } else { "" };
-                return Err(PyValueError::new_err(
-                    format!("{output} has no derivative by {name} {reason}").trim_end().to_string(),
-                ));
+            if *by == By::Natural && self.over_time.contains(name) && NEEDS_RATE.contains(&output) {
+                return Err(PyValueError::new_err(format!(
+                    "{output} has no derivative by {name} over time, whose rate is not given"
+                )));
             }
         }
         Ok(())
@@ -405,6 +395,15 @@ impl Inner {
     }
 }
 
+/// Computes in another thread, while this one looks up for Ctrl-C and ends the computation by the `flag` then.
+fn ending<T: Send>(
+    py: Python<'_>,
+    flag: &Arc<AtomicBool>,
+    compute: impl FnOnce() -> caudal::Result<T> + Send,
+) -> PyResult<T> {
+    Progress::ended_by(Arc::clone(flag)).watch(py, None, compute)?.or_raise(py)
+}
+
 /// Gives a problem, and it with its numbers moved, what is no number of the scene.
 fn set(
     problem: &mut Problem,
@@ -446,12 +445,12 @@ impl Simulation {
     /// Times, s.
     #[getter]
     fn times<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray1<f64>> {
-        PyArray1::from_slice(py, &self.open().trajectory.times)
+        PyArray1::from_slice(py, &lock(py, &self.inner).trajectory.times)
     }
 
     /// The outputs over time, by name.
     fn values<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let inner = self.open();
+        let inner = lock(py, &self.inner);
         let times = inner.trajectory.times.len();
         let found = PyDict::new(py);
         for (name, read) in &inner.reads {
@@ -477,7 +476,7 @@ impl Simulation {
         weights: Vec<(String, PyReadonlyArrayDyn<'py, f64>)>,
         names: Vec<String>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let mut inner = self.open();
+        let mut inner = lock(py, &self.inner);
         let by = inner.by(names)?;
         let (times, nodes) = (inner.trajectory.times.len(), inner.problem.model().rod.nodes);
         let count = inner.outputs.len();
@@ -513,7 +512,8 @@ impl Simulation {
         }
         let Inner { problem, trajectory, outputs, .. } = &mut *inner;
         let weights = Weights { outputs: &all[0], positions: &all[1], velocities: &all[2] };
-        let found = py.detach(|| problem.pull_back(&parameters, outputs, weights, trajectory)).or_raise(py)?;
+        let flag = problem.interrupt();
+        let found = ending(py, &flag, || problem.pull_back(&parameters, outputs, weights, trajectory))?;
         let mut parts = found.parameters.clone().into_iter();
         let result = PyDict::new(py);
         let axis = |values: &[f64], i: usize| values.iter().skip(i).step_by(2).copied().collect::<Vec<_>>();
@@ -552,7 +552,7 @@ impl Simulation {
         measure: &str,
         names: Vec<String>,
     ) -> PyResult<(f64, Bound<'py, PyDict>)> {
-        let mut inner = self.open();
+        let mut inner = lock(py, &self.inner);
         let by = inner.by(names)?;
         let Some(measure) = slopes::smooth().find(|own| own.key == measure) else {
             let known: Vec<&str> = slopes::smooth().map(|own| own.key).collect();
@@ -564,7 +564,7 @@ impl Simulation {
         }
         let parameters = inner.parameters(&by).or_raise(py)?;
         let problem = &mut inner.problem;
-        let found = py.detach(|| problem.cycle_mean(&measure, &parameters)).or_raise(py)?;
+        let found = ending(py, &problem.interrupt(), || problem.cycle_mean(&measure, &parameters))?;
         let Some((value, slopes)) = found else {
             return Err(PyValueError::new_err(format!(
                 "this run has no {}: no whole cycle, or nothing to average",
@@ -581,11 +581,5 @@ impl Simulation {
             }
         }
         Ok((value, result))
-    }
-}
-
-impl Simulation {
-    fn open(&self) -> MutexGuard<'_, Inner> {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

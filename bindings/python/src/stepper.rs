@@ -1,5 +1,6 @@
 //! The stepper.
 
+use std::ffi::CString;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
@@ -7,7 +8,7 @@ use std::sync::{Mutex, MutexGuard, TryLockError};
 use caudal::stepper::Change;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods};
-use pyo3::exceptions::{PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyRuntimeError, PyRuntimeWarning, PyTypeError, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyFloat, PyTuple};
 
@@ -255,16 +256,25 @@ impl Stepper {
     /// ------
     /// caudal.Error
     ///     What went wrong inside; everything is then as it was before the call.
+    ///
+    /// Warns
+    /// -----
+    /// RuntimeWarning
+    ///     Where the pose or the velocity that was given for the head jumps: the tail rings.
     fn do_step(&self, py: Python<'_>, h: f64) -> PyResult<()> {
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let mut attention = Attention::new();
         let outcome = py.detach(|| stepper.do_step_with(h, |_| attention.pay(|_| Ok(ControlFlow::Continue(())))));
         match (outcome, attention.failure) {
-            (_, Some(failure)) => Err(failure),
-            (Err(error), None) => Err(exception(py, &error)),
-            (Ok(_), None) => Ok(()),
+            (_, Some(failure)) => return Err(failure),
+            (Err(error), None) => return Err(exception(py, &error)),
+            (Ok(_), None) => {}
         }
+        let Some(jump) = stepper.take_head_jump() else { return Ok(()) };
+        drop(open);
+        let text = CString::new(jump.to_string()).unwrap_or_default();
+        PyErr::warn(py, &py.get_type::<PyRuntimeWarning>(), &text, 1)
     }
 
     /// Read a variable.
@@ -286,12 +296,9 @@ impl Stepper {
     /// caudal.errors.UnknownVariableError
     ///     Where this scene has no variable of that name.
     #[pyo3(signature = (name, out=None))]
-    fn get<'py>(
-        &self,
-        py: Python<'py>,
-        name: &str,
-        out: Option<&Bound<'py, PyArray1<f64>>>,
-    ) -> PyResult<Bound<'py, PyAny>> {
+    fn get<'py>(&self, py: Python<'py>, name: &str, out: Option<&Bound<'py, PyAny>>) -> PyResult<Bound<'py, PyAny>> {
+        let wrong = |_| PyTypeError::new_err("out: allowed: a NumPy array of one dimension and the type float64");
+        let out = out.map(|out| out.cast::<PyArray1<f64>>().map_err(wrong)).transpose()?;
         let mut open = self.open()?;
         let stepper = open.stepper()?;
         let variable = stepper.find(name).or_raise(py)?;

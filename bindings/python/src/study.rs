@@ -1,8 +1,9 @@
 //! Studies.
 
 use std::path::PathBuf;
+use std::sync::{Mutex, PoisonError};
 
-use caudal::report::Findings;
+use caudal::report::{Claim, Findings};
 use caudal::study::{Desk, Runs, Studied, Study, keep, make_runs};
 use pyo3::exceptions::{PyRuntimeError, PyTypeError};
 use pyo3::prelude::*;
@@ -12,10 +13,11 @@ use crate::attention::Progress;
 use crate::error::OrRaise;
 use crate::parts::{PartsAtWork, lines};
 use crate::scene::Scene;
+use crate::values::plain;
 
 /// What is asked for as `{kind: options}`.
 fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
-    pythonize::depythonize(study).map_err(|error| PyTypeError::new_err(error.to_string()))
+    pythonize::depythonize(&plain(study)?).map_err(|error| PyTypeError::new_err(error.to_string()))
 }
 
 /// The runs that a study needs next, for workers elsewhere; none where all are there.
@@ -26,10 +28,12 @@ pub fn runs_of(
     scene: &Bound<'_, Scene>,
     study: &Bound<'_, PyDict>,
     out: Option<PathBuf>,
+    force: bool,
 ) -> PyResult<Option<PartsAtWork>> {
     let Scene { scene, document, .. } = scene.get();
     let study = asked(study)?;
     let folder = out.unwrap_or_else(|| study.folder(scene));
+    drop(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let runs = py.detach(|| Runs::of(&study, document, &folder)).or_raise(py)?;
     Ok(runs.map(|runs| PartsAtWork::new(runs, "run", "_runs", folder)))
 }
@@ -53,6 +57,7 @@ pub fn study<'py>(
     scene: &Bound<'py, Scene>,
     study: &Bound<'py, PyDict>,
     out: Option<PathBuf>,
+    force: bool,
     progress: Option<Py<PyAny>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let Scene { scene, document, .. } = scene.get();
@@ -60,14 +65,16 @@ pub fn study<'py>(
     let folder = out.unwrap_or_else(|| study.folder(scene));
     let told = Progress::default();
     let tell = |done: usize, of: usize| told.reach(done, of);
-    let desk = Desk::new(&folder, &told.interrupted, &tell);
+    let held = Mutex::new(study.claim(scene, &folder, Claim::forced(force)).or_raise(py)?);
+    let desk = Desk::new(&held, &told.interrupted, &tell);
     let findings = match told.watch(py, progress.as_ref(), || study.make(scene, desk))?.or_raise(py)? {
         Studied::Complete(findings) => findings,
         Studied::Interrupted(done, of) => {
             return Err(PyRuntimeError::new_err(format!("interrupted after {done} of {of} runs")));
         }
     };
-    py.detach(|| keep(&findings, &folder, &scene.name, document)?.complete()).or_raise(py)?;
+    let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
+    py.detach(|| keep(&findings, &mut held, &scene.name, document)?.complete()).or_raise(py)?;
     told.tell(py, progress.as_ref())?;
     let Findings { subject, answers, numbers, figures, tables, .. } = findings;
     let content = PyDict::new(py);

@@ -1,10 +1,12 @@
 //! Sweeps: on this machine's threads, or case by case wherever they are run.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex};
 
-use caudal::Error;
 use caudal::jobs::{Job, Journal, cores};
+use caudal::report::{Claim, Folder};
+use caudal::scene::Files;
 use caudal::sweep::{Fresh, Results, Sweep, Unpacked, run as run_cases};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
@@ -12,6 +14,7 @@ use pyo3::types::{PyBytes, PyDict, PyList};
 
 use crate::attention::Progress;
 use crate::error::OrRaise;
+use crate::locks::{lock, lock_detached};
 use crate::parts::lines;
 use crate::values::to_toml;
 
@@ -21,6 +24,8 @@ pub struct SweepAtWork {
     sweep: Sweep,
     job: Job,
     folder: PathBuf,
+    /// The same, held while results are written.
+    held: Mutex<Folder>,
     threads: usize,
     /// None once the results are made of it.
     journal: Mutex<Option<Journal>>,
@@ -30,7 +35,7 @@ pub struct SweepAtWork {
 
 impl SweepAtWork {
     fn with_journal<T>(&self, act: impl FnOnce(&mut Journal) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
-        let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut journal = lock(py, &self.journal);
         match journal.as_mut() {
             Some(journal) => act(journal).or_raise(py),
             None => Err(PyRuntimeError::new_err("the sweep is finished")),
@@ -40,8 +45,10 @@ impl SweepAtWork {
 
 #[pymethods]
 impl SweepAtWork {
-    /// Reads and checks a sweep and opens its journal.
+    /// Reads and checks a sweep and opens its journal. Where `sources` are given, it is read of these contents of files, which are
+    /// written into its folder.
     #[new]
+    #[allow(clippy::too_many_arguments)] // as Python calls it
     fn new(
         py: Python<'_>,
         path: PathBuf,
@@ -49,6 +56,8 @@ impl SweepAtWork {
         out: Option<PathBuf>,
         jobs: Option<usize>,
         restart: bool,
+        force: bool,
+        sources: BTreeMap<PathBuf, Vec<u8>>,
     ) -> PyResult<Self> {
         let mut overrides = Vec::new();
         for (key, value) in set.into_iter().flatten() {
@@ -56,17 +65,22 @@ impl SweepAtWork {
         }
         let threads = jobs.unwrap_or_else(cores).max(1);
         let prepared = py.detach(|| {
-            let sweep = Sweep::read(&path, &overrides)?;
+            let named = |(path, content): (&PathBuf, &Vec<u8>)| {
+                (path.file_name().unwrap_or_default().to_string_lossy().into_owned(), content.clone())
+            };
+            let written: Vec<_> = sources.iter().map(named).collect();
+            let sweep = Sweep::read_from(&Files::over_disk(sources), &path, &overrides)?;
             let job = sweep.job(threads)?;
             let folder = out.unwrap_or_else(|| sweep.folder());
-            std::fs::create_dir_all(&folder)
-                .map_err(|e| Error::Write { path: folder.clone(), reason: e.to_string() })?;
-            let journal = folder.join("cases.journal");
-            if restart && journal.exists() {
-                Journal::clear(&journal)?;
+            let mut held = sweep.claim(&folder, &job, Claim::forced(force))?;
+            written.iter().try_for_each(|(name, _)| held.admit(name))?;
+            if restart {
+                held.begin_anew(None)?;
             }
-            let journal = Mutex::new(Some(sweep.journal(&journal, &job)?));
-            Ok(Self { sweep, job, folder, threads, journal, fresh: Mutex::default() })
+            let journal = Mutex::new(Some(sweep.journal(&mut held, "cases.journal", &job)?));
+            held.keep_sources(&written)?;
+            held.let_others();
+            Ok(Self { sweep, job, folder, held: Mutex::new(held), threads, journal, fresh: Mutex::default() })
         });
         prepared.or_raise(py)
     }
@@ -136,8 +150,8 @@ impl SweepAtWork {
         let told = Progress::default();
         told.reach(self.sweep.size() - todo.len(), self.sweep.size());
         let cases = || {
-            let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
-            let mut fresh = self.fresh.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut journal = lock_detached(&self.journal);
+            let mut fresh = lock_detached(&self.fresh);
             journal.as_mut().map_or(Ok(()), |journal| {
                 run_cases(&self.sweep, journal, &todo, self.threads, &told.interrupted, |index, row| {
                     told.advance();
@@ -150,20 +164,25 @@ impl SweepAtWork {
     }
 
     /// Closes the journal, so that others may go on with it.
-    fn close(&self) {
-        drop(self.journal.lock().unwrap_or_else(PoisonError::into_inner).take());
+    fn close(&self, py: Python<'_>) {
+        let journal = lock(py, &self.journal).take();
+        py.detach(|| drop(journal));
     }
 
     /// Writes table, figures and report of the cases that are there, and closes the journal; the rows as dictionaries, none of
     /// them unless `wanted`.
     fn finish<'py>(&self, py: Python<'py>, wanted: bool) -> PyResult<Bound<'py, PyList>> {
-        let mut journal = self.journal.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut journal = journal.take().ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
+        let journal = lock(py, &self.journal).take();
+        let mut journal = journal.ok_or_else(|| PyRuntimeError::new_err("the sweep is finished"))?;
         let results = py.detach(|| {
             journal.sync()?;
-            let fresh = std::mem::take(&mut *self.fresh.lock().unwrap_or_else(PoisonError::into_inner));
+            let fresh = std::mem::take(&mut *lock_detached(&self.fresh));
             let results = Results::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
-            results.write(&self.folder)?.kept.complete()?;
+            let mut held = lock_detached(&self.held);
+            held.hold_again()?;
+            let written = results.write(&mut held);
+            held.let_others();
+            written?.kept.complete()?;
             Ok(results)
         });
         let results = results.or_raise(py)?;
@@ -197,13 +216,13 @@ pub fn cases<'py>(
     indices: Vec<usize>,
 ) -> PyResult<(Vec<Bound<'py, PyBytes>>, Vec<f64>)> {
     let made: caudal::Result<Vec<_>> = py.detach(|| {
-        let known = UNPACKED.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let known = lock_detached(&UNPACKED).clone();
         let sweep = match known.filter(|(bytes, _)| bytes == parcel) {
             Some((_, sweep)) => sweep,
             None => {
                 let sweep = Arc::new(Unpacked::read(parcel)?);
                 let known = Some((parcel.to_vec(), sweep.clone()));
-                *UNPACKED.lock().unwrap_or_else(PoisonError::into_inner) = known;
+                *lock_detached(&UNPACKED) = known;
                 sweep
             }
         };

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
-use pyo3::types::PyFloat;
+use pyo3::types::{PyDict, PyFloat, PyList, PyTuple};
 
 /// Numbers that Python gives: an array in place where it is one of contiguous doubles, else converted.
 pub enum Numbers<'py> {
@@ -20,6 +20,9 @@ impl<'py> Numbers<'py> {
     pub fn of(values: &Bound<'py, PyAny>) -> PyResult<Self> {
         if let Ok(number) = values.cast::<PyFloat>() {
             return Ok(Self::One(number.value()));
+        }
+        if values.is_none() {
+            return Err(PyTypeError::new_err("found None; allowed: a number, or numbers in one dimension")); // NumPy takes it for NaN
         }
         let array = match values.cast::<PyArray1<f64>>() {
             Ok(array) => array.clone(),
@@ -50,12 +53,31 @@ impl<'py> Numbers<'py> {
     }
 }
 
-/// A Python value as TOML; NumPy's scalars and arrays become Python's first.
+/// `value` with NumPy's scalars and arrays, itself or anywhere inside, as Python's.
+pub fn plain<'py>(value: &Bound<'py, PyAny>) -> PyResult<Bound<'py, PyAny>> {
+    if let Some(tolist) = value.getattr_opt("tolist")? {
+        return tolist.call0();
+    }
+    if let Ok(entries) = value.cast::<PyDict>() {
+        let dictionary = PyDict::new(value.py());
+        for (key, value) in entries {
+            dictionary.set_item(key, plain(&value)?)?;
+        }
+        return Ok(dictionary.into_any());
+    }
+    if value.is_instance_of::<PyList>() || value.is_instance_of::<PyTuple>() {
+        let list = PyList::empty(value.py());
+        for value in value.try_iter()? {
+            list.append(plain(&value?)?)?;
+        }
+        return Ok(list.into_any());
+    }
+    Ok(value.clone())
+}
+
+/// A Python value as TOML.
 pub fn to_toml(value: &Bound<'_, PyAny>) -> PyResult<::toml::Value> {
-    let plain = match value.getattr_opt("tolist")? {
-        Some(tolist) => tolist.call0()?,
-        None => value.clone(),
-    };
+    let plain = plain(value)?;
     pythonize::depythonize(&plain).map_err(|_| {
         PyTypeError::new_err(format!(
             "{} cannot be part of a scene; allowed: numbers, strings, booleans, and lists and dictionaries of them",

@@ -24,6 +24,21 @@ SCENES = {
 }
 
 
+
+
+def pytest_collectreport(report):
+    pytest_runtest_logreport(report)
+
+
+def pytest_runtest_logreport(report):
+    """Each reason to skip goes to the file that CAUDAL_SKIPPED names, where tests/all.sh collects them."""
+    path = os.environ.get("CAUDAL_SKIPPED")
+    if path and report.skipped:
+        reason = report.longrepr[2].removeprefix("Skipped: ")
+        with open(path, "a") as file:
+            file.write(" ".join(reason.split()) + "\n")
+
+
 @pytest.fixture(params=SCENES)
 def scene(request):
     """Each of the scenes."""

@@ -130,7 +130,7 @@ def test_tables_travel_with_a_sweep_and_no_disk_is_shared(tmp_path):
         '"head.angle_rad.table" = ["a.csv", "b.csv"]\nrod.nodes = [9, 11]\n'
     )
     ours = caudal.sweep(path, out=tmp_path / "ours")
-    parcel = caudal._caudal._Sweep(path, None, tmp_path / "theirs", None, False).parcel()
+    parcel = caudal._caudal._Sweep(path, None, tmp_path / "theirs", None, False, False, {}).parcel()
     for file in folder.iterdir():
         file.unlink()
     lines, _ = caudal._caudal._cases(parcel, [0, 1, 2, 3])
@@ -142,7 +142,7 @@ def test_tables_travel_with_a_sweep_and_no_disk_is_shared(tmp_path):
 
 
 def test_a_line_that_was_damaged_on_its_way_is_refused_and_a_second_one_is_left_out(sweep, tmp_path):
-    at_work = caudal._caudal._Sweep(sweep, None, tmp_path / "out", None, False)
+    at_work = caudal._caudal._Sweep(sweep, None, tmp_path / "out", None, False, False, {})
     lines, times = caudal._caudal._cases(at_work.parcel(), [3, 4])
     assert len(times) == 2
     assert at_work.keep(lines) == 2
@@ -382,7 +382,7 @@ def test_starts_and_checks_of_a_design_are_simulated_by_any_executor_to_the_same
     assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
     assert theirs == ours, "each iteration is told once"
     # A start that is known is not searched again, and the rest goes on without an engine.
-    starts = caudal._caudal._design_parts(scene, tmp_path / "on", None)
+    starts = caudal._caudal._design_parts(scene, tmp_path / "on", False, None)
     assert starts.noun == "start" and starts.todo() == [0, 1, 2]
     lines, _ = caudal._caudal._simulate(starts.parcel(), [1])
     assert starts.keep(lines) == 1 and starts.keep(lines) == 0 and starts.todo() == [0, 2]
@@ -396,7 +396,7 @@ def test_starts_and_checks_of_a_design_are_simulated_by_any_executor_to_the_same
 def test_the_checks_of_a_design_are_parts_of_their_own(tmp_path):
     scene = caudal.load(design_scene(tmp_path), set={"design.starts": 1})
     whole = caudal.design(scene, out=tmp_path / "ours")
-    checks = caudal._caudal._design_parts(scene, tmp_path / "theirs", None)
+    checks = caudal._caudal._design_parts(scene, tmp_path / "theirs", False, None)
     # As designed, half the step, another method, a finer mesh, and perhaps another law: of two profiles, in two media.
     assert checks.noun == "check" and checks.size == 4 * len(whole.checks)
     assert checks.describe(2) == f"what was before, {whole.checks[0]['simulation']}, case 0"
@@ -455,7 +455,7 @@ def test_a_start_or_check_of_a_design_that_ends_its_worker_is_named_and_the_othe
             with pytest.raises(caudal.errors.LostCasesError, match=f"1 {phase} ended the worker.*{phase} 1: ") as caught:
                 caudal.design(scene, out=out, client=client)
     assert caught.value.cases == [1] and caught.value.rows == []
-    parts = caudal._caudal._design_parts(scene, out, None)
+    parts = caudal._caudal._design_parts(scene, out, False, None)
     assert parts.noun == phase and parts.todo() == [1]
     parts.close()
     caudal.design(scene, out=out)  # here it does no harm
@@ -529,7 +529,7 @@ def test_a_study_goes_on_with_the_runs_that_an_engine_made(tmp_path):
     scene = caudal.load(file, set={"solver.duration_s": 0.05})
     caudal.study("stability", scene, out=tmp_path / "ours", **options)
     out = tmp_path / "theirs"
-    runs = caudal._caudal._runs_of(scene, {"stability": options}, out)
+    runs = caudal._caudal._runs_of(scene, {"stability": options}, out, False)
     lines, times = caudal._caudal._runs(runs.parcel(), [3, 5])
     assert runs.keep(lines) == 2 and runs.keep(lines) == 0 and len(times) == 2
     assert set(range(runs.size)) - set(runs.todo()) == {3, 5}

@@ -140,6 +140,14 @@ def test_a_tail_that_fails_ends_its_own_episode_alone():
     assert not failed.any() and rewards[1] == 0.0 and infos["time_s"].tolist() == [0.1, 0.0]
 
 
+OPTIONS = {
+    "actions": {"natural_curvature_1_m": (-1.0, 1.0)},
+    "observations": ["x_com_m", "tip_y_m"],
+    "reward": lambda before, after: 0.0,
+    "period_s": 0.05,
+}
+
+
 def test_wrong_options_of_an_environment_are_named():
     options = {
         "actions": {"natural_curvature_1_m": (-1.0, 1.0)},
@@ -156,6 +164,8 @@ def test_wrong_options_of_an_environment_are_named():
         ("actions", {"natural_curvature_1_m": (-np.inf, 1.0)}, "allowed: two numbers, the smaller first"),
         ("scales", {"tip_y_m": 2.0}, "scales: `tip_y_m` is not observed; allowed: x_com_m"),
         ("scales", {"x_com_m": 0.0}, "found 0.0; allowed: a positive number"),
+        ("render_mode", "human", "render_mode: found 'human'; allowed: None, 'rgb_array'"),
+        ("actions", {"viscosity_pa_s": (-1.0, 1.0)}, r"actions\['viscosity_pa_s'\]: .*-1"),
     ]:
         with pytest.raises(ValueError, match=problem):
             caudal.gymnasium.TailEnv("models/glycerol.toml", **{**options, name: value})
@@ -165,6 +175,44 @@ def test_wrong_options_of_an_environment_are_named():
         environment.step(np.zeros(3))
     with pytest.raises(ValueError, match="threads: found 0"):
         caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, threads=0, **options)
+
+
+def test_an_episode_ends_with_the_first_period_that_reaches_its_duration():
+    for duration, period, steps in [(0.25, 0.1, 3), (0.3, 0.1, 3), (0.05, 0.1, 1), (1.0, 0.1, 10)]:
+        environment = caudal.gymnasium.TailEnv("models/glycerol.toml", duration_s=duration, **{**OPTIONS, "period_s": period})
+        environment.reset()
+        ends = [environment.step(np.zeros(7))[3] for _ in range(steps)]
+        assert ends == [False] * (steps - 1) + [True]
+
+
+def test_episodes_begin_and_aim_at_random_as_their_seed_says():
+    environment = caudal.gymnasium.TailEnv(
+        "models/glycerol.toml",
+        **{**OPTIONS, "observations": ["viscosity_pa_s", "vx_com_m_s"], "reward": lambda before, after: float(after["goal"][1])},
+        start=lambda stepper, dice: stepper.set("viscosity_pa_s", dice.uniform(0.5, 1.0)),
+        goal=lambda dice: dice.uniform(-1.0, 1.0, 2),
+    )
+    first, again, other = (environment.reset(seed=seed)[0] for seed in (1, 1, 2))
+    assert first.shape == environment.observation_space.shape == (4,)
+    np.testing.assert_array_equal(first, again)
+    assert (first[[0, 2, 3]] != other[[0, 2, 3]]).all() and 0.5 < first[0] < 1.0
+    assert environment.step(np.zeros(7))[1] == pytest.approx(other[3])
+
+
+def test_actions_of_another_shape_and_masks_of_a_vector_are_refused_and_masked_tails_begin_anew_alone():
+    environment = caudal.gymnasium.TailVectorEnv("models/glycerol.toml", 2, **OPTIONS)
+    first, _ = environment.reset(seed=1)
+    for shape in [(3, 7), (1, 7), (2,), (7,)]:
+        with pytest.raises(ValueError, match=r"actions: found the shape .*; allowed: \(2, 7\)"):
+            environment.step(np.zeros(shape))
+    moved = environment.step(np.ones((2, 7)))[0]
+    for mask in [np.array([True]), np.array([0, 1]), np.array([False, False])]:
+        with pytest.raises(ValueError, match="reset_mask: found"):
+            environment.reset(options={"reset_mask": mask})
+    masked, infos = environment.reset(options={"reset_mask": np.array([False, True])})
+    np.testing.assert_array_equal(masked, [moved[0], first[1]])
+    assert infos["_time_s"].tolist() == [False, True]
+    assert environment.step(np.ones((2, 7)))[4]["time_s"].tolist() == pytest.approx([0.1, 0.05])
 
 
 def test_the_example_learns_to_swim_nearer():

@@ -1,7 +1,6 @@
 """Several hosts: network namespaces with addresses of their own, a bridge between them, and no disk in common.
 
-Where namespaces may not be made (not root, or no iproute2) the tests say that they skipped; CAUDAL_HOSTS=required does not ask
-for them, as containers of continuous integration often forbid them.
+Where namespaces may not be made (not root, or no iproute2) the tests say that they skipped.
 """
 
 import contextlib
@@ -42,7 +41,9 @@ def hosts():
         subprocess.run(["ip", "netns", "exec", names[0], "unshare", "--mount", "true"], check=True, capture_output=True)
         yield names
     except (OSError, subprocess.CalledProcessError) as error:
-        pytest.skip(f"no network namespaces here: {getattr(error, 'stderr', b'') or error}")
+        why = getattr(error, "stderr", None) or str(error)
+        why = why.decode() if isinstance(why, bytes) else why
+        pytest.skip(f"workers in network namespaces: as root, apt-get install iproute2 ({why.strip()})")
     finally:
         with contextlib.suppress(OSError):
             for name in names:

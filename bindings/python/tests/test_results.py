@@ -110,7 +110,7 @@ def test_figures_become_png_and_pdf_from_python_and_the_command(tmp_path, comman
     assert 200 < ink.sum() < 10000, ink.sum()
     assert (folder / "energy.pdf").read_bytes().startswith(b"%PDF")
     one = caudal.export(folder, "png", figures="shape", out=tmp_path / "one")
-    assert [path.name for path in (tmp_path / "one").iterdir()] == ["shape.png"] and len(one) == 1
+    assert {path.name for path in (tmp_path / "one").iterdir()} == {"shape.png", "manifest.json"} and len(one) == 1
     command(None, "export", folder, "--png", "--pdf", "--gif", "--fps", "10", "--out", tmp_path / "two", "--set=solver.duration_s=0.1")
     assert (tmp_path / "two/shape.png").read_bytes() == (folder / "shape.png").read_bytes()
     assert (tmp_path / "two/shape.pdf").read_bytes()[:1000] == (folder / "shape.pdf").read_bytes()[:1000]
@@ -195,3 +195,20 @@ def test_every_object_shows_itself_in_a_notebook_and_comes_back_from_a_pickle():
     weights = {"tip_y_m": np.ones_like(simulation.times_s)}
     assert again.pull_back(weights, ["rod.length_m"]) == simulation.pull_back(weights, ["rod.length_m"])
     assert pickle.loads(pickle.dumps(parameter)) == parameter
+
+
+def test_a_sweep_of_objects_writes_over_no_file_of_others(tmp_path):
+    scene = caudal.load("models/glycerol.toml", set={"solver.duration_s": 0.02})
+    axes = {"actuation.kappa_amp": [0.3, 0.6]}
+    own = tmp_path / "sweep.toml"
+    own.write_text("mine")
+    with pytest.raises(caudal.errors.OccupiedError, match="sweep.toml.*`out=`.*`force=True`") as refused:
+        caudal.sweep(scene, axes, out=tmp_path)
+    assert "--" not in str(refused.value)
+    assert own.read_text() == "mine" and [path.name for path in tmp_path.iterdir()] == ["sweep.toml"]
+    rows = caudal.sweep(scene, axes, out=tmp_path, force=True)
+    assert rows.complete and "kappa_amp" in own.read_text()
+    assert len(caudal.sweep(scene, axes, out=tmp_path)) == 2
+    with pytest.raises(caudal.errors.Error):  # of other axes: what says what the table is of stays
+        caudal.sweep(scene, {"actuation.kappa_amp": [0.4]}, out=tmp_path)
+    assert "0.6" in own.read_text()

@@ -16,7 +16,9 @@ def slurm():
     """Skips where no Slurm answers."""
     there = shutil.which("sbatch") and subprocess.run(["sinfo"], capture_output=True).returncode == 0
     if not there:
-        pytest.skip("no Slurm here")
+        pytest.skip(
+            "sweeps under Slurm: as root, apt-get install slurm-wlm, then sh bindings/python/tests/one_node_slurm.sh sh tests/all.sh"
+        )
 
 
 def submit(script, folder, *options):

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import tracemalloc
+import warnings
 
 import numpy as np
 import pytest
@@ -182,6 +183,20 @@ def test_an_input_goes_on_along_its_derivatives():
             tail.set_derivative("flow_x_m_s", order, 2.0)
 
 
+def test_a_head_that_jumps_is_warned_of():
+    tail = caudal.Stepper(caudal.load("models/driven-head.toml", set={"rod.nodes": 9}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for _ in range(5):
+            tail.do_step(0.002)
+    tail.set("head_vy_m_s", tail.get("pose_vy_m_s") + 5.0)
+    with pytest.warns(RuntimeWarning, match="velocity y given for the head"):
+        tail.do_step(0.002)
+    tail.set("head_x_m", 0.5)
+    with pytest.warns(RuntimeWarning, match="position x given for the head"):
+        tail.do_step(0.002)
+
+
 def test_what_a_host_says_of_the_media_is_what_a_scene_says_of_them():
     said = {"interface_1_offset_m": 0.02, "beyond_1_viscosity_pa_s": 0.1, "beyond_1_density_kg_m3": 900.0}
     keys = {"medium.beyond.offset_m": 0.02, "medium.beyond.viscosity_pa_s": 0.1, "medium.beyond.density_kg_m3": 900.0}
@@ -212,6 +227,13 @@ def test_arrays_that_are_given_are_filled_and_returned():
 
 def test_mistakes_are_exceptions_with_the_library_s_fields():
     tail = caudal.Stepper("models/glycerol.toml")
+    for out in (np.zeros(9, np.float32), np.zeros((9, 1)), [0.0] * 9):
+        with pytest.raises(TypeError, match="out: allowed: a NumPy array of one dimension and the type float64"):
+            tail.get("x_m", out=out)
+    with pytest.raises(TypeError, match="found None; allowed: a number"):
+        tail.set("viscosity_pa_s", None)
+    with pytest.raises(caudal.errors.UnknownVariableError, match="it needs a held head"):
+        tail.get("head_force_x_n")
     with pytest.raises(caudal.errors.UnknownVariableError, match="did you mean `tip_x_m`") as caught:
         tail.get("tip_x")
     assert (caught.value.name, caught.value.nearest) == ("tip_x", "tip_x_m") and isinstance(caught.value, KeyError)

@@ -1,17 +1,18 @@
 //! Resistance as an experiment gives it: ξ∥ and ξ⊥ along the rod, whatever the fluid.
 
 use super::resistance::{ACROSS, ALONG, Resistance};
-use super::{DragLaw, Published, Reach};
+use super::{DragLaw, Published, Reach, Takes};
 use crate::fluid::force::Validity;
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
     name: "coefficients",
     meaning: "the drag that the scene gives, along and across",
-    validity: Validity { range: "that of the measurement", source: "the scene" },
+    validity: Validity { range: "that of the measurement", bounds: &[], source: "the scene" },
     reynolds: f64::INFINITY,
     published: Published::NOTHING,
     reach: Reach::Edge,
+    takes: Takes::Nothing,
     keys: &["along_n_s_m2", "across_n_s_m2"],
     needs: &["along_n_s_m2", "across_n_s_m2"],
     resistance: None,

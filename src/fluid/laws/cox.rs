@@ -1,10 +1,12 @@
-//! Slender-body theory's resistance of a blunt cylinder: ξ∥ = 2πμ/(ln(ℒ/a) − 3/2 + ln 2), ξ⊥ = 4πμ/(ln(ℒ/a) − 1/2 + ln 2).
+//! Slender-body theory's resistance of a blunt cylinder: ξ∥ = 2πμ/(ln(ℒ/a) − 3/2 + ln 2), ξ⊥ = 4πμ/(ln(ℒ/a) − 1/2 + ln 2);
+//! across a flat section its [`slender_across`](crate::rod::Section::slender_across) less 1 in place of −1/2.
 
 use std::f64::consts::{LN_2, PI};
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
+use crate::fluid::range::{Bound, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -12,7 +14,8 @@ pub static LAW: DragLaw = DragLaw {
     name: "cox",
     meaning: "slender-body theory's drag of a cylinder",
     validity: Validity {
-        range: "creeping flow, length over radius of at least 10; within 10 % in speed for radius over length up to 0.01",
+        range: "creeping flow; within 10 % in speed for radius over length up to 0.01",
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Slenderness, 10.0)],
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",
     },
     reynolds: CREEPING,
@@ -26,6 +29,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "nonlocal slender-body theory by regularised Stokeslets on prescribed waves and driven tails of sperm number 1.5 to 3, radius over length up to 0.01; growth with inertia: a round swimmer against cross-flow",
     },
     reach: Reach::Edge,
+    takes: Takes::SlenderRadius,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
@@ -37,5 +41,5 @@ pub static LAW: DragLaw = DragLaw {
 /// ξ∥/μ and ξ⊥/μ.
 pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
     let slender = (recipe.slender() / half.radius).ln();
-    [2.0 * PI / (slender - 1.5 + LN_2), 4.0 * PI / (slender - 0.5 + LN_2)]
+    [2.0 * PI / (slender - 1.5 + LN_2), 4.0 * PI / (slender - (1.0 - half.slender_across) + LN_2)]
 }

@@ -1,6 +1,6 @@
 //! Drag from creeping flow to Reynolds numbers of 10⁵: viscous, boundary layer and form drag.
 //!
-//! With u = V·t, w = V·n, depth D, perimeter P of the elliptic section, ν = μ/ρ:
+//! With u = V·t, w = V·n, depth D, perimeter P and form drag C_d of the section, ν = μ/ρ:
 //! f⊥ = [ξ⊥ + 2ρD(ν/D)^½ |w|^½ + ½ρD C_d |w|] w, and
 //! f∥ = [ξ∥ + ½·3.5 ρ(P/π)(ν/D)^½ (τ²w² + (1.42 D u/L)²)^¼ + ½ρP C_f |u|] u.
 //! The normal part is Taylor's, where u drops out; the tangential one is the heat that a cylinder loses, with the friction of
@@ -10,19 +10,21 @@ use std::f64::consts::PI;
 
 use wide::f64x2;
 
-use super::{Causes, DragLaw, Published, Reach, Recipe, Uncertainty};
+use super::{Causes, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::{Force, Validity};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
+use crate::fluid::range::{Bound, Scale};
 use crate::linear::{Number, Pair, Real};
-use crate::rod::Half;
+use crate::rod::{Half, Section};
 
 /// What is known of it.
 pub static LAW: DragLaw = DragLaw {
     name: "cross-flow",
     meaning: "viscous drag, a boundary layer's friction and form drag",
     validity: Validity {
-        range: "Reynolds numbers of the depth from 1e-3 to 1e5; no lift, vortex shedding or history",
+        range: "no lift, vortex shedding or history",
+        bounds: &[Bound::between(Scale::Reynolds, 1e-3, 1e5)],
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
     reynolds: 1e5,
@@ -35,6 +37,7 @@ pub static LAW: DragLaw = DragLaw {
         source: "S. Kern & P. Koumoutsakos, J. Exp. Biol. 209 (2006), and others on the same eel, for speed; C. Sucker & H. Brauer (1975) for a cylinder's drag; at low Reynolds numbers that of cox",
     },
     reach: Reach::Edge,
+    takes: Takes::Outline,
     keys: &["slender_length_m", "viscous", "form_drag", "thinning", "skin_friction", "turbulent_friction"],
     needs: &[],
     resistance: None,
@@ -99,11 +102,8 @@ pub(crate) struct Coefficients<P = f64x2> {
 
 impl Coefficients {
     fn of(recipe: &Recipe<'_>, halves: &[Half; 2]) -> Self {
-        let (depth, breadth) = (both(halves, |half| half.depth), both(halves, |half| 2.0 * half.radius));
-        // Ramanujan's perimeter of the ellipse.
-        let (a, b) = (depth * 0.5, breadth * 0.5);
-        let perimeter = ((a + b) * 3.0 - ((a * 3.0 + b) * (a + b * 3.0)).sqrt()) * PI;
-        let slim = (breadth / depth).min(f64x2::ONE);
+        let of = |quantity: fn(&Section) -> f64| both(halves, |half| quantity(&half.section()));
+        let (depth, perimeter, slim) = (of(|section| section.depth), of(Section::perimeter), of(Section::slim));
         let form_unit = depth * 0.5;
         let layer_along_unit = perimeter * 0.5 / (depth.sqrt() * PI);
         let viscous =
@@ -113,7 +113,7 @@ impl Coefficients {
         Self {
             viscous: [both(&viscous, |xi| xi[0]), both(&viscous, |xi| xi[1])],
             layer_across: depth.sqrt() * 2.0,
-            form: form_unit * recipe.form_drag.map_or(f64x2::from(2.0) - slim * 0.9, f64x2::from),
+            form: form_unit * recipe.form_drag.map_or_else(|| of(Section::form_drag), f64x2::from),
             form_unit,
             layer_along: layer_along_unit * recipe.skin_friction.unwrap_or(FRICTION),
             layer_along_unit,

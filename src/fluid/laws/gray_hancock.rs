@@ -3,8 +3,9 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
+use crate::fluid::range::{Bound, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -13,14 +14,22 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag of a wave of given length, twice as large across as along",
     validity: Validity {
         range: "creeping flow, waves of small amplitude; 20 to 160 % too fast for bodies of radius over length above 0.01",
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING)],
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
     reynolds: CREEPING,
     published: Published {
-        table: &[Uncertainty::at(1.0, [0.68, 0.48, 0.46])],
+        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        table: &[
+            Uncertainty::at(5e-4, [0.68, 0.48, 0.46]),
+            Uncertainty::at(0.016, [0.687, 0.488, 0.46]),
+            Uncertainty::at(0.26, [0.687, 0.488, 0.514]),
+            Uncertainty::at(3.1, [0.763, 0.594, 0.796]),
+        ],
         source: "nonlocal slender-body theory on prescribed waves and driven tails",
     },
     reach: Reach::Edge,
+    takes: Takes::SlenderRadius,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

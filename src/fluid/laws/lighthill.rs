@@ -1,10 +1,12 @@
-//! Lighthill's resistance of a flagellum: ξ∥ = 2πμ/ln(0.18Λ/a), ξ⊥ = 4πμ/(ln(0.18Λ/a) + 1/2), Λ the wavelength along the arc.
+//! Lighthill's resistance of a flagellum: ξ∥ = 2πμ/ln(0.18Λ/a), ξ⊥ = 4πμ/(ln(0.18Λ/a) + 1/2), Λ the wavelength along the arc;
+//! across a flat section its [`slender_across`](crate::rod::Section::slender_across) in place of 1/2.
 
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
+use crate::fluid::range::{Bound, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -12,15 +14,23 @@ pub static LAW: DragLaw = DragLaw {
     name: "lighthill",
     meaning: "the drag of a wave without load",
     validity: Validity {
-        range: "creeping flow, a wave without load, wavelength over radius of at least 30",
+        range: "creeping flow, a wave without load",
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Wave, 30.0)],
         source: "M. J. Lighthill, SIAM Review 18 (1976)",
     },
     reynolds: CREEPING,
     published: Published {
-        table: &[Uncertainty::at(1.0, [0.31, 0.57, 0.20])],
+        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        table: &[
+            Uncertainty::at(5e-4, [0.31, 0.57, 0.2]),
+            Uncertainty::at(0.016, [0.325, 0.577, 0.2]),
+            Uncertainty::at(0.26, [0.325, 0.577, 0.305]),
+            Uncertainty::at(3.1, [0.464, 0.669, 0.68]),
+        ],
         source: "nonlocal slender-body theory on prescribed waves, with and without a head, and driven tails",
     },
     reach: Reach::Edge,
+    takes: Takes::SlenderRadius,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),
@@ -32,7 +42,7 @@ pub static LAW: DragLaw = DragLaw {
 /// ξ∥/μ and ξ⊥/μ.
 pub(super) fn resistance(recipe: &Recipe<'_>, half: &Half) -> [f64; 2] {
     let slender = (0.18 * wave(recipe) / half.radius).ln();
-    [2.0 * PI / slender, 4.0 * PI / (slender + 0.5)]
+    [2.0 * PI / slender, 4.0 * PI / (slender + half.slender_across)]
 }
 
 /// Λ, m: the one that the scene names, else the actuation's, else the rod's length.

@@ -59,6 +59,35 @@ pub enum Reach {
     },
 }
 
+/// What a law takes of a cross-section.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Takes {
+    /// Its depth, perimeter and form drag; of the viscous part what the law of that takes.
+    Outline,
+    /// [`Section::slender_radius`](crate::rod::Section::slender_radius), which slender-body theory knows a section by, and
+    /// [`Section::slender_across`](crate::rod::Section::slender_across).
+    SlenderRadius,
+    /// The same, in a theory of round rods: an ellipse is taken for one, a rectangle refused.
+    Round,
+    /// The area of its material.
+    Area,
+    /// Nothing: its coefficients are given, or are those of another law.
+    Nothing,
+}
+
+impl Takes {
+    /// It in words.
+    pub fn in_words(self) -> &'static str {
+        match self {
+            Self::Outline => "depth, perimeter and form drag of the section",
+            Self::SlenderRadius => "the round rod that slow flow sees in any section",
+            Self::Round => "round rods; an ellipse is taken for the round rod that slow flow sees, a rectangle refused",
+            Self::Area => "the disc of the material's area",
+            Self::Nothing => "nothing of the section",
+        }
+    }
+}
+
 /// What is known of a law, and how to make it.
 #[derive(Debug)]
 pub struct DragLaw {
@@ -74,6 +103,8 @@ pub struct DragLaw {
     pub published: Published,
     /// What the force at a place depends on.
     pub reach: Reach,
+    /// What it takes of a cross-section.
+    pub takes: Takes,
     /// The keys of `[drag]` that it takes beside those of every law.
     pub keys: &'static [&'static str],
     /// Those of them that it cannot do without.
@@ -191,6 +222,13 @@ impl DragLaw {
         }
     }
 
+    /// True of a law that has published results and needs no key of its own, in a scene with the height above a wall or without.
+    pub fn is_offered(&self, beside_wall: bool) -> bool {
+        let given = |key: &str| beside_wall && key == "height_m";
+        let knows_wall = !beside_wall || self.keys.contains(&"height_m");
+        !self.published.table.is_empty() && knows_wall && self.needs.iter().all(|key| given(key))
+    }
+
     /// True where the force at a place depends on the motion of the whole rod.
     pub fn is_whole(&self) -> bool {
         matches!(self.reach, Reach::Rod { .. })
@@ -206,8 +244,6 @@ pub struct Recipe<'a> {
     pub wavelength: Option<f64>,
     /// Frequency of what drives the rod, Hz.
     pub frequency: Option<f64>,
-    /// Reynolds number of the depth in the motion that the scene prescribes, see [`Regime`](crate::regime::Regime).
-    pub reynolds: f64,
     /// The drag on the head.
     pub head: HeadWeight,
     /// The law that `auto` is to be.
@@ -241,7 +277,6 @@ impl<'a> Recipe<'a> {
             rod,
             wavelength: None,
             frequency: None,
-            reynolds: 0.0,
             head: HeadWeight::NONE,
             taken: None,
             viscous: DEFAULT,

@@ -3,8 +3,9 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
+use crate::fluid::range::{Bound, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -13,14 +14,22 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory's drag of a prolate spheroid, its local part",
     validity: Validity {
         range: "creeping flow, thin spheroids",
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING)],
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
     reynolds: CREEPING,
     published: Published {
-        table: &[Uncertainty::at(1.0, [0.15, 0.25, 0.45])],
+        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        table: &[
+            Uncertainty::at(5e-4, [0.15, 0.25, 0.45]),
+            Uncertainty::at(0.016, [0.178, 0.266, 0.45]),
+            Uncertainty::at(0.26, [0.178, 0.266, 0.505]),
+            Uncertainty::at(3.1, [0.376, 0.43, 0.79]),
+        ],
         source: "that of cox, and what the drag of a cylinder along itself differs by",
     },
     reach: Reach::Edge,
+    takes: Takes::Round,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: Some(resistance),

@@ -6,9 +6,10 @@
 use std::f64::consts::PI;
 
 use super::resistance::{RATIO, Resistance};
-use super::{DragLaw, Published, Reach, Recipe};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes};
 use crate::fluid::force::Validity;
 use crate::fluid::medium::VISCOSITY;
+use crate::fluid::range::{Bound, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -17,11 +18,13 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the source study's: 6πμR per metre of length along the rod, a ratio times that across",
     validity: Validity {
         range: "the source study's own scenes: its coefficients lack 1/m, so it says something else at every size",
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING)],
         source: "the source study",
     },
     reynolds: 0.0,
     published: Published::NOTHING,
     reach: Reach::Edge,
+    takes: Takes::Area,
     keys: &["ratio"],
     needs: &["ratio"],
     resistance: Some(resistance),

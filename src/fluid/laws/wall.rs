@@ -3,8 +3,9 @@
 use std::f64::consts::PI;
 
 use super::resistance::Resistance;
-use super::{CREEPING, DragLaw, Published, Reach, Recipe, Uncertainty, cox};
+use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty, cox};
 use crate::fluid::force::Validity;
+use crate::fluid::range::{Bound, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -12,15 +13,27 @@ pub static LAW: DragLaw = DragLaw {
     name: "wall",
     meaning: "the drag beside a plane wall that the rod moves parallel to",
     validity: Validity {
-        range: "creeping flow, a rod parallel to the wall and moving parallel to it, height from the radius up to a third of the length",
+        range: "creeping flow, a rod parallel to the wall and moving parallel to it",
+        bounds: &[
+            Bound::at_most(Scale::Reynolds, CREEPING),
+            Bound::at_least(Scale::Height, 1.0),
+            Bound::at_most(Scale::HeightInLengths, 1.0 / 3.0),
+        ],
         source: "D. J. Jeffrey & Y. Onishi, Q. J. Mech. Appl. Math. 34 (1981); D. F. Katz & J. R. Blake (1975)",
     },
     reynolds: CREEPING,
     published: Published {
-        table: &[Uncertainty::at(1.0, [0.19, 0.19, 0.19])],
+        // With the inertia of the fluid, by how the errors of cox grow with the Reynolds number.
+        table: &[
+            Uncertainty::at(5e-4, [0.19, 0.19, 0.19]),
+            Uncertainty::at(0.016, [0.213, 0.21, 0.19]),
+            Uncertainty::at(0.26, [0.213, 0.21, 0.298]),
+            Uncertainty::at(3.1, [0.394, 0.398, 0.677]),
+        ],
         source: "drag of a straight rod against nonlocal theory with Blake's images, height over length 0.03 to 2",
     },
     reach: Reach::Edge,
+    takes: Takes::Round,
     keys: &["slender_length_m", "height_m"],
     needs: &["height_m"],
     resistance: Some(resistance),

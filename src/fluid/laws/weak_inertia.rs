@@ -1,17 +1,25 @@
 //! Drag where the fluid's inertia begins to matter: slender-body theory with a length that inertia shortens.
 //!
-//! Lamb's cylinder 4πμ/(½ − γ − ln(Re/8)), Re = 2a|V|/ν, is Cox's ξ⊥ with ℒ = 3.0524 ν/|V|, and Stokes's oscillating cylinder is
-//! Cox's with ℒ = 0.926 √(ν/ω). So 1/ℒ = 1/ℒ₀ + |V|/(3.0524 ν) + √(ω/ν)/0.926, exact in every limit. Across the rod Kaplun's
-//! factor 1 − 0.87 ε², ε = ξ⊥/4πμ, applies in the share that inertia has in 1/ℒ.
+//! Across the rod, Lamb's cylinder 4πμ/(½ − γ − ln(Re/8)), Re = 2a|V|/ν, is Cox's ξ⊥ with ℒ = 2e^(1−γ) ν/|V|, and Stokes's
+//! oscillating cylinder is Cox's with ℒ = e^(½−γ) √(ν/ω): 1/ℒ is the sum of what they say and 1/ℒ₀. Kaplun's factor 1 − 0.87 ε²,
+//! ε = ξ⊥/4πμ, applies in the share that the speed has in it.
+//!
+//! Along the rod a long cylinder that oscillates has ℒ = e^(3/2−γ) √(ν/ω), whatever the amplitude; what moves along is carried off by the
+//! flow across as heat is, ℒ = 2e^(3/2−γ) ν/|w|, and by the flow along through a boundary layer, ℒ² = e^(2−γ) ν ℒ₀/|V|. The squares of
+//! both inverses and of 1/ℒ₀ are summed, which is Oseen's first correction within 4 %; √(ω/ν) comes on top.
+//!
+//! What oscillates is drag in phase with the speed: Re 1/(D + iπ/4) = D/(D² + π²/16) of a logarithm D, with the angle π/4 in the share
+//! that the oscillation has in 1/ℒ.
 
-use std::f64::consts::{LN_2, PI, TAU};
+use std::f64::consts::{FRAC_PI_4, LN_2, PI, TAU};
 
 use wide::f64x2;
 
-use super::{DragLaw, Published, Reach, SLENDER, Uncertainty};
+use super::{DragLaw, Published, Reach, SLENDER, Takes, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
+use crate::fluid::range::{Bound, Scale};
 use crate::linear::{Number, Real};
 
 /// What is known of it.
@@ -19,8 +27,9 @@ pub static LAW: DragLaw = DragLaw {
     name: "weak-inertia",
     meaning: "slender-body theory with a length that the fluid's inertia shortens",
     validity: Validity {
-        range: "Reynolds numbers of the diameter up to 0.5",
-        source: "H. Lamb (1911); S. Kaplun, J. Math. Mech. 6 (1957); R. E. Khayat & R. G. Cox, J. Fluid Mech. 209 (1989)",
+        range: "slender rods",
+        bounds: &[Bound::at_most(Scale::Reynolds, 0.5), Bound::at_most(Scale::Swinging, 0.05)],
+        source: "G. G. Stokes (1851); H. Lamb (1911); S. Kaplun, J. Math. Mech. 6 (1957); R. E. Khayat & R. G. Cox, J. Fluid Mech. 209 (1989)",
     },
     reynolds: 0.5,
     published: Published {
@@ -28,93 +37,151 @@ pub static LAW: DragLaw = DragLaw {
         source: "that of cox, and the measured drag of a cylinder up to a Reynolds number of 1",
     },
     reach: Reach::Edge,
+    takes: Takes::Round,
     keys: &["slender_length_m"],
     needs: &[],
     resistance: None,
     slender: Some(|recipe| recipe.slender()),
     build: |recipe| {
-        let law = WeakInertia {
-            per_length: 1.0 / recipe.slender(),
-            root_omega: recipe.frequency.map_or(0.0, |frequency| (TAU * frequency).sqrt()),
-        };
-        Box::new(LocalDrag::new(law, recipe.rod, recipe.head, |halves| both(halves, |half| half.radius)))
+        let law = WeakInertia { root_omega: recipe.frequency.map_or(0.0, |frequency| (TAU * frequency).sqrt()) };
+        let per_length = 1.0 / recipe.slender();
+        Box::new(LocalDrag::new(law, recipe.rod, recipe.head, |halves| {
+            [both(halves, |half| half.radius), both(halves, |_| per_length)]
+        }))
     },
     parts: None,
 };
 
-/// ℒ|V|/ν of Lamb's cylinder, ℒ √(ω/ν) of Stokes's.
-const STEADY: f64 = 3.0524;
-const OSCILLATING: f64 = 0.926;
+/// ℒ|V|/ν and ℒ √(ω/ν) of a cylinder across the flow: 2e^(1−γ) and e^(½−γ).
+const STEADY: f64 = 3.052_410_2;
+const OSCILLATING: f64 = 0.925_690_2;
+/// Along it, ℒ|w|/ν, ℒ √(ω/ν) and ℒ²|V|/νℒ₀: 2e^(3/2−γ), e^(3/2−γ) and e^(2−γ).
+const ALONG_CROSSED: f64 = 5.032_573_7;
+const ALONG_OSCILLATING: f64 = 2.516_286_8;
+const ALONG_SWEPT: f64 = 4.148_655_6;
 /// Of Kaplun's ε².
 const KAPLUN: f64 = 0.87;
 
 /// The law of a rod.
 #[derive(Debug)]
 pub(crate) struct WeakInertia {
-    /// 1/ℒ₀, 1/m.
-    per_length: f64,
     /// √ω, (rad/s)^½.
     root_omega: f64,
 }
 
-/// Viscosity, 1/ℒ at rest, and its growth with the speed.
+/// Viscosity, 1/ν and √(ω/ν).
 type InFluids = [f64x2; 3];
 
-/// ξ∥ and ξ⊥, and their derivatives by 1/ℒ and by the part of it at rest.
-struct Resistances<P> {
-    xi: [P; 2],
-    by_inverse: [P; 2],
-    by_rest: P,
+/// 1/ℒ of one direction.
+#[derive(Clone, Copy)]
+struct Inverse<P> {
+    value: P,
+    /// The part of it that the oscillation has.
+    swinging: P,
+    /// Its derivatives by the velocities along and across.
+    by: [P; 2],
+    /// That by 1/ν where √(ω/ν) stays.
+    by_per_nu: P,
+}
+
+/// ξ of one direction, and its derivatives by 1/ℒ and by the oscillation's part of that.
+struct Resistance<P> {
+    xi: P,
+    by_value: P,
+    by_swinging: P,
+}
+
+/// 1/ℒ along and across the rod, at velocities `u` and `w` there.
+#[inline(always)]
+fn inverses<P: Number>(per_length: P, [per_nu, root]: [P; 2], u: P, w: P) -> [Inverse<P>; 2] {
+    let of = |x: f64| u.like(x);
+    let speed = speed(u, w);
+    // |V| grows by V·δV/|V|.
+    let some = speed.larger(of(f64::MIN_POSITIVE));
+    let (du, dw) = (u / some, w / some);
+    let (swept, crossed) = (per_length * per_nu * of(1.0 / ALONG_SWEPT), per_nu * of(1.0 / ALONG_CROSSED));
+    let crossing = crossed * w;
+    let steady = (per_length * per_length + swept * speed + crossing * crossing).sqrt();
+    let half = of(0.5) / steady;
+    let swinging = root * of(1.0 / ALONG_OSCILLATING);
+    let along = Inverse {
+        value: steady + swinging,
+        swinging,
+        by: [half * swept * du, half * (swept * dw + of(2.0) * crossed * crossing)],
+        by_per_nu: half * (swept * speed + of(2.0) * crossing * crossing) / per_nu,
+    };
+    let growth = per_nu * of(1.0 / STEADY);
+    let swinging = root * of(1.0 / OSCILLATING);
+    let across = Inverse {
+        value: per_length + swinging + growth * speed,
+        swinging,
+        by: [growth * du, growth * dw],
+        by_per_nu: speed * of(1.0 / STEADY),
+    };
+    [along, across]
+}
+
+/// `scale`/(−ln(a/ℒ) + `offset`) in phase with the speed. Beyond the range of slender bodies ℒ stays at its limit.
+#[inline(always)]
+fn logarithmic<P: Number>(scale: P, radius: P, offset: f64, inverse: &Inverse<P>) -> (P, Resistance<P>) {
+    let (none, one) = (radius.like(0.0), radius.like(1.0));
+    let most = radius.like((-SLENDER).exp()) / radius;
+    let inside = P::where_at_most(most, inverse.value, none, one);
+    let within = P::where_at_most(inverse.value, most, inverse.value, most);
+    let log = radius.like(offset) - (within * radius).ln();
+    let per_value = one / inverse.value;
+    let angle = radius.like(FRAC_PI_4) * inverse.swinging * per_value;
+    let per = one / (log * log + angle * angle);
+    let xi = scale * log * per;
+    let by_log = scale * per - (log + log) * xi * per;
+    let by_angle = -(angle + angle) * xi * per;
+    let by_value = -(by_log * inside + by_angle * angle) * per_value;
+    (log, Resistance { xi, by_value, by_swinging: by_angle * radius.like(FRAC_PI_4) * per_value })
+}
+
+/// ξ∥ and ξ⊥.
+#[inline(always)]
+fn resistances<P: Number>(
+    radius: P,
+    per_length: P,
+    viscosity: P,
+    [inverse_along, inverse]: &[Inverse<P>; 2],
+) -> [Resistance<P>; 2] {
+    let one = radius.like(1.0);
+    let (_, along) = logarithmic(viscosity * radius.like(2.0 * PI), radius, LN_2 - 1.5, inverse_along);
+    let (log, plain) = logarithmic(viscosity * radius.like(4.0 * PI), radius, LN_2 - 0.5, inverse);
+    // Kaplun's factor holds where the speed has a share.
+    let (epsilon, per_value) = (one / log, one / inverse.value);
+    let kaplun = epsilon * epsilon * radius.like(KAPLUN);
+    let rest = (per_length + inverse.swinging) * per_value;
+    let factor = one - kaplun * (one - rest);
+    let inside = P::where_at_most(radius.like((-SLENDER).exp()) / radius, inverse.value, radius.like(0.0), one);
+    let by_value = -kaplun * per_value * ((epsilon + epsilon) * inside * (one - rest) + rest);
+    let across = Resistance {
+        xi: plain.xi * factor,
+        by_value: plain.by_value * factor + plain.xi * by_value,
+        by_swinging: plain.by_swinging * factor + plain.xi * kaplun * per_value,
+    };
+    [along, across]
 }
 
 impl WeakInertia {
-    /// ξ for 1/ℒ = `inverse`, `rest` of it at rest. Beyond the range of slender bodies 1/ℒ stays at its limit.
-    #[inline(always)]
-    fn resistances<P: Number>(radius: P, viscosity: P, rest: P, inverse: P) -> Resistances<P> {
-        let (none, one) = (radius.like(0.0), radius.like(1.0));
-        let most = radius.like((-SLENDER).exp()) / radius;
-        let inside = P::where_at_most(most, inverse, none, one);
-        let inverse = P::where_at_most(inverse, most, inverse, most);
-        let slender = -(inverse * radius).ln();
-        let lt = slender - radius.like(1.5) + radius.like(LN_2);
-        let ln = slender - radius.like(0.5) + radius.like(LN_2);
-        let (along, plain) = (viscosity * radius.like(2.0 * PI) / lt, viscosity * radius.like(4.0 * PI) / ln);
-        let (epsilon, share) = (one / ln, (one - rest / inverse).larger(none));
-        // Kaplun's factor holds where the fluid's inertia has a share.
-        let kaplun = epsilon * epsilon * P::where_at_most(share, none, none, radius.like(KAPLUN));
-        let factor = one - kaplun * share;
-        let by = inside / inverse;
-        let share_by = inside * rest / (inverse * inverse);
-        Resistances {
-            xi: [along, plain * factor],
-            by_inverse: [
-                along / lt * by,
-                plain * (epsilon * by * factor - kaplun * (epsilon * by * share * radius.like(2.0) + share_by)),
-            ],
-            by_rest: plain * kaplun / inverse,
-        }
-    }
-
     /// The traction on halves of that `radius` at velocities `u` along and `w` across, and its derivatives.
     #[inline(always)]
     pub(crate) fn slopes<T: Real>(
-        radius: T::Pair,
-        [viscosity, rest, growth]: [T::Pair; 3],
+        [radius, per_length]: [T::Pair; 2],
+        [viscosity, per_nu, root]: [T::Pair; 3],
         u: T::Pair,
         w: T::Pair,
     ) -> (Traction<T>, TractionSlopes<T>) {
-        let speed = speed(u, w);
-        let Resistances { xi: [along, across], by_inverse, .. } =
-            Self::resistances(radius, viscosity, rest, rest + growth * speed);
-        // |V| grows by V·δV/|V|.
-        let some = speed.larger(u.like(f64::MIN_POSITIVE));
-        let (su, sw) = (u / some * growth, w / some * growth);
+        let inverses = inverses(per_length, [per_nu, root], u, w);
+        let [along, across] = resistances(radius, per_length, viscosity, &inverses);
         (
-            Traction { along: along * u, across: across * w },
+            Traction { along: along.xi * u, across: across.xi * w },
             TractionSlopes {
-                along: along + by_inverse[0] * su * u,
-                across: across + by_inverse[1] * sw * w,
-                mixed: Some([by_inverse[0] * sw * u, by_inverse[1] * su * w]),
+                along: along.xi + along.by_value * inverses[0].by[0] * u,
+                across: across.xi + across.by_value * inverses[1].by[1] * w,
+                mixed: Some([along.by_value * inverses[0].by[1] * u, across.by_value * inverses[1].by[0] * w]),
             },
         )
     }
@@ -127,7 +194,8 @@ fn speed<P: Number>(u: P, w: P) -> P {
 }
 
 impl Law for WeakInertia {
-    type Halves = f64x2;
+    /// Radius and 1/ℒ₀.
+    type Halves = [f64x2; 2];
     type Fluids = InFluids;
 
     fn name(&self) -> &'static str {
@@ -146,18 +214,17 @@ impl Law for WeakInertia {
     fn in_fluids(&self, fluids: [&Fluid; 2]) -> InFluids {
         let viscosity = both(&fluids, |fluid| fluid.viscosity);
         let per_nu = both(&fluids, |fluid| fluid.density) / viscosity;
-        [viscosity, per_nu.sqrt() * self.root_omega / OSCILLATING + self.per_length, per_nu / STEADY]
+        [viscosity, per_nu, per_nu.sqrt() * self.root_omega]
     }
 
     #[inline]
-    fn traction(&self, radius: &f64x2, [viscosity, rest, growth]: InFluids, u: f64x2, w: f64x2) -> Traction {
-        let [along, across] = Self::resistances(*radius, viscosity, rest, rest + growth * speed(u, w)).xi;
-        Traction { along: along * u, across: across * w }
+    fn traction(&self, halves: &[f64x2; 2], fluids: InFluids, u: f64x2, w: f64x2) -> Traction {
+        Self::slopes(*halves, fluids, u, w).0
     }
 
     #[inline]
-    fn with_slopes(&self, radius: &f64x2, fluids: InFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
-        Self::slopes(*radius, fluids, u, w)
+    fn with_slopes(&self, halves: &[f64x2; 2], fluids: InFluids, u: f64x2, w: f64x2) -> (Traction, TractionSlopes) {
+        Self::slopes(*halves, fluids, u, w)
     }
 
     fn parameters(&self) -> &[Key] {
@@ -165,23 +232,23 @@ impl Law for WeakInertia {
     }
 
     #[inline(always)] // which settles the key when it is compiled
-    fn by_parameter(&self, key: Key, radius: &f64x2, fluids: [&Fluid; 2], u: f64x2, w: f64x2) -> Traction {
-        let [viscosity, rest, growth] = self.in_fluids(fluids);
-        let speed = speed(u, w);
-        let found = Self::resistances(*radius, viscosity, rest, rest + growth * speed);
+    fn by_parameter(&self, key: Key, halves: &[f64x2; 2], fluids: [&Fluid; 2], u: f64x2, w: f64x2) -> Traction {
+        let [radius, per_length] = *halves;
+        let [viscosity, per_nu, root] = self.in_fluids(fluids);
+        let inverses = inverses(per_length, [per_nu, root], u, w);
+        let found = resistances(radius, per_length, viscosity, &inverses);
         // ρ/μ moves by −ρ/μ² δμ or by δρ/μ.
-        let per_nu = growth * STEADY;
         let moved = match key {
             VISCOSITY => -per_nu / viscosity,
             DENSITY => f64x2::ONE / viscosity,
             _ => return Traction::default(),
         };
-        let rest_by = moved * (0.5 * self.root_omega / OSCILLATING) / per_nu.sqrt();
-        let inverse_by = rest_by + speed / STEADY * moved;
-        let own = |i: usize| if key == VISCOSITY { found.xi[i] / viscosity } else { f64x2::ZERO };
-        Traction {
-            along: (own(0) + found.by_inverse[0] * inverse_by) * u,
-            across: (own(1) + found.by_inverse[1] * inverse_by + found.by_rest * rest_by) * w,
-        }
+        let by = |i: usize| {
+            let (found, inverse) = (&found[i], &inverses[i]);
+            let own = if key == VISCOSITY { found.xi / viscosity } else { f64x2::ZERO };
+            let swinging = inverse.swinging * 0.5 / per_nu;
+            own + moved * (found.by_value * (inverse.by_per_nu + swinging) + found.by_swinging * swinging)
+        };
+        Traction { along: by(0) * u, across: by(1) * w }
     }
 }

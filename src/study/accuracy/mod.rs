@@ -20,7 +20,7 @@ use self::words::Report;
 use super::trial::{Manner, Recipe, Trial};
 use super::{Desk, Studied};
 use crate::error::Result;
-use crate::integrator::Pace;
+use crate::integrator::{METHODS, Pace};
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Findings;
@@ -40,6 +40,13 @@ const BELOW_LIMIT: f64 = 0.95;
 /// Up to this many nodes that limit is computed.
 const MODES_UP_TO: u64 = 401;
 
+/// Steps of an explicit method that cost about as much as one of an implicit method on the same mesh.
+const EXPLICIT_STEPS: f64 = 10.0;
+/// A method is left out on a mesh where its runs would cost more than this multiple of all implicit runs of fixed steps there.
+const DEAR: f64 = 3.0;
+/// An explicit method makes at most so many steps in a run of pairs.
+const MOST_STEPS: f64 = 1e7;
+
 /// What is asked for.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -50,6 +57,8 @@ pub struct Accuracy {
     pub steps: Vec<f64>,
     /// Tolerances of adaptive methods and of cheaper models; empty for 1e-2 … 1e-7.
     pub tolerances: Vec<f64>,
+    /// Names of methods and of cheaper models that are left out.
+    pub without: Vec<String>,
 }
 
 /// A quantity that runs are compared by.
@@ -166,7 +175,11 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Resul
                 // Pairs of runs, one of each pushed, over times from the whole duration to a thousandth: by the method that
                 // damps nothing, where its limit is known.
                 let explicit = match (Recipe::named("symplectic-euler"), limit_step(scene, *nodes)?) {
-                    (Some(recipe), Some(limit)) => Some((recipe, BELOW_LIMIT * limit)),
+                    (Some(recipe), Some(limit))
+                        if scene.solver.duration_s.get() <= MOST_STEPS * BELOW_LIMIT * limit =>
+                    {
+                        Some((recipe, BELOW_LIMIT * limit))
+                    }
                     _ => None,
                 };
                 let (recipe, step) = explicit.unwrap_or((alpha.clone(), finest));
@@ -184,41 +197,68 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, desk: Desk<'_>) -> Resul
         }
     }
 
-    let cases = ladder(scene, &meshes, &steps, &tolerances)?;
+    let (cases, left_out) = ladder(scene, &meshes, &steps, &tolerances, &asked.without)?;
     let trials = match desk.work("runs", scene, &cases, jobs::cores(), run)? {
         Ok(trials) => trials,
         Err(interrupted) => return Ok(interrupted),
     };
     Ok(Studied::Complete(
-        Report { scene, meshes: &meshes, references: &references, cases: &cases, trials: &trials }.findings()?,
+        Report { scene, meshes: &meshes, references: &references, cases: &cases, trials: &trials, left_out: &left_out }
+            .findings()?,
     ))
 }
 
-/// Every model and method on every mesh with every step or tolerance, and the scene as it stands.
-fn ladder(scene: &Scene, meshes: &[u64], steps: &[f64], tolerances: &[f64]) -> Result<Vec<Case>> {
+/// How many times as much as all implicit runs with these fixed `steps` (s) runs of an explicit method with steps of its `limit` (s) and
+/// of half of that would cost on the same mesh.
+fn dearness(steps: &[f64], limit: f64) -> f64 {
+    let methods = METHODS.iter().filter(|method| method.implicit).count() as f64;
+    let implicit = methods * steps.iter().map(|step| 1.0 / step).sum::<f64>();
+    let explicit = 3.0 / (BELOW_LIMIT * limit);
+    explicit / EXPLICIT_STEPS / implicit
+}
+
+/// Every model and method on every mesh with every step or tolerance, and the scene as it stands; and which are left out, in words.
+fn ladder(
+    scene: &Scene,
+    meshes: &[u64],
+    steps: &[f64],
+    tolerances: &[f64],
+    without: &[String],
+) -> Result<(Vec<Case>, Vec<String>)> {
+    let mut left_out = Vec::new();
+    let asked = |recipe: &Recipe| !without.iter().any(|name| recipe.is(name));
     let case =
         |recipe: &Recipe, pace: Pace, nodes: u64| Case { recipe: recipe.clone(), pace, nodes, part: 1.0, push: None };
     let mut cases = Vec::new();
     for nodes in meshes {
-        for recipe in Recipe::all(scene) {
+        for recipe in Recipe::all(scene).into_iter().filter(asked) {
             let case = |pace: Pace| case(&recipe, pace, *nodes);
             if recipe.method.implicit {
                 cases.extend(steps.iter().map(|step| case(Pace::Fixed(*step))));
             } else if let Some(limit) = limit_step(scene, *nodes)? {
+                let dear = dearness(steps, limit);
+                if dear > DEAR {
+                    left_out.push(format!(
+                        "{recipe} on {nodes} nodes, whose limit of {limit:.1e} s makes {:.1e} steps: foreseen to cost {dear:.1} times all implicit runs together",
+                        3.0 * scene.solver.duration_s.get() / (BELOW_LIMIT * limit)
+                    ));
+                    continue;
+                }
                 cases.extend([BELOW_LIMIT, 0.5 * BELOW_LIMIT].map(|part| case(Pace::Fixed(part * limit))));
             }
             if recipe.method.adaptive {
                 cases.extend(tolerances.iter().map(|tolerance| case(Pace::Adaptive(*tolerance))));
             }
         }
-        for recipe in Recipe::cheaper(scene) {
+        for recipe in Recipe::cheaper(scene).into_iter().filter(asked) {
             let case = |tolerance: &f64| case(&recipe, Pace::Adaptive(*tolerance), *nodes);
             cases.extend(tolerances.iter().map(case));
         }
     }
     let own = Recipe::own(scene).zip(meshes.first()).map(|(own, nodes)| case(&own, scene.pace(), *nodes));
     cases.extend(own.filter(|own| !cases.contains(own)));
-    Ok(cases)
+    left_out.extend(without.iter().map(|name| format!("{name}, as asked")));
+    Ok((cases, left_out))
 }
 
 /// The step (s) from which on explicit methods fail, 2/ω_max, where it is computed.
@@ -226,5 +266,5 @@ fn limit_step(scene: &Scene, nodes: u64) -> Result<Option<f64>> {
     if nodes > MODES_UP_TO {
         return Ok(None);
     }
-    Ok(Some(2.0 / Modes::of(&scene.with_nodes(nodes).model()?.rod)?.highest()))
+    Ok(Some(2.0 / Modes::of_model(scene.with_nodes(nodes).model()?)?.highest()))
 }

@@ -6,6 +6,9 @@ use crate::study::trial::Trial;
 /// The part of the mean modulus of a force that errors of its mean are relative to where the mean is smaller.
 const MEAN: f64 = 1e-3;
 
+/// The part of the tip's path that errors of a displacement are relative to where the displacement is smaller.
+const PATH: f64 = 1e-5;
+
 /// What runs are compared by, see [`quantities`](super::quantities).
 #[derive(Debug, Clone)]
 pub struct Results {
@@ -14,6 +17,8 @@ pub struct Results {
     /// Errors of it are relative to no less than this.
     least: f64,
     pub tip: Vec<[f64; 2]>,
+    /// How far the tip goes, m.
+    travel: f64,
     pub work: f64,
     /// Largest |work| of the run: what errors of the work are compared with.
     pub largest_work: f64,
@@ -23,7 +28,8 @@ impl Results {
     pub fn of(trial: &Trial) -> Self {
         Self {
             first: trial.head_force.map_or([trial.displacement[0], 0.0], |(mean, _)| mean),
-            least: trial.head_force.map_or(0.0, |(_, modulus)| MEAN * modulus),
+            least: trial.head_force.map_or(PATH * trial.travel(), |(_, modulus)| MEAN * modulus),
+            travel: trial.travel(),
             tip: trial.tip.iter().copied().take(SAMPLES + 1).collect(),
             work: trial.work_in,
             largest_work: trial.largest_work_in,
@@ -37,6 +43,7 @@ impl Results {
         Self {
             first: [0, 1].map(|i| to(coarse.first[i], fine.first[i])),
             least: fine.least,
+            travel: fine.travel,
             tip: tips.map(|(c, f)| [to(c[0], f[0]), to(c[1], f[1])]).collect(),
             work: to(coarse.work, fine.work),
             largest_work: fine.largest_work,
@@ -56,15 +63,13 @@ impl Results {
 
     /// Relative differences of the three quantities from `reference`.
     pub fn errors(&self, reference: &Self) -> [f64; 3] {
-        let first = reference.tip.first().copied().unwrap_or_default();
         let size = |a: [f64; 2]| a[0].hypot(a[1]);
         let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
-        let travel = reference.tip.iter().map(|tip| distance(tip, &first)).fold(f64::MIN_POSITIVE, f64::max);
         let apart = self.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max);
         let relative = |x: f64, y: f64, scale: f64| if x == y { 0.0 } else { (x - y).abs() / scale.abs() };
         [
             relative(self.apart(reference), 0.0, size(reference.first).max(reference.least)),
-            apart / travel,
+            apart / reference.travel,
             relative(self.work, reference.work, reference.largest_work),
         ]
     }

@@ -27,6 +27,8 @@ pub struct Report<'a> {
     pub references: &'a [Reference],
     pub cases: &'a [Case],
     pub trials: &'a [Trial],
+    /// Which methods are left out, and why.
+    pub left_out: &'a [String],
 }
 
 /// A run with its errors.
@@ -100,6 +102,7 @@ impl Report<'_> {
         self.cheaper_models(&rows, &mut findings);
         self.recommend(&rows, &mut findings);
         self.meshes_in_words(limit.as_ref(), &mut findings);
+        findings.answers.extend(self.left_out.iter().map(|what| format!("Left out: {what}.")));
         findings.tables.push(self.recommended(&rows));
         findings.tables.push(self.table(&rows));
         self.charts(&rows, limit.as_ref(), &mut findings)?;

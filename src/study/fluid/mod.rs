@@ -63,10 +63,10 @@ struct Ladder {
 impl Ladder {
     fn of(scene: &Scene) -> Result<Self> {
         let model = scene.model()?;
-        let Some(regime) = scene.regime(&model.rod) else {
+        if scene.medium.is_none() {
             return Err(scene.error("medium", "missing; without a fluid there is no law of it to compare".to_string()));
-        };
-        let reynolds = regime.reynolds;
+        }
+        let reynolds = scene.regime().map_err(|reason| scene.error("", reason))?.reynolds;
         let (own_law, own_reactive) = scene.fluid_model(&model.rod);
         let (mut rungs, mut refused) = (Vec::new(), Vec::new());
         for law in LAWS.iter().filter(|law| law.name != auto::LAW.name) {

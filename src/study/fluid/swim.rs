@@ -13,6 +13,7 @@ use crate::fluid::{Force, body};
 use crate::report::Frame;
 use crate::rod::{Edge, Rod, node};
 use crate::scene::Scene;
+use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::study::trial::{Manner, Trial};
 use crate::variable::View;
@@ -97,7 +98,7 @@ impl Swim {
     fn follow(&mut self, scene: &Scene, interrupted: &AtomicBool) -> Result<()> {
         let mut stepper = Stepper::of(scene)?;
         let duration = scene.solver.duration_s.get();
-        let period = scene.drive_frequency().filter(|f| *f > 0.0).map(f64::recip).filter(|period| *period < duration);
+        let period = Spectrum::of_model(stepper.model()).slowest().map(f64::recip).filter(|period| *period < duration);
         let last = period.unwrap_or(duration);
         let mut phases = Times {
             next: 0,

@@ -81,14 +81,14 @@ impl<'a> Report<'a> {
         let uncertain = reference.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         say(match uncertain {
             Some([of_motion, of_power]) => format!(
-                "Re_d = {} by the motion that the scene prescribes. The highest law that holds is {name}; by what is published it is itself good to ±{} in {motion} and ±{} in power ({}).",
+                "Re_d = {} by the scene's own motion. The highest law that holds is {name}; by what is published it is itself good to ±{} in {motion} and ±{} in power ({}).",
                 two_digits(reynolds),
                 percent(of_motion),
                 percent(of_power),
                 reference.rung.law.published.source
             ),
             None => format!(
-                "Re_d = {} by the motion that the scene prescribes. No law with a published uncertainty holds there; differences are from the scene's own, {name}.",
+                "Re_d = {} by the scene's own motion. No law with a published uncertainty holds there; differences are from the scene's own, {name}.",
                 two_digits(reynolds)
             ),
         });
@@ -130,11 +130,12 @@ impl<'a> Report<'a> {
         let uncertain =
             |row: &Row<'_>| row.rung.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
         // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
-        // others the simplest, which has the narrowest range, then the surest.
+        // others the simplest: one whose drag is linear in the velocity, then that of the narrowest range, then the surest.
         let order = |a: &&Row<'_>, b: &&Row<'_>| {
             let dense = |row: &Row<'_>| matches!(row.rung.law.reach, Reach::Rod { .. });
-            (dense(a), a.rung.reactive)
-                .cmp(&(dense(b), b.rung.reactive))
+            let curved = |row: &Row<'_>| row.rung.law.resistance.is_none();
+            (dense(a), a.rung.reactive, curved(a))
+                .cmp(&(dense(b), b.rung.reactive, curved(b)))
                 .then(a.rung.law.reynolds.total_cmp(&b.rung.law.reynolds))
                 .then(uncertain(a).total_cmp(&uncertain(b)))
         };

@@ -3,7 +3,7 @@
 `write` joins FMUs to one file by their variables; the vehicle is body.py, the tails are FMUs of ../vehicle/tail.toml. Either
 host exchanges all values at once, after every step (Jacobi), the pose and rates as they are then: `head.input = "now"`.
 
-    python system.py tail.fmu mirrored.fmu              # the tail, and the same with -kappa_amp; needs FMPy, ecospy and pythonfmu
+    python system.py tail.fmu mirrored.fmu              # the tail, and the same with -kappa_amp; needs FMPy, ecospy, tbb and pythonfmu
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def with_fmpy(path: Path, step: float, count: int):
 
 def with_ecos(path: Path, step: float, count: int):
     """The same."""
-    from ecospy import EcosSimulation
+    from ecos_host import EcosSimulation
 
     rows = []
     with EcosSimulation(step_size=step, ssp_path=str(path)) as simulation:

@@ -10,7 +10,7 @@ HERE = Path(__file__).parent
 sys.path[:0] = [str(HERE), str(HERE.parent / "vehicle")]
 vehicle = pytest.importorskip("vehicle", exc_type=ImportError)
 pytest.importorskip("pythonfmu")
-pytest.importorskip("ecospy")
+pytest.importorskip("ecos_host", exc_type=ImportError)
 import system  # noqa: E402
 
 STEP, COUNT = 4e-3, 200

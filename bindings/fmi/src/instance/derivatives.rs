@@ -1,16 +1,20 @@
-//! Derivatives of outputs: by time, and by the inputs that they follow at once.
+//! Derivatives of outputs: by time, and by the inputs and parameters that they follow at once.
 
-use caudal::fmu::Target;
+use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::variable::{Causality, VARIABLES, Variable};
 
 use super::Instance;
 use crate::status::{Outcome, refuse};
 
 impl Instance {
-    /// The place of an output.
+    /// The place of an output, or of what follows from parameters.
     fn output(&self, target: Target) -> Outcome<usize> {
         match target {
-            Target::Variable(place, _) if VARIABLES[place].causality == Causality::Output => Ok(place),
+            Target::Variable(place, _)
+                if matches!(VARIABLES[place].causality, Causality::Output | Causality::Parameter) =>
+            {
+                Ok(place)
+            }
             _ => refuse("only outputs have derivatives"),
         }
     }
@@ -24,14 +28,6 @@ impl Instance {
         unknowns.iter().map(output).collect()
     }
 
-    /// The place of an input.
-    fn input(&self, target: Target) -> Outcome<usize> {
-        match target {
-            Target::Variable(place, _) if VARIABLES[place].is_input() => Ok(place),
-            _ => refuse("derivatives are by inputs only"),
-        }
-    }
-
     /// Writes the first derivatives by time of outputs at their nodes.
     pub fn rates(&mut self, unknowns: &[(Target, usize)], out: &mut [f64]) -> Outcome {
         let outputs = self.outputs(unknowns)?;
@@ -42,7 +38,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes) change by `seed`.
+    /// Writes the change of `unknowns` (outputs at nodes) when `knowns` (inputs at nodes, tunable parameters, time) change by `seed`.
     pub fn directional(
         &mut self,
         unknowns: &[(Target, usize)],
@@ -53,11 +49,18 @@ impl Instance {
         let outputs = self.outputs(unknowns)?;
         self.seeds.resize(VARIABLES.len(), Vec::new());
         self.seeds.iter_mut().for_each(Vec::clear);
+        let (mut time, mut parameters) = (0.0, Vec::new());
         for ((target, k), seed) in knowns.iter().zip(seed) {
-            let place = self.input(*target)?;
-            let seeds = &mut self.seeds[place];
-            seeds.resize(self.lengths[place], 0.0);
-            seeds[*k] += seed;
+            match *target {
+                Target::Variable(place, _) if VARIABLES[place].is_input() => {
+                    let seeds = &mut self.seeds[place];
+                    seeds.resize(self.lengths[place], 0.0);
+                    seeds[*k] += seed;
+                }
+                Target::Variable(place, _) if VARIABLES[place].causality == Causality::Independent => time += seed,
+                Target::Parameter(place) => parameters.push((place, *seed)),
+                Target::Variable(..) => return refuse("derivatives are by inputs, parameters and time"),
+            }
         }
         let entries: Vec<_> = (0..VARIABLES.len()).map(|place| self.entries(place)).collect();
         let seeds = std::mem::take(&mut self.seeds);
@@ -68,10 +71,60 @@ impl Instance {
                 }
             }
         })?;
-        for (out, output) in out.iter_mut().zip(outputs) {
+        for (out, output) in out.iter_mut().zip(&outputs) {
             *out = output.map_or(0.0, |(variable, k)| change.of(variable, k));
         }
         self.seeds = seeds;
+        if time != 0.0 {
+            let rates = self.ready()?.explicit_rates()?;
+            for (out, output) in out.iter_mut().zip(&outputs) {
+                *out += output.map_or(0.0, |(variable, k)| time * rates.of(variable, k));
+            }
+        }
+        for (place, seed) in parameters {
+            self.add_by_parameter(place, seed, &outputs, out)?;
+        }
+        Ok(())
+    }
+
+    /// Adds `seed` times the derivatives of outputs by a parameter, by central differences of instances with other values of it.
+    fn add_by_parameter(
+        &mut self,
+        place: usize,
+        seed: f64,
+        outputs: &[Option<(&'static Variable, usize)>],
+        out: &mut [f64],
+    ) -> Outcome {
+        /// Difference over the value, or the difference where that is zero.
+        const STEP: f64 = 1e-6;
+        let state = self.save()?;
+        let (target, value) = (Target::Parameter(place), self.settings.parameters[place]);
+        let step = if value == 0.0 { STEP } else { STEP * value.abs() };
+        let (mut read, mut ends) = (Vec::new(), Vec::new());
+        for end in [value + step, value - step] {
+            // At an end of its range the difference is to one side.
+            let end = if self.check(target, &[end]).is_ok() { end } else { value };
+            let made = self.check(target, &[end]).and_then(|()| self.set(target, &[end]));
+            let view = made.and_then(|()| self.ready()).map(|stepper| {
+                let view = stepper.view();
+                outputs
+                    .iter()
+                    .map(|output| output.map_or(0.0, |(variable, k)| variable.at(&view, k)))
+                    .collect::<Vec<_>>()
+            });
+            match view {
+                Ok(values) => read.push(values),
+                Err(refusal) => {
+                    self.restore(&state)?;
+                    return Err(refusal);
+                }
+            }
+            ends.push(end);
+        }
+        self.restore(&state)?;
+        for (out, (above, below)) in out.iter_mut().zip(read[0].iter().zip(&read[1])) {
+            *out += seed * (above - below) / (ends[0] - ends[1]);
+        }
         Ok(())
     }
 
@@ -91,16 +144,30 @@ impl Instance {
         Ok(())
     }
 
-    /// The dependencies of a variable of FMI 3.0: node of the dependent, place and node of the input.
-    pub fn dependencies(&mut self, target: Target) -> Outcome<Vec<(usize, usize, usize)>> {
-        let variable = &VARIABLES[self.output(target)?];
-        let stepper = self.ready()?;
-        let (model, form) = (stepper.model(), stepper.form());
+    /// The dependencies of a variable of FMI 3.0: node of the dependent, value reference and node of what it follows at once.
+    /// What follows from parameters follows all of them.
+    pub fn dependencies(&mut self, target: Target) -> Outcome<Vec<(usize, u32, usize)>> {
+        let Ok(place) = self.output(target) else { return Ok(Vec::new()) };
+        self.ready()?;
+        let Some(stepper) = self.stepper.get() else { return refuse("there is no model") };
+        let (variable, model) = (&VARIABLES[place], stepper.model());
+        let (dynamics, form) = (stepper.view().dynamics, stepper.form());
+        let reference = |target: Target| Catalogue::reference(Standard::Fmi3, target);
+        let parameters: Vec<usize> = match variable.causality {
+            Causality::Parameter => (0..self.catalogue.parameters.len()).collect(),
+            _ => self.catalogue.followed_parameters(variable, stepper).collect(),
+        };
+        let time = VARIABLES.iter().position(|variable| variable.causality == Causality::Independent);
+        let time = time.filter(|_| variable.follows_time(dynamics, form)).map(|place| Target::Variable(place, 0));
+        let others: Vec<u32> =
+            time.into_iter().chain(parameters.into_iter().map(Target::Parameter)).map(reference).collect();
         let inputs = || VARIABLES.iter().enumerate().filter(|(_, input)| input.is_input() && input.exists_in(model));
         let of = |node: usize| {
-            inputs().flat_map(move |(place, input)| {
-                variable.follows(node, input, model, form).map(move |k| (node, place, k))
-            })
+            let inputs = inputs().flat_map(move |(place, input)| {
+                let reference = reference(Target::Variable(place, 0));
+                variable.follows(node, input, dynamics, form).map(move |k| (node, reference, k))
+            });
+            inputs.chain(others.iter().map(move |reference| (node, *reference, 0)))
         };
         Ok(variable.entries(model).flat_map(of).collect())
     }

@@ -1,55 +1,62 @@
 //! States of an instance: copied, gone back to, and as bytes.
 
-use caudal::model::course::HIGHEST_ORDER;
 use caudal::scene::NODES;
+use caudal::stepper::Stepper;
 use caudal::stepper::snapshot::{self, Snapshot};
-use caudal::variable::{Size, VARIABLES, Variable};
+use caudal::variable::{Size, VARIABLES};
 use serde::{Deserialize, Serialize};
 
-use super::values::Inputs;
+use super::values::SetInputs;
 use super::{Experiment, Instance, Mode, Settings};
 use crate::status::{Outcome, refuse};
 
-/// A saved state of an instance.
+/// A saved state of an instance: all of it that changes.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SavedState {
     mode: Mode,
-    settings: Settings,
     experiment: Experiment,
-    inputs: Inputs,
+    host_time: Option<f64>,
+    /// What the stepper was built with, and where it was.
+    built: Settings,
     snapshot: Snapshot,
+    /// What the host has set since.
+    settings: Settings,
+    stale: bool,
+    inputs: SetInputs,
 }
 
 impl Instance {
     /// A copy of everything that changes.
-    pub fn save(&mut self) -> Outcome<SavedState> {
-        let snapshot = self.ready()?.save();
-        let (settings, experiment, inputs) = (self.settings.clone(), self.experiment, self.inputs.clone());
-        Ok(SavedState { mode: self.mode, settings, experiment, inputs, snapshot })
+    pub fn save(&self) -> Outcome<SavedState> {
+        let Some(stepper) = self.stepper.get() else { return refuse("there is no model") };
+        Ok(SavedState {
+            mode: self.mode,
+            experiment: self.experiment,
+            host_time: self.host_time,
+            built: self.built.clone(),
+            snapshot: stepper.save(),
+            settings: self.settings.clone(),
+            stale: self.stale,
+            inputs: self.inputs.clone(),
+        })
     }
 
-    /// Goes back to a saved state.
+    /// Goes back to a saved state, or changes nothing.
     pub fn restore(&mut self, state: &SavedState) -> Outcome {
-        let before = (self.settings.clone(), self.stepper.own.take(), self.stale);
-        if self.settings == state.settings && !self.stale {
-            self.stepper.own = before.1;
-        } else {
-            self.settings = state.settings.clone();
-            match self.build() {
-                Ok(stepper) => self.stepper.own = Some(Box::new(stepper)),
-                Err(error) => {
-                    (self.settings, self.stepper.own, self.stale) = before;
-                    return Err(error.into());
-                }
+        match &mut self.stepper.own {
+            Some(stepper) if self.built == state.built => stepper.restore(&state.snapshot)?,
+            _ => {
+                let mut stepper = Stepper::of(&self.configured(&state.built)?)?;
+                stepper.restore(&state.snapshot)?;
+                self.stepper.own = Some(Box::new(stepper));
+                self.built.clone_from(&state.built);
             }
         }
-        self.size();
-        (self.stale, self.untuned) = (false, None);
-        if let Some(stepper) = &mut self.stepper.own {
-            stepper.restore(&state.snapshot)?;
-        }
+        self.settings.clone_from(&state.settings);
         self.inputs.clone_from(&state.inputs);
         (self.mode, self.experiment) = (state.mode, state.experiment);
+        (self.host_time, self.stale) = (state.host_time, state.stale);
+        self.size();
         Ok(())
     }
 
@@ -61,21 +68,15 @@ impl Instance {
     /// The saved state in `bytes`.
     pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
         let state: SavedState = snapshot::open(self.scene.fingerprint(), bytes)?;
-        let Inputs { values, waiting } = &state.inputs;
-        let nodes = state.settings.nodes as usize;
-        let fits = |(values, variable): (&[Vec<f64>; HIGHEST_ORDER + 1], &Variable)| {
-            let len = if variable.size == Size::Scalar { 1 } else { nodes };
-            values.iter().all(|values| values.is_empty() || values.len() == len)
-        };
-        let of_value = |[place, order]: &[usize; 2]| {
-            values.get(*place).and_then(|values| values.get(*order)).is_some_and(|values| !values.is_empty())
-        };
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);
-        let same = (least..=most).contains(&state.settings.nodes)
-            && state.settings.parameters.len() == self.settings.parameters.len()
-            && values.len() == VARIABLES.len()
-            && values.iter().zip(VARIABLES).all(fits)
-            && waiting.iter().all(of_value);
+        let of_scene = |settings: &Settings| {
+            (least..=most).contains(&settings.nodes) && settings.parameters.len() == self.settings.parameters.len()
+        };
+        let len = |place: usize| {
+            let variable = VARIABLES.get(place).filter(|variable| variable.is_input())?;
+            Some(if variable.size == Size::Scalar { 1 } else { state.settings.nodes as usize })
+        };
+        let same = of_scene(&state.built) && of_scene(&state.settings) && state.inputs.fits(len);
         if same { Ok(state) } else { refuse("the saved state cannot be read: its sizes are not this scene's") }
     }
 }

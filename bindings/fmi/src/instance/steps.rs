@@ -3,10 +3,16 @@
 use std::ops::ControlFlow;
 use std::ptr::NonNull;
 
-use caudal::stepper::Stepper;
+use caudal::stepper::{HeadJump, Stepper};
 
 use super::{Instance, Mode};
 use crate::status::{Outcome, Refusal, Status, refuse};
+
+/// A host may miss the time of an instance by this part of its step, in all, …
+const MISSED: f64 = 1e-3;
+
+/// … and the end of its own last step by this part of the time: what rounding a sum brings.
+const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
 /// How far a step came.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -22,14 +28,19 @@ impl Instance {
         if !(h.is_finite() && h > 0.0) {
             return refuse(format!("a step of {h} s cannot be made: it must be positive and finite"));
         }
-        // Hosts add up their steps with rounding errors of their own.
-        let slack = |time: f64| 1e-3 * h + 1e-9 * time.abs();
-        if (current - now).abs() > slack(now) || !current.is_finite() {
+        // Hosts count their steps, or add them up, which goes astray by a rounding error a step. Whatever else they are off by
+        // adds up too, and is no step of this instance.
+        let rounding = |time: f64| ROUNDING * time.abs();
+        let slack = |time: f64| MISSED * h + rounding(time);
+        let goes_on = |time: f64| (current - time).abs() <= rounding(time);
+        let is_now = (current - now).abs() <= slack(now) || self.host_time.is_some_and(goes_on);
+        if !is_now {
             return refuse(format!("the communication point {current} s is not the time of this instance, {now} s"));
         }
+        let begin = now.min(current);
         match self.experiment.stop {
-            Some(stop) if now + h > stop + slack(stop) => {
-                refuse(format!("a step from {now} s by {h} s goes beyond the stop time, {stop} s"))
+            Some(stop) if begin + h > stop + slack(stop) => {
+                refuse(format!("a step from {begin} s by {h} s goes beyond the stop time, {stop} s"))
             }
             _ => Ok(()),
         }
@@ -52,17 +63,29 @@ impl Instance {
         instance.ready()?;
         let Some(mut stepper) = instance.stepper.own.take() else { return refuse("there is no model") };
         let (start, from) = (instance.experiment.start, stepper.time());
+        // What was set before the step is of an earlier time for whoever looks in the middle of it.
+        let set = std::mem::take(&mut instance.inputs);
         let before = (stepper.work().newton_iterations, stepper.meter().totals.steps);
         let outcome = match look {
             None => stepper.do_step(h).map(|()| true).map_err(Refusal::discard),
             // SAFETY: the same promise.
             Some(look) => unsafe { Self::do_step_watched(this, &mut stepper, h, look) },
         };
+        let jump = stepper.take_head_jump();
         let (time, iterations, steps) =
             (stepper.time(), stepper.work().newton_iterations - before.0, stepper.meter().totals.steps - before.1);
         // SAFETY: the same promise.
         let instance = unsafe { &mut *this };
         instance.stepper.own = Some(stepper);
+        if time == from {
+            instance.inputs = set;
+        } else {
+            instance.host_time = matches!(outcome, Ok(true)).then_some(current + h);
+        }
+        if let Some(jump) = jump {
+            let jump = HeadJump { time: start + jump.time, ..jump };
+            instance.say(Status::Warning, &jump.to_string());
+        }
         if instance.logged.contains(&Status::Ok.category()) {
             let (from, to) = (start + from, start + time);
             instance.say(
@@ -88,7 +111,7 @@ impl Instance {
             let start = unsafe { &mut *this }.lend(stepper);
             let answer = look(start + stepper.time(), stepper.time() >= goal);
             // SAFETY: the same.
-            refusal = unsafe { &mut *this }.take_back().err();
+            refusal = unsafe { &mut *this }.end_look().err();
             match answer {
                 ControlFlow::Continue(()) if refusal.is_none() => ControlFlow::Continue(()),
                 ControlFlow::Continue(()) => ControlFlow::Break(()),
@@ -119,8 +142,15 @@ impl Instance {
     }
 
     /// Hands over what the host has set in the middle of a step.
-    fn take_back(&mut self) -> Outcome {
-        let outcome = if self.inputs.any() { self.hand_over() } else { Ok(()) };
+    fn end_look(&mut self) -> Outcome {
+        if self.mode == Mode::Fatal {
+            let message = "this instance broke down in the middle of a step".to_string();
+            return Err(Refusal { status: Status::Fatal, message });
+        }
+        let outcome = if self.inputs.is_pending() { self.hand_over() } else { Ok(()) };
+        if outcome.is_ok() {
+            self.inputs.clear();
+        }
         self.stepper.lent = None;
         self.mode = Mode::Step;
         outcome

@@ -1,4 +1,6 @@
-//! Getting and setting: a host's inputs wait here until they are needed.
+//! Getting and setting. What a host sets waits until it is needed; then the stepper has it, and nothing else does.
+
+use std::ops::Range;
 
 use caudal::fmu::Target;
 use caudal::model::Model;
@@ -10,47 +12,112 @@ use serde::{Deserialize, Serialize};
 use super::{Instance, Mode};
 use crate::status::{Outcome, refuse};
 
-/// The host's inputs, which wait here until they are needed: one flat array for each input, in nodes.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Inputs {
-    /// Values and their derivatives; empty for what is no input, or no derivative yet.
-    pub(super) values: Vec<[Vec<f64>; HIGHEST_ORDER + 1]>,
-    /// Place and order of what was set since they were last handed over, in this order.
-    pub(super) waiting: Vec<[usize; 2]>,
+/// Values of one input and of its derivatives by order, an entry a node each: NaN where the host has set none; empty where it
+/// has set none of that order.
+type Orders = [Vec<f64>; HIGHEST_ORDER + 1];
+
+/// An input that the host has set.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+struct SetInput {
+    place: usize,
+    orders: Orders,
+    /// The stepper has not got it yet.
+    pending: bool,
 }
 
-impl Inputs {
-    /// True where some wait.
-    pub(super) fn any(&self) -> bool {
-        !self.waiting.is_empty()
+impl SetInput {
+    fn set(&mut self, order: usize, node: usize, values: &[f64], len: usize) {
+        self.pending = true;
+        let entries = &mut self.orders[order];
+        entries.resize(len, f64::NAN);
+        entries[node..node + values.len()].copy_from_slice(values);
+    }
+}
+
+/// What the host has set since the last step set out, or before the first one: a value and the derivatives given beside it
+/// belong together, whichever comes first.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub(super) struct SetInputs(Vec<SetInput>);
+
+impl SetInputs {
+    /// True where the stepper lacks some.
+    pub(super) fn is_pending(&self) -> bool {
+        self.0.iter().any(|input| input.pending)
     }
 
-    /// Notes that the derivative of this order waits.
-    fn wait(&mut self, place: usize, order: usize) {
-        if let Err(at) = self.waiting.binary_search(&[place, order]) {
-            self.waiting.insert(at, [place, order]);
-        }
+    /// The stepper has them all.
+    pub(super) fn settle(&mut self) {
+        self.0.iter_mut().for_each(|input| input.pending = false);
     }
 
-    /// Everything that has a value waits.
-    pub(super) fn all_wait(&mut self) {
-        let orders = |(place, values): (usize, &[Vec<f64>; HIGHEST_ORDER + 1])| {
-            (0..values.len()).filter(|order| !values[*order].is_empty()).map(|order| [place, order]).collect::<Vec<_>>()
+    /// Forgets them: they are of an earlier time.
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+
+    /// Forgets arrays, whose size changes.
+    pub(super) fn forget_arrays(&mut self) {
+        self.0.retain(|input| VARIABLES[input.place].size == Size::Scalar);
+    }
+
+    fn of(&mut self, place: usize) -> &mut SetInput {
+        let at = self.0.binary_search_by_key(&place, |input| input.place).unwrap_or_else(|at| {
+            self.0.insert(at, SetInput { place, orders: Orders::default(), pending: true });
+            at
+        });
+        &mut self.0[at]
+    }
+
+    /// True if every array has `len` entries, as its place says, and values that a host may set.
+    pub(super) fn fits(&self, len: impl Fn(usize) -> Option<usize>) -> bool {
+        let sound = |input: &SetInput| {
+            let len = len(input.place);
+            input.orders.iter().all(|values| {
+                values.is_empty() || Some(values.len()) == len && !values.iter().any(|value| value.is_infinite())
+            })
         };
-        self.waiting = self.values.iter().enumerate().flat_map(orders).collect();
+        self.0.is_sorted_by(|a, b| a.place < b.place) && self.0.iter().all(sound)
     }
+
+    /// The changes of `model` that they are, those that the stepper has left out unless `all` are meant: runs of entries.
+    pub(super) fn changes(&self, model: &Model, all: bool) -> Vec<(Change<'_>, usize)> {
+        let mut changes = Vec::new();
+        for input in self.0.iter().filter(|input| all || input.pending) {
+            let variable = &VARIABLES[input.place];
+            let nodes = variable.entries(model);
+            for (order, values) in input.orders.iter().enumerate() {
+                let Some(entries) = values.get(nodes.clone()) else { continue };
+                for run in runs(entries) {
+                    changes.push((Change { variable, order, values: &entries[run.clone()] }, run.start));
+                }
+            }
+        }
+        changes
+    }
+}
+
+/// The ranges of `values` that are no NaN.
+fn runs(values: &[f64]) -> impl Iterator<Item = Range<usize>> + '_ {
+    let mut at = 0;
+    std::iter::from_fn(move || {
+        let start = at + values[at..].iter().position(|value| !value.is_nan())?;
+        at = start + values[start..].iter().position(|value| value.is_nan()).unwrap_or(values.len() - start);
+        Some(start..at)
+    })
 }
 
 impl Instance {
-    /// Reads a value; inputs were handed over before.
+    /// Reads a value; what the host has set was handed over before.
     #[inline]
     pub fn value(&self, target: Target) -> f64 {
         match (target, self.stepper.get()) {
             (Target::Parameter(place), _) => self.settings.parameters[place],
             (Target::Variable(place, node), Some(stepper)) => {
                 let variable = &VARIABLES[place];
-                let value = variable.at(&stepper.view(), node);
-                if variable.causality == Causality::Independent { self.experiment.start + value } else { value }
+                if variable.causality == Causality::Independent {
+                    return self.time();
+                }
+                variable.at(&stepper.view(), node)
             }
             (Target::Variable(..), None) => f64::NAN,
         }
@@ -59,7 +126,7 @@ impl Instance {
     /// Makes ready for reading.
     #[inline]
     pub fn settle(&mut self) -> Outcome {
-        if self.inputs.any() || self.stale || self.untuned.is_some() {
+        if self.stale || self.inputs.is_pending() {
             self.ready()?;
         }
         Ok(())
@@ -82,7 +149,8 @@ impl Instance {
     pub fn check(&self, target: Target, values: &[f64]) -> Outcome {
         let Target::Parameter(place) = target else { return self.check_input(target, 0, values) };
         let (parameter, value) = (&self.catalogue.parameters[place], values[0]);
-        if self.mode == Mode::Intermediate || self.is_running() && !parameter.is_tunable() {
+        let tunable = || self.stepper.get().is_some_and(|stepper| self.catalogue.is_tunable(place, stepper));
+        if self.mode == Mode::Intermediate || self.has_started() && !tunable() {
             return refuse(format!("{} is fixed: it can be set until initialisation ends", parameter.name()));
         }
         if value.is_finite() && parameter.range.contains(&value) {
@@ -100,17 +168,15 @@ impl Instance {
     pub fn set(&mut self, target: Target, values: &[f64]) -> Outcome {
         match target {
             Target::Parameter(place) => {
-                let changed = self.settings.parameters[place] != values[0];
-                if changed && self.is_running() && self.untuned.is_none() {
-                    self.ready()?;
-                    self.untuned = Some(self.settings.clone());
-                }
-                self.stale |= changed && !self.is_running();
                 self.settings.parameters[place] = values[0];
-                Ok(())
+                let differs = self.settings != self.built;
+                self.stale = differs || self.stale && !self.has_started();
             }
-            Target::Variable(place, node) => self.set_input(place, node, 0, values),
+            Target::Variable(place, node) => {
+                self.inputs.of(place).set(0, node, values, self.lengths[place]);
+            }
         }
+        Ok(())
     }
 
     /// Refuses a derivative of an input that cannot be set.
@@ -126,10 +192,10 @@ impl Instance {
 
     /// Sets what [`check_derivative`](Self::check_derivative) has let pass.
     pub fn set_derivative(&mut self, target: Target, order: i32, value: f64) -> Outcome {
-        match target {
-            Target::Variable(place, node) => self.set_input(place, node, order as usize, &[value]),
-            Target::Parameter(_) => Ok(()),
+        if let Target::Variable(place, node) = target {
+            self.inputs.of(place).set(order as usize, node, &[value], self.lengths[place]);
         }
+        Ok(())
     }
 
     fn check_input(&self, target: Target, order: usize, values: &[f64]) -> Outcome {
@@ -151,50 +217,12 @@ impl Instance {
         }
     }
 
-    fn set_input(&mut self, place: usize, node: usize, order: usize, values: &[f64]) -> Outcome {
-        if order == 0 && self.inputs.waiting.binary_search(&[place, 0]).is_err() {
-            // Entries that are not set now stay as they are, and after a new value nothing goes on by itself.
-            if self.stale || self.stepper.get().is_none() {
-                self.ready()?;
-            }
-            let mut now = std::mem::take(&mut self.inputs.values[place]);
-            now[0].resize(self.lengths[place], 0.0);
-            let kept = if values.len() < self.lengths[place] { self.entries(place) } else { 0..0 };
-            for k in kept {
-                now[0][k] = self.value(Target::Variable(place, k));
-            }
-            now[1..].iter_mut().for_each(Vec::clear);
-            self.inputs.values[place] = now;
-            self.inputs.waiting.retain(|[other, _]| *other != place);
-        }
-        self.inputs.wait(place, order);
-        let entries = &mut self.inputs.values[place][order];
-        entries.resize(self.lengths[place], 0.0);
-        entries[node..node + values.len()].copy_from_slice(values);
-        Ok(())
-    }
-
-    /// Gives the stepper the inputs that wait.
+    /// Gives the stepper the inputs that are pending. Where it refuses them they stay so: the host may set others in their place.
     pub(super) fn hand_over(&mut self) -> Outcome {
         let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
-        let changes = changes(&self.inputs, stepper.model());
-        let outcome = stepper.set_all(changes);
-        // Whatever the answer, nothing waits: what was refused is gone.
-        self.inputs.waiting.clear();
-        if outcome.is_err() {
-            self.inputs.values.iter_mut().flatten().for_each(Vec::clear);
-        }
-        Ok(outcome?)
+        let changes = self.inputs.changes(stepper.model(), false);
+        stepper.set_entries(changes.iter().copied())?;
+        self.inputs.settle();
+        Ok(())
     }
-}
-
-/// The changes that wait.
-fn changes<'a>(inputs: &'a Inputs, model: &Model) -> impl Iterator<Item = Change<'a>> + Clone + use<'a> {
-    let first = usize::from(model.head.is_none());
-    let last = model.rod.nodes - 1;
-    inputs.waiting.iter().map(move |[place, order]| {
-        let (variable, values) = (&VARIABLES[*place], &inputs.values[*place][*order]);
-        let values = if variable.size == Size::Joints { &values[first..last] } else { &values[..] };
-        Change { variable, order: *order, values }
-    })
 }

@@ -88,7 +88,8 @@ impl Instance {
     pub fn set_nodes(&mut self, nodes: u64) {
         if nodes != self.settings.nodes {
             self.settings.nodes = nodes;
-            (self.stale, self.stepper.own) = (true, None);
+            self.inputs.forget_arrays();
+            self.stale = true;
             self.size();
         }
     }

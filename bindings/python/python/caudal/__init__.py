@@ -12,6 +12,9 @@ Examples
 ((51,), (51, 33))
 """
 
+import importlib
+from typing import Any
+
 from . import errors
 from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
 from .designing import Design, design
@@ -45,3 +48,10 @@ __all__ = [
     "sweep",
     "value_and_grad",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """`caudal.gymnasium`, `caudal.jax` and `caudal.torch`, which need packages of their own, when they are first used."""
+    if name in ("gymnasium", "jax", "torch"):
+        return importlib.import_module(f"{__name__}.{name}")
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -101,6 +101,7 @@ def design(
     scene: Source,
     *,
     out: Optional[Union[str, os.PathLike[str]]] = None,
+    force: bool = False,
     progress: Optional[Callable[[int, float], Any]] = None,
     client: Any = None,
     executor: Optional[Executor] = None,
@@ -114,7 +115,9 @@ def design(
     scene : Scene, str, os.PathLike or dict
         The scene, or what `load` makes one from. Data that it names are sought beside its file.
     out : str or os.PathLike, optional
-        Folder for the results; by default ``out/<name of the scene>``.
+        Folder for the results; by default ``out/<name of the scene>-design``.
+    force : bool, optional
+        Replace results of others in the folder, which are refused otherwise.
     progress : callable, optional
         Called with the number of an iteration and the objective there (of a tracked tip the rms distance in m, else the
         distance in m or the efficiency in m²/J). What it raises, and Ctrl-C, end the search; the best design so far is
@@ -148,9 +151,9 @@ def design(
     scene = scene if isinstance(scene, Scene) else load(scene)
     told = _Told(progress)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
-        while (parts := told.next(scene, out)) is not None:
+        while (parts := told.next(scene, out, force)) is not None:
             engine.do(parts)
-    content, failure = _design(scene, out, told.again())
+    content, failure = _design(scene, out, force, told.again())
     found = Design(content)
     if failure is not None:
         failure.result = found  # type: ignore[attr-defined]
@@ -180,10 +183,10 @@ class _Told:
             if self.progress is not None:
                 self.progress(iteration, objective)
 
-    def next(self, scene: Scene, out: Optional[Union[str, os.PathLike[str]]]) -> Optional[_Parts]:
+    def next(self, scene: Scene, out: Optional[Union[str, os.PathLike[str]]], force: bool) -> Optional[_Parts]:
         """The parts that come next; none where the search was ended."""
         try:
-            return _design_parts(scene, out, self.again())
+            return _design_parts(scene, out, force, self.again())
         except Error:
             raise
         except BaseException as ended:  # the design up to there is made as without an engine

@@ -80,6 +80,18 @@ class SeveralError(Error, ValueError):
     value: list[dict[str, object]]
 
 
+class BusyError(Error, OSError):
+    """Another program is at work in a folder of results.
+
+    Attributes
+    ----------
+    path : str
+        The folder.
+    """
+
+    path: str
+
+
 class OccupiedError(Error, OSError):
     """A folder holds other results than those that would be written.
 
@@ -299,6 +311,10 @@ class LinearError(Error, ArithmeticError):
 
     unknowns: int
     reason: str
+
+
+class InterruptedError(Error, RuntimeError):
+    """Another thread ended the computation."""
 
 
 class StepError(Error, ValueError):

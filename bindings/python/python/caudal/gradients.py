@@ -44,7 +44,8 @@ def parameters(scene: Source) -> dict[str, Parameter]:
     Parameters
     ----------
     scene : Scene, str, os.PathLike or dict
-        The scene, or what `load` makes one from: with fixed steps (``solver.time_step_s``) by a method of one stage.
+        The scene, or what `load` makes one from: of the whole model, with fixed steps (``solver.time_step_s``) by a method of one
+        stage (``generalized-alpha``, ``newmark``, ``implicit-euler``).
 
     Returns
     -------
@@ -52,7 +53,8 @@ def parameters(scene: Source) -> dict[str, Parameter]:
         Numbers of the scene by their keys, lengths, radii, densities, fluid, drive, drag: one, both of a pair, or one for each
         point of a profile; stiffness, factors and phases of the actuation at the joints; natural curvature and forces, constant or
         over time; and the first positions and velocities of the nodes. Mass and stiffness follow the numbers of the body, unless
-        ``joint_stiffness_n_m2`` is given. What has to be 0, as a flow across an interface, has the derivative 0.
+        ``joint_stiffness_n_m2`` is given. A flow along interfaces changes along them only: its derivatives are those of that part,
+        and 0 across them.
 
     Raises
     ------
@@ -160,7 +162,7 @@ def simulate(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     names = names_of(outputs)
-    given = [(name, np.ascontiguousarray(value, dtype=np.float64)) for name, value in (values or {}).items()]
+    given = [(name, np.array(value, dtype=np.float64, order="C")) for name, value in (values or {}).items()]
     return Simulation(scene, _Simulation(scene, given, names), dict(given))
 
 
@@ -178,7 +180,7 @@ def value_and_grad(
         The scene, or what `load` makes one from.
     output : str
         A recorded variable, whose value at the end counts, or a mean over the last whole cycles such as
-        ``cycle_forward_speed_m_s``; these leave the cycles where they are if the frequency changes.
+        ``cycle_forward_speed_m_s``; a frequency that drives the cycles moves their ends too.
     with_respect_to : str or iterable of str
         Names of `parameters`.
     values : dict of str to array_like, optional
@@ -230,6 +232,6 @@ class Recent:
         key = tuple((name, array.shape, array.tobytes()) for name, array in values.items())
         found = self._kept.pop(key, None) or simulate(self.scene, self.outputs, values)
         self._kept[key] = found
-        while len(self._kept) > self._size:
-            self._kept.pop(next(iter(self._kept)))
+        for old in list(self._kept)[: -self._size]:  # other threads may be here too
+            self._kept.pop(old, None)
         return found

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from typing import Any, Callable, Optional, Union
 
 import numpy as np
@@ -25,8 +26,8 @@ class TailEnv(gymnasium.Env):
     """A tail that an agent drives: actions are inputs and observations outputs of the table of variables.
 
     Actions are from -1 to 1 and go linearly to the bounds of the inputs; they hold over a period. The reward is what
-    `reward` says of the stepper before and after. An episode is truncated at its duration; a step that fails, because the agent
-    folds the rod for instance, terminates it with the reward `failure`.
+    `reward` says of the stepper before and after. An episode is truncated at the end of the first period that reaches its duration; a
+    step that fails, because the agent folds the rod for instance, terminates it with the reward `failure`.
 
     Parameters
     ----------
@@ -48,6 +49,14 @@ class TailEnv(gymnasium.Env):
         An input of the joints or nodes is set in this many groups of neighbours; by default each by itself.
     failure : float, optional
         The reward of a step that fails.
+    start : callable, optional
+        Called at the beginning of every episode with the stepper and the environment's random numbers (`numpy.random.Generator`), to
+        set inputs: a flow, a viscosity, a frequency.
+    goal : callable, optional
+        From the environment's random numbers to the numbers that an episode is to reach: the last entries of the observation, and
+        ``"goal"`` of what `reward` sees.
+    render_mode : str, optional
+        ``"rgb_array"`` for pictures.
 
     Examples
     --------
@@ -79,8 +88,12 @@ class TailEnv(gymnasium.Env):
         scales: Optional[Mapping[str, float]] = None,
         groups: Optional[int] = None,
         failure: float = -1.0,
+        start: Optional[Callable[[Stepper, np.random.Generator], None]] = None,
+        goal: Optional[Callable[[np.random.Generator], Any]] = None,
         render_mode: Optional[str] = None,
     ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"render_mode: found {render_mode!r}; allowed: None, {', '.join(map(repr, self.metadata['render_modes']))}")
         self._stepper = Stepper(load(scene))
         self._start = self._stepper.save()
         self._reward, self._period, self._failure = reward, period_s, failure
@@ -90,7 +103,9 @@ class TailEnv(gymnasium.Env):
                 raise ValueError(f"{name}: found {value}; allowed: a positive time")
         if groups is not None and groups < 1:
             raise ValueError(f"groups: found {groups}; allowed: 1 or more")
-        self._steps = max(1, round(duration_s / period_s))
+        self._steps = max(1, math.ceil(duration_s / period_s * (1.0 - 1e-12)))
+        self._set_start, self._set_goal = start, goal
+        self._goal: Array = np.zeros(0)
         self._made = 0
         self.render_mode = render_mode
         known = self._stepper.variables
@@ -104,6 +119,12 @@ class TailEnv(gymnasium.Env):
         for name, (least, most) in actions.items():
             if not -np.inf < least < most < np.inf:
                 raise ValueError(f"actions[{name!r}]: found ({least}, {most}); allowed: two numbers, the smaller first")
+            for bound in (least, most):
+                try:
+                    self._stepper.set(name, np.full(known[name].shape, bound) if known[name].shape else bound)
+                except Error as error:
+                    raise ValueError(f"actions[{name!r}]: {error}") from error
+        self._stepper.restore(self._start)
         for name, scale in (scales or {}).items():
             if name not in observations:
                 raise ValueError(f"scales: `{name}` is not observed; allowed: {', '.join(observations)}")
@@ -120,14 +141,26 @@ class TailEnv(gymnasium.Env):
             self._inputs[name] = (least, most, entries if known[name].shape else first)
             first += parts
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (first,), np.float32)
+        self._begin()
         size = self._flat(self._observed()).shape
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, size, np.float32)
 
     def _observed(self) -> dict[str, Array]:
-        return {name: np.atleast_1d(self._stepper.get(name)) for name in self._scales}
+        observed = {name: np.atleast_1d(self._stepper.get(name)) for name in self._scales}
+        return observed if self._set_goal is None else {**observed, "goal": self._goal}
 
     def _flat(self, observed: dict[str, Array]) -> Any:
-        return np.concatenate([observed[name] / scale for name, scale in self._scales.items()]).astype(np.float32)
+        scaled = [observed[name] / scale for name, scale in self._scales.items()]
+        return np.concatenate([*scaled, self._goal]).astype(np.float32)
+
+    def _begin(self) -> None:
+        """Go to the start of an episode."""
+        self._stepper.restore(self._start)
+        self._made = 0
+        if self._set_start is not None:
+            self._set_start(self._stepper, self.np_random)
+        if self._set_goal is not None:
+            self._goal = np.atleast_1d(np.asarray(self._set_goal(self.np_random), dtype=np.float64))
 
     @property
     def stepper(self) -> Stepper:
@@ -137,8 +170,7 @@ class TailEnv(gymnasium.Env):
     def reset(self, *, seed: Optional[int] = None, options: Optional[dict[str, Any]] = None) -> tuple[Any, dict[str, Any]]:
         """Begin an episode, at the scene's start."""
         super().reset(seed=seed)
-        self._stepper.restore(self._start)
-        self._made = 0
+        self._begin()
         return self._flat(self._observed()), {"time_s": 0.0}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -250,21 +282,30 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: Union[int, Sequence[Optional[int]], None] = None, options: Optional[dict[str, Any]] = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of each."""
+        """Begin an episode of each, or of those where ``options["reset_mask"]`` is true."""
+        options = dict(options or {})
+        mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
+        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
+            raise ValueError(f"reset_mask: found {mask!r}; allowed: {self.num_envs} truth values, one of them true")
         seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed or [None] * self.num_envs
         if len(seeds) != self.num_envs:
             raise ValueError(f"seed: found {len(seeds)}; allowed: one, or {self.num_envs}")
-        self._ended[:] = False
+        self._ended[mask] = False
         infos: dict[str, Any] = {}
         observations = []
         for i, (env, own) in enumerate(zip(self.envs, seeds)):
-            observation, info = env.reset(seed=own, options=options)
+            if mask[i]:
+                observation, info = env.reset(seed=own, options=options)
+                infos = self._add_info(infos, info, i)
+            else:
+                observation = env._flat(env._observed())
             observations.append(observation)
-            infos = self._add_info(infos, info, i)
         return np.stack(observations), infos
 
     def step(self, actions: Any) -> tuple[Any, Array, Any, Any, dict[str, Any]]:
         """Move all on by a period."""
+        if np.shape(actions) != self.action_space.shape:
+            raise ValueError(f"actions: found the shape {np.shape(actions)}; allowed: {self.action_space.shape}")
         moving = [i for i in range(self.num_envs) if not self._ended[i]]
         before = {i: self.envs[i]._set(actions[i]) for i in moving}
 
@@ -272,8 +313,7 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
             return [self.envs[i]._move() for i in part]
 
         parts = [moving[k :: self._threads] for k in range(self._threads)]
-        moved = map(move, parts) if self._pool is None else self._pool.map(move, parts)
-        errors = {i: error for part, found in zip(parts, moved) for i, error in zip(part, found)}
+        errors = {i: error for part, found in zip(parts, self._moved(move, parts)) for i, error in zip(part, found)}
         observations: list[Any] = []
         infos: dict[str, Any] = {}
         rewards, ends = np.zeros(self.num_envs), np.zeros((2, self.num_envs), dtype=bool)
@@ -286,6 +326,16 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
             infos = self._add_info(infos, info, i)
         self._ended = ends.any(axis=0)
         return np.stack(observations), rewards, ends[0], ends[1], infos
+
+    def _moved(self, move: Callable[[list[int]], Any], parts: list[list[int]]) -> list[Any]:
+        """What `move` makes of every part; whatever ends this, none of them moves on behind it."""
+        if self._pool is None:
+            return [move(part) for part in parts]
+        futures = [self._pool.submit(move, part) for part in parts]
+        try:
+            return [future.result() for future in futures]
+        finally:
+            wait(futures)
 
     def render(self) -> Optional[tuple[Any, ...]]:
         """A picture of each."""

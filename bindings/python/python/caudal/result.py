@@ -73,6 +73,7 @@ def run(
     *,
     record: Optional[Union[str, Iterable[str]]] = None,
     out: Optional[Union[str, "os.PathLike[str]"]] = None,
+    force: bool = False,
     progress: Optional[Callable[[float, float], Optional[bool]]] = None,
 ) -> Result:
     """Run a scene over its duration.
@@ -90,6 +91,8 @@ def run(
         ``record.interval_s``.
     out : str or os.PathLike, optional
         Folder for the files that ``caudal run`` writes: tables, figures, summary.json, report.html.
+    force : bool, optional
+        Replace results of others in the folder, which are refused otherwise.
     progress : callable, optional
         Called with the time and the duration (s) some twenty times a second and at the end; if it returns False, the run
         ends there.
@@ -116,7 +119,7 @@ def run(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     names = None if record is None else names_of(record)
-    content, failure = _run(scene, names, out, progress)
+    content, failure = _run(scene, names, out, force, progress)
     result = Result(scene, content)
     if failure is not None:
         failure.result = result  # type: ignore[attr-defined]

@@ -21,6 +21,7 @@ def study(
     scene: Source,
     *,
     out: Optional[Union[str, os.PathLike[str]]] = None,
+    force: bool = False,
     progress: Optional[Callable[[int, int], Any]] = None,
     client: Any = None,
     executor: Optional[Executor] = None,
@@ -42,6 +43,8 @@ def study(
         The scene, or what `load` makes one from.
     out : str or os.PathLike, optional
         Folder for the results; by default ``out/<name of the scene>-study-<kind>``.
+    force : bool, optional
+        Replace results of others in the folder, which are refused otherwise.
     progress : callable, optional
         Called with the numbers of runs that are done and of all, some twenty times a second and at the end.
     client : distributed.Client, optional
@@ -79,9 +82,9 @@ def study(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
-        while (runs := _runs_of(scene, {kind: asked}, out)) is not None:
+        while (runs := _runs_of(scene, {kind: asked}, out, force)) is not None:
             engine.do(runs, progress)
-    return Findings(_study(scene, {kind: asked}, out, progress))
+    return Findings(_study(scene, {kind: asked}, out, force, progress))
 
 
 class Findings:

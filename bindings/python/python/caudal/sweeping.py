@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -12,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Callable, Optional, Union
 
 import numpy as np
 
-from ._caudal import Scene, _Sweep, _toml, _units
+from ._caudal import Scene, _rebuild, _Sweep, _toml, _units
 from .distributing import Distribution, Engine, lost_error
+from .errors import Error
 from .optional import optional
 from .result import Source, load
 from .showing import table as html_table
@@ -74,8 +74,8 @@ class Sweep(list[dict[str, Any]]):
         Returns
         -------
         xarray.Dataset
-            A dimension for each axis, and one, ``sample``, for those that go through a sample together; cases that are not
-            there or have no such number are NaN. Variables of the table of variables have ``units`` and ``long_name``.
+            A dimension for each axis, and one, ``sample``, for those that go through a sample together; levels that are lists, as
+            pairs and profiles, are text. Cases that are not there or have no such number are NaN. Variables of the table of variables have ``units`` and ``long_name``.
         """
         xr = optional("xarray", "to_xarray()")
         dimensions: dict[str, int] = {}
@@ -83,7 +83,7 @@ class Sweep(list[dict[str, Any]]):
         for name, levels in self.axes.items():
             dimension = "sample" if name in self.sampled else name
             dimensions.setdefault(dimension, len(levels))
-            coordinates[name] = (dimension, levels)
+            coordinates[name] = (dimension, [_level(level) for level in levels])
         shape = tuple(dimensions.values())
         known = _units()
         variables: dict[str, Any] = {}
@@ -125,7 +125,8 @@ class Sweep(list[dict[str, Any]]):
         style = "o" if last in self.sampled else "o-"
         lines: dict[tuple[Any, ...], list[tuple[Any, Any]]] = {}
         for row in self:
-            lines.setdefault(tuple(row[other] for other in others), []).append((row[last], row.get(name)))
+            levels = tuple(_level(row[other]) for other in others)
+            lines.setdefault(levels, []).append((_level(row[last]), row.get(name)))
         figure = Figure(figsize=(7, 4), layout="constrained")
         axes = figure.subplots()
         for levels, points in lines.items():
@@ -153,6 +154,7 @@ def sweep(
     out: Optional[Union[str, os.PathLike[str]]] = None,
     jobs: Optional[int] = None,
     restart: bool = False,
+    force: bool = False,
     client: Any = None,
     executor: Optional[Executor] = None,
     workers: Optional[int] = None,
@@ -181,7 +183,9 @@ def sweep(
     jobs : int, optional
         Threads of this process, where no engine is given; by default one a core.
     restart : bool, optional
-        Forget what an earlier sweep left in the folder.
+        Forget what this sweep left in the folder before.
+    force : bool, optional
+        Replace results of others in the folder, which are refused otherwise.
     client : distributed.Client, optional
         Runs the cases on the workers of a Dask cluster, which need this version of caudal and no disk in common.
     executor : concurrent.futures.Executor, optional
@@ -223,13 +227,14 @@ def sweep(
     >>> rows
     <caudal.Sweep of 4 cases over actuation.kappa_amp (2), rod.nodes (2); 0 failed>
     """
+    sources: dict[Path, bytes] = {}
     if axes is not None or isinstance(path, (Scene, Mapping)):
-        path, out = _written(path, dict(axes or {}), samples, set, out)
+        path, out, sources = _as_files(path, dict(axes or {}), samples, set, out)
         set = None
     elif samples is not None:
         raise TypeError("samples belong to axes that are given here; a file has its own")
     engine = Engine.asked(client, executor, workers, patience_s)
-    at_work = _Sweep(path, None if set is None else dict(set), out, jobs, restart)
+    at_work = _Sweep(path, None if set is None else dict(set), out, jobs, restart, force, sources)
     lost: list[int] = []
     try:
         with _told(progress) as told:
@@ -247,36 +252,53 @@ def sweep(
     return Sweep(table, at_work.folder, at_work.axes)
 
 
-def _written(
+def _as_files(
     source: Source,
     axes: dict[str, Any],
     samples: Optional[Mapping[str, int]],
     set: Optional[Mapping[str, Any]],
     out: Optional[Union[str, os.PathLike[str]]],
-) -> tuple[Path, Path]:
-    """A sweep of Python objects as files in its folder, from where the same sweep goes on: `caudal sweep` takes them too."""
+) -> tuple[Path, Path, dict[Path, bytes]]:
+    """A sweep of Python objects as a file, the folder it comes into, and it and its scene there, paths and contents: `caudal
+    sweep` takes them too."""
     scene = load(source, set)
-    folder = Path(out) if out is not None else Path("out") / f"{scene.name}-sweep"
-    folder.mkdir(parents=True, exist_ok=True)
-    base = Path(scene.file)
-    # A scene stays where its tables are; what has no file of its own, or another text by now, gets one here.
-    if not (base.is_file() and base.read_text(encoding="utf-8") == scene.text):
-        base = folder / "scene.toml"
-        _replace(base, scene.text)
-    lines = [f"name = {_toml(f'{scene.name}-sweep')}", f"scene = {_toml(str(base.resolve()))}", "[set]", *scene.overrides]
+    out = Path(out) if out is not None else Path("out") / f"{scene.name}-sweep"
+    folder = out.resolve()
+    sources: dict[Path, bytes] = {}
+    base, overrides = Path(scene.file), scene.overrides
+    if not (_is_there(scene) and _is_without_order(scene)):
+        base, overrides = folder / "scene.toml", []
+        sources.update((folder / name, content) for name, content in scene._standalone(base.name))
+    lines = [f"name = {_toml(f'{scene.name}-sweep')}", f"scene = {_toml(str(base.resolve()))}", "[set]", *overrides]
     lines += ["[axes]", *(f"{key} = {_toml(levels)}" for key, levels in axes.items())]
     if samples is not None:
         lines += ["[samples]", *(f"{key} = {_toml(value)}" for key, value in samples.items())]
     path = folder / "sweep.toml"
-    _replace(path, "\n".join(lines) + "\n")
-    return path, folder
+    sources[path] = ("\n".join(lines) + "\n").encode()
+    return path, out, sources
 
 
-def _replace(path: Path, text: str) -> None:
-    """Write a file beside and put it in place."""
-    with tempfile.NamedTemporaryFile("w", dir=path.parent, delete=False, encoding="utf-8") as file:
-        file.write(text)
-    os.replace(file.name, path)
+def _is_there(scene: Scene) -> bool:
+    """True if the files of a scene are still as it read them."""
+    files = [(Path(scene.file), scene.text.encode()), *scene._tables()]
+    return all(path.is_file() and path.read_bytes() == content for path, content in files)
+
+
+def _is_without_order(scene: Scene) -> bool:
+    """True if the overrides of a scene say the same as a table of a file, whose keys are different and have no order."""
+    keys = [override.split("=", 1)[0].strip() for override in scene.overrides]
+    if len({*keys}) != len(keys):
+        return False
+    try:
+        other = _rebuild(Path(scene.file), scene.text, sorted(scene.overrides), dict(scene._tables()))
+    except Error:
+        return False
+    return other._standalone("") == scene._standalone("")
+
+
+def _level(level: Any) -> Any:
+    """A level of an axis as a number or a text."""
+    return level if isinstance(level, (bool, int, float, str)) else str(level)
 
 
 @contextmanager

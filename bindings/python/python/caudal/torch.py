@@ -22,26 +22,37 @@ class _Simulated(torch.autograd.Function):
     def forward(context: Any, scene: Scene, outputs: list[str], names: tuple[str, ...], *tensors: Any) -> Any:
         arrays = {name: t.detach().cpu().numpy().astype(np.float64) for name, t in zip(names, tensors)}
         simulation = simulate(scene, outputs, arrays)
+        context.save_for_backward(*tensors)
         context.simulation, context.names, context.tensors = simulation, names, [(t.dtype, t.device, t.shape) for t in tensors]
         dtype = next((t.dtype for t in tensors if t.is_floating_point()), torch.get_default_dtype())
         device = tensors[0].device if tensors else None
         return tuple(torch.as_tensor(simulation.outputs[name], dtype=dtype, device=device) for name in outputs)
 
     @staticmethod
-    @torch.autograd.function.once_differentiable
     def backward(context: Any, *weights: Any) -> Any:
         wanted = [name for name, needed in zip(context.names, context.needs_input_grad[3:]) if needed]
-        given = {
-            name: weight.detach().cpu().numpy().astype(np.float64)
-            for name, weight in zip(context.simulation.outputs, weights)
-            if weight is not None
-        }
-        found = context.simulation.pull_back(given, wanted)
+        given = [name for name, weight in zip(context.simulation.outputs, weights) if weight is not None]
+        weights = tuple(weight for weight in weights if weight is not None)
+        found = _Derivatives.apply(context.simulation, given, wanted, *weights, *context.saved_tensors)
         gradients = [
-            torch.as_tensor(np.asarray(found[name]), dtype=dtype, device=device).reshape(shape) if name in found else None
+            found[wanted.index(name)].to(dtype=dtype, device=device).reshape(shape) if name in wanted else None
             for name, (dtype, device, shape) in zip(context.names, context.tensors)
         ]
         return (None, None, None, *gradients)
+
+
+class _Derivatives(torch.autograd.Function):
+    """What the weights of some outputs come to by some parameters, one tensor each; it depends on all values of the simulation."""
+
+    @staticmethod
+    def forward(context: Any, simulation: Any, given: list[str], wanted: list[str], *tensors: Any) -> Any:
+        weights = {name: weight.detach().cpu().numpy().astype(np.float64) for name, weight in zip(given, tensors)}
+        found = simulation.pull_back(weights, wanted)
+        return tuple(torch.as_tensor(np.asarray(found[name])) for name in wanted)
+
+    @staticmethod
+    def backward(context: Any, *weights: Any) -> Any:
+        raise NotImplementedError("caudal.torch: simulations have first derivatives only")
 
 
 def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dict[str, Any]], dict[str, Any]]:
@@ -59,7 +70,7 @@ def function(scene: Source, outputs: Union[str, Iterable[str]]) -> Callable[[dic
     callable
         From a dictionary of tensors or numbers, values of `caudal.parameters`, to a dictionary of the outputs over time, in the
         type of the first tensor that is not of whole numbers, else PyTorch's default. The simulation is in double precision;
-        derivatives are once.
+        it has first derivatives, and second ones raise an error.
     """
     own, wanted = load(scene), names_of(outputs)
 

@@ -1,0 +1,60 @@
+/* What a host asks at the edges: rates of inputs, a step too short to move, a head that jumps, and calls from a thread that ends. */
+#include "caudal.h"
+#include <math.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <string.h>
+
+static pthread_key_t key;
+static int answered = 0;
+
+static void at_end(void *unused) {
+    (void)unused;
+    answered = caudal_do_step(NULL, 1.0) == CAUDAL_WRONG_CALL && caudal_message() != NULL;
+}
+
+static void *run(void *unused) {
+    pthread_setspecific(key, &key);
+    caudal_do_step(NULL, 1.0);
+    return unused;
+}
+
+static int is(const char *what, double found, double wanted) {
+    if (found != wanted)
+        printf("%s: %.17g, not %.17g\n", what, found, wanted);
+    return found == wanted;
+}
+
+int main(int count, char **arguments) {
+    caudal_simulation *tail = NULL;
+    size_t head, viscosity, time, mass;
+    double rate = NAN, zero = 0.0, one = 1.0;
+    if (count < 2 || caudal_load(arguments[1], NULL, 0, &tail) != CAUDAL_OK)
+        return 1;
+    caudal_find(tail, "head_x_m", &head);
+    caudal_find(tail, "viscosity_pa_s", &viscosity);
+    caudal_find(tail, "time_s", &time);
+    caudal_find(tail, "mass_kg", &mass);
+    caudal_set(tail, head, &zero, 1);
+    caudal_set_derivative(tail, head, 1, &one, 1);
+    caudal_set_derivative(tail, viscosity, 1, &one, 1);
+    int fine = 1;
+    fine &= caudal_rate(tail, head, &rate, 1) == CAUDAL_OK && is("rate of an input of the head", rate, 1.0);
+    fine &= caudal_rate(tail, viscosity, &rate, 1) == CAUDAL_OK && is("rate of an input", rate, 1.0);
+    fine &= caudal_rate(tail, time, &rate, 1) == CAUDAL_OK && is("rate of the time", rate, 1.0);
+    fine &= caudal_rate(tail, mass, &rate, 1) == CAUDAL_OK && is("rate of a parameter", rate, 0.0);
+    fine &= caudal_do_step(tail, 1e-10) == CAUDAL_OK;
+    fine &= caudal_get(tail, time, &rate, 1) == CAUDAL_OK && is("time", rate, caudal_time(tail));
+    double far = 1.0;
+    fine &= caudal_do_step(tail, 1e-2) == CAUDAL_OK && is("note of a smooth motion", caudal_note(tail)[0], '\0');
+    fine &= caudal_set(tail, head, &far, 1) == CAUDAL_OK && caudal_do_step(tail, 1e-2) == CAUDAL_OK;
+    fine &= is("note of a jump", strstr(caudal_note(tail), "position x given for the head") != NULL, 1);
+    fine &= is("note that was read", caudal_note(tail)[0], '\0') && is("note of nothing", caudal_note(NULL)[0], '\0');
+    caudal_free(tail);
+    pthread_t thread;
+    pthread_key_create(&key, at_end);
+    pthread_create(&thread, NULL, run, NULL);
+    pthread_join(thread, NULL);
+    fine &= is("answered", answered, 1);
+    return !fine;
+}

@@ -1,0 +1,240 @@
+//! Where forces hold: bounds on numbers of the motion, one table for what is printed and for what is judged.
+//!
+//! Every force says in its [`Validity`] between which [`Bound`]s it holds. What `check` foresees and what a run has measured are
+//! judged by those same bounds.
+
+use std::f64::consts::TAU;
+use std::fmt;
+
+use super::force::{Forces, Validity};
+use super::laws::{DragLaw, LAWS};
+use super::medium::Fluid;
+use crate::rod::Rod;
+
+/// What the numbers of a motion are made from.
+#[derive(Debug, Clone, Copy)]
+pub struct Motion<'a> {
+    /// The rod.
+    pub rod: &'a Rod,
+    /// The fluid.
+    pub fluid: Fluid,
+    /// Root mean square of the velocity across the rod against the fluid, over rod and time, m/s.
+    pub speed: f64,
+    /// The same over the kinematic viscosity of the fluid there, 1/m.
+    pub per_depth: f64,
+    /// Frequency of what drives the rod, Hz.
+    pub frequency: Option<f64>,
+    /// The wavelength along the rod, m.
+    pub wavelength: Option<f64>,
+    /// Height above a wall, m.
+    pub height: Option<f64>,
+}
+
+/// A number of the motion that a range is given in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scale {
+    /// wD/ν by the mean depth D and the velocity w across the rod.
+    Reynolds,
+    /// wL/ν by the length.
+    LengthReynolds,
+    /// fD²/ν.
+    Stokes,
+    /// ωa²/ν by the largest radius.
+    Swinging,
+    /// Length over the largest radius.
+    Slenderness,
+    /// Depth over length.
+    Depth,
+    /// Wavelength over the largest radius.
+    Wave,
+    /// Wavelength over the mean depth.
+    WaveInDepths,
+    /// Height above a wall over the largest radius.
+    Height,
+    /// Height above a wall over the length.
+    HeightInLengths,
+    /// Reynolds number of the head body by its longest axis.
+    BodyReynolds,
+    /// fD²/ν of the head body by its axis across the rod.
+    BodyStokes,
+    /// Height above a wall over the head body's longest semi-axis.
+    BodyHeight,
+}
+
+impl Scale {
+    /// Its name in a sentence.
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Reynolds => "Reynolds number of the depth",
+            Self::LengthReynolds => "Reynolds number of the length",
+            Self::Stokes => "fD²/ν",
+            Self::Swinging => "ωa²/ν",
+            Self::Slenderness => "length over radius",
+            Self::Depth => "depth over length",
+            Self::Wave => "wavelength over radius",
+            Self::WaveInDepths => "wavelength over depth",
+            Self::Height => "height over radius",
+            Self::HeightInLengths => "height over length",
+            Self::BodyReynolds => "Reynolds number of the head body",
+            Self::BodyStokes => "fD²/ν of the head body",
+            Self::BodyHeight => "height over the head body's longest semi-axis",
+        }
+    }
+
+    /// It of a motion; none of one that lacks what it is made from, or is at rest.
+    pub fn of(self, motion: &Motion<'_>) -> Option<f64> {
+        let Motion { rod, fluid, frequency, wavelength, height, .. } = *motion;
+        let (length, radius) = (rod.length, rod.sections.largest_radius());
+        let depth = || rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
+        let per_nu = fluid.density / fluid.viscosity;
+        let longest = rod.body.map(|body| body.along.max(body.across));
+        let moving = |size: f64| Some(motion.per_depth * size).filter(|number| *number > 0.0);
+        match self {
+            Self::Reynolds => moving(depth()),
+            Self::LengthReynolds => moving(length),
+            Self::Stokes => frequency.map(|frequency| frequency * depth().powi(2) * per_nu),
+            Self::Swinging => frequency.map(|frequency| TAU * frequency * radius * radius * per_nu),
+            Self::Slenderness => Some(length / radius),
+            Self::Depth => Some(depth() / length),
+            Self::Wave => wavelength.map(|wave| wave / radius),
+            Self::WaveInDepths => wavelength.map(|wave| wave / depth()),
+            Self::Height => height.map(|height| height / radius),
+            Self::HeightInLengths => height.map(|height| height / length),
+            Self::BodyReynolds => longest.and_then(|longest| moving(2.0 * longest)),
+            Self::BodyStokes => {
+                let size = rod.body.map(|body| 2.0 * body.across);
+                frequency.zip(size).map(|(frequency, size)| frequency * size * size * per_nu)
+            }
+            Self::BodyHeight => height.zip(longest).map(|(height, longest)| height / longest),
+        }
+    }
+}
+
+/// Between which values of a number of the motion a force holds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bound {
+    /// The number.
+    pub scale: Scale,
+    /// Its least value; 0 for none.
+    pub least: f64,
+    /// Its largest value; infinite for none.
+    pub most: f64,
+}
+
+impl Bound {
+    /// Up to `most`.
+    pub const fn at_most(scale: Scale, most: f64) -> Self {
+        Self { scale, least: 0.0, most }
+    }
+
+    /// From `least` on.
+    pub const fn at_least(scale: Scale, least: f64) -> Self {
+        Self { scale, least, most: f64::INFINITY }
+    }
+
+    /// From `least` to `most`.
+    pub const fn between(scale: Scale, least: f64, most: f64) -> Self {
+        Self { scale, least, most }
+    }
+
+    /// The values between which it holds, in words.
+    pub fn limits(&self) -> String {
+        let Self { least, most, .. } = *self;
+        match (least > 0.0, most < f64::INFINITY) {
+            (true, true) => format!("from {} to {}", short(least), short(most)),
+            (true, false) => format!("of at least {}", short(least)),
+            _ => format!("up to {}", short(most)),
+        }
+    }
+
+    /// The number of a motion that is beyond it.
+    pub fn left(&self, motion: &Motion<'_>) -> Option<f64> {
+        // Numbers at the bound itself are rounded.
+        let most = self.most * (1.0 + 1e-9);
+        self.scale.of(motion).filter(|number| !(self.least * (1.0 - 1e-9)..=most).contains(number))
+    }
+}
+
+impl fmt::Display for Bound {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.scale.words(), self.limits())
+    }
+}
+
+/// A number as short as it is.
+fn short(x: f64) -> String {
+    if (1e-2..1e4).contains(&x) {
+        format!("{:.3}", x).trim_end_matches('0').trim_end_matches('.').into()
+    } else {
+        format!("{x:e}")
+    }
+}
+
+impl Validity {
+    /// Where the force holds, in words.
+    pub fn in_words(&self) -> String {
+        let bounds = self.bounds.iter().map(Bound::to_string);
+        [self.range.to_string()]
+            .into_iter()
+            .filter(|range| !range.is_empty())
+            .chain(bounds)
+            .collect::<Vec<_>>()
+            .join("; ")
+    }
+
+    /// True where no bound is left by a motion.
+    pub fn holds(&self, motion: &Motion<'_>) -> bool {
+        self.bounds.iter().all(|bound| bound.left(motion).is_none())
+    }
+}
+
+/// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
+/// change where another law is taken; nothing where it cannot be.
+pub fn left(forces: &Forces, motion: &Motion<'_>, without: impl Fn(&'static DragLaw) -> Option<String>) -> Vec<String> {
+    let mut said: Vec<(Vec<&str>, String)> = Vec::new();
+    for force in forces.iter() {
+        let Validity { bounds, .. } = force.validity();
+        let beyond: Vec<String> = bounds
+            .iter()
+            .filter_map(|bound| Some((bound, bound.left(motion)?)))
+            .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()))
+            .collect();
+        if beyond.is_empty() {
+            continue;
+        }
+        let text = format!("{}{}", beyond.join("; "), others(force.name(), bounds, motion, &without));
+        match said.iter_mut().find(|(_, other)| *other == text) {
+            Some((names, _)) => names.push(force.name()),
+            None => said.push((vec![force.name()], text)),
+        }
+    }
+    let in_words = |(names, text): (Vec<&str>, String)| match &names[..] {
+        [name] => format!("{name} is outside its range: {text}"),
+        names => format!("{} are outside their range: {text}", names.join(" and ")),
+    };
+    said.into_iter().map(in_words).collect()
+}
+
+/// What would hold in place of a force: laws of drag, or form drag on the head body.
+fn others(
+    name: &str,
+    bounds: &[Bound],
+    motion: &Motion<'_>,
+    without: impl Fn(&'static DragLaw) -> Option<String>,
+) -> String {
+    if bounds.iter().any(|bound| bound.scale == Scale::BodyReynolds && bound.left(motion).is_some()) {
+        return "; head_body.form_drag_along and head_body.form_drag_across add form drag".to_string();
+    }
+    if !LAWS.iter().any(|law| law.name == name) {
+        return String::new();
+    }
+    let holds =
+        |law: &&&DragLaw| law.name != name && law.is_offered(motion.height.is_some()) && law.validity.holds(motion);
+    let name = |law: &&'static DragLaw| Some(format!("\"{}\"{}", law.name, without(law)?));
+    let names: Vec<String> = LAWS.iter().filter(holds).filter_map(name).collect();
+    match &names[..] {
+        [] => String::new(),
+        [one] => format!("; drag.law = {one} holds there"),
+        [rest @ .., last] => format!("; drag.law = {} or {last} holds there", rest.join(", ")),
+    }
+}

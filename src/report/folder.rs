@@ -1,0 +1,578 @@
+//! Result folders: one program at a time holds a folder, and a manifest in it says whose results it has and which files belong to them.
+//!
+//! Everything that writes results claims its folder first. Whether the folder is free, which files are replaced or removed, and which
+//! journals are continued follow from the manifest alone: a file that it does not list is never touched.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::fs::{File, TryLockError};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use serde::{Deserialize, Serialize};
+use tempfile::NamedTempFile;
+
+use super::tables::{Csv, Kept, Made, PARTIAL, beside, file_of, put_in_place, write_error};
+use crate::error::{Error, Result};
+use crate::jobs::{BUILD, Journal};
+use crate::scene::Scene;
+
+/// Name of the manifest.
+pub const MANIFEST: &str = "manifest.json";
+
+/// What is wrong with a file of its name that is none.
+const NO_MANIFEST: &str = "it is no manifest of results; choose another folder with --out, or replace it with --force";
+
+/// Ending of the names of journals, in which unfinished work is kept.
+pub const JOURNAL: &str = ".journal";
+
+/// How long a claim that is held for moments only is waited for.
+const PATIENCE: Duration = Duration::from_secs(10);
+
+/// Whose results they are.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Owner {
+    /// What made them: `run`, `sweep`, `design`, `study modes` …
+    pub kind: String,
+    /// The name of the scene or the sweep.
+    pub name: String,
+    /// The file that says what is computed.
+    pub source: PathBuf,
+    /// Hash of what it says.
+    pub fingerprint: String,
+}
+
+impl Owner {
+    /// Results of `kind` of a scene.
+    pub fn of(kind: &str, scene: &Scene) -> Self {
+        let (name, source, fingerprint) = (scene.name.clone(), scene.file(), scene.fingerprint_text());
+        Self { kind: kind.to_string(), name, source, fingerprint }
+    }
+
+    /// True where both are of the same kind and name, and of the same file or the same content.
+    fn is_same(&self, other: &Self) -> bool {
+        (&self.kind, &self.name) == (&other.kind, &other.name)
+            && (self.source == other.source || self.fingerprint == other.fingerprint)
+    }
+}
+
+impl fmt::Display for Owner {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a {} of `{}`", self.kind, self.name)
+    }
+}
+
+/// What a claim does with results that are there already.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Claim {
+    /// Those of the same owner are replaced file by file, others refused.
+    #[default]
+    Own,
+    /// Those of others are removed.
+    Force,
+}
+
+impl Claim {
+    /// [`Force`](Self::Force) where that is asked for.
+    pub fn forced(force: bool) -> Self {
+        if force { Self::Force } else { Self::Own }
+    }
+}
+
+/// Files that were made of results for other programs.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Export {
+    of: Owner,
+    files: BTreeSet<String>,
+}
+
+/// The content of the manifest.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+struct Manifest {
+    /// Version and build of the program that wrote it.
+    caudal_build: String,
+    /// Whose results they are; none where there are only exports.
+    #[serde(default)]
+    owner: Option<Owner>,
+    /// Files that say what is computed, where these were written here too: they stay as long as the owner.
+    #[serde(default)]
+    sources: BTreeSet<String>,
+    /// The files of the results, which may not all be there yet.
+    #[serde(default)]
+    files: BTreeSet<String>,
+    /// Where unfinished work is kept.
+    #[serde(default)]
+    journals: BTreeSet<String>,
+    #[serde(default)]
+    exports: Vec<Export>,
+}
+
+impl Manifest {
+    /// That of the folder at `path`; none where there is none.
+    fn read(path: &Path) -> Result<Option<Self>> {
+        let file = path.join(MANIFEST);
+        match std::fs::read(&file) {
+            Ok(bytes) => match serde_json::from_slice::<Self>(&bytes) {
+                // What is listed is removed one day: it is in this folder.
+                Ok(manifest) if manifest.all().all(|name| Path::new(name).file_name() == Some(name.as_ref())) => {
+                    Ok(Some(manifest))
+                }
+                _ => Err(Error::Read { path: file, reason: NO_MANIFEST.to_string() }),
+            },
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(None),
+            Err(e) => Err(Error::Read { path: file, reason: e.to_string() }),
+        }
+    }
+
+    fn lists(&self, name: &str) -> bool {
+        self.all().any(|listed| listed == name)
+    }
+
+    /// All files that it lists.
+    fn all(&self) -> impl Iterator<Item = &String> {
+        let exports = self.exports.iter().flat_map(|export| &export.files);
+        self.sources.iter().chain(&self.files).chain(&self.journals).chain(exports)
+    }
+}
+
+/// A folder of results that this program holds: made where there was none, and gone again with what was made around it where
+/// nothing came into it.
+#[derive(Debug)]
+pub struct Folder {
+    path: PathBuf,
+    lock: Option<File>,
+    owner: Owner,
+    claim: Claim,
+    manifest: Manifest,
+    /// True where the manifest was made by this claim.
+    new: bool,
+    made: Made,
+}
+
+impl Folder {
+    /// Claims the folder at `path` for results of `owner`, which will surely have the files `certain`; holds it until it is dropped.
+    ///
+    /// # Errors
+    /// [`Error::Busy`] where another program holds it; [`Error::Occupied`] where it has results of others, or files of these names
+    /// that no manifest lists, unless the claim is forced; [`Error::Read`], [`Error::Write`].
+    pub fn claim(path: &Path, owner: Owner, claim: Claim, certain: &[&str]) -> Result<Self> {
+        Self::claim_within(path, owner, claim, certain, Duration::ZERO)
+    }
+
+    /// The same for what holds folders for moments only ([`let_others`](Self::let_others)), which are waited for.
+    ///
+    /// # Errors
+    /// Those of [`claim`](Self::claim).
+    pub fn claim_shared(path: &Path, owner: Owner, claim: Claim, certain: &[&str]) -> Result<Self> {
+        Self::claim_within(path, owner, claim, certain, PATIENCE)
+    }
+
+    fn claim_within(path: &Path, owner: Owner, claim: Claim, certain: &[&str], patience: Duration) -> Result<Self> {
+        let mut folder = Self::hold(path, owner, claim, patience)?;
+        folder.check(certain)?;
+        folder.clear_leftovers();
+        let others = folder.manifest.owner.as_ref().is_some_and(|other| !other.is_same(&folder.owner));
+        if folder.new || others || folder.manifest.owner.is_none() {
+            folder.manifest.owner = Some(folder.owner.clone());
+            folder.save()?; // from now on it is ours, whatever ends this
+            if others {
+                folder.remove(folder.manifest.all());
+                folder.manifest = Manifest { owner: Some(folder.owner.clone()), ..Manifest::default() };
+            }
+        } else {
+            beside(&folder.path.join(MANIFEST))?; // so that what cannot be written is known before the work
+        }
+        Ok(folder)
+    }
+
+    /// Opens the folder at `path` to add files that are made of `owner`, to whatever results it has.
+    ///
+    /// # Errors
+    /// [`Error::Busy`], [`Error::Read`], [`Error::Write`].
+    pub fn export(path: &Path, owner: Owner, claim: Claim) -> Result<Self> {
+        let folder = Self::hold(path, owner, claim, PATIENCE)?;
+        folder.clear_leftovers();
+        Ok(folder)
+    }
+
+    /// Makes and locks it, and reads its manifest.
+    fn hold(path: &Path, owner: Owner, claim: Claim, patience: Duration) -> Result<Self> {
+        let (made, manifest) = (Made::at(path)?, Manifest::default());
+        let mut folder = Self { path: path.to_path_buf(), lock: None, owner, claim, manifest, new: false, made };
+        folder.lock(patience)?;
+        folder.read()?;
+        Ok(folder)
+    }
+
+    /// Waits for others who hold it at most for `patience`.
+    fn lock(&mut self, patience: Duration) -> Result<()> {
+        let begun = Instant::now();
+        loop {
+            std::fs::create_dir_all(&self.path).map_err(|e| write_error(&self.path, &e))?;
+            // Where folders cannot be opened, or have no locks, journals have theirs.
+            let Ok(handle) = File::open(&self.path) else { return Ok(()) };
+            match handle.try_lock() {
+                Err(TryLockError::WouldBlock) if begun.elapsed() < patience => {
+                    std::thread::sleep(Duration::from_millis(5));
+                    continue;
+                }
+                Err(TryLockError::WouldBlock) => {
+                    self.made = Made::default(); // it is the other program's
+                    return Err(Error::Busy { path: self.path.clone() });
+                }
+                Ok(()) | Err(TryLockError::Error(_)) => {}
+            }
+            // One that was removed meanwhile is made again.
+            if is_at(&handle, &self.path) {
+                self.lock = Some(handle);
+                return Ok(());
+            }
+        }
+    }
+
+    fn read(&mut self) -> Result<()> {
+        let found = Manifest::read(&self.path);
+        let found = if self.claim == Claim::Force { found.unwrap_or_default() } else { found? };
+        self.new = found.is_none();
+        self.manifest = found.unwrap_or_default();
+        Ok(())
+    }
+
+    /// Whether the claim can be had.
+    fn check(&self, certain: &[&str]) -> Result<()> {
+        let Self { manifest, owner, claim, .. } = self;
+        let there = |name: &str| self.path.join(name).exists();
+        let other = manifest.owner.as_ref().filter(|other| !other.is_same(owner));
+        let other = other.filter(|_| manifest.all().any(|name| there(name)));
+        if other.is_some() || *claim == Claim::Force {
+            let held = |name: &&String| Journal::read(&self.path.join(name)).is_ok_and(|journal| journal.is_held());
+            if manifest.journals.iter().any(|name| held(&name)) {
+                return Err(Error::Busy { path: self.path.clone() });
+            }
+        }
+        if *claim == Claim::Force {
+            return Ok(());
+        }
+        let occupied =
+            |holds: String| Err(Error::Occupied { path: self.path.clone(), holds, wanted: owner.to_string() });
+        if let Some(other) = other {
+            let same_name = (&other.kind, &other.name) == (&owner.kind, &owner.name);
+            let by = if same_name { format!(" by another file, {}", other.source.display()) } else { String::new() };
+            return occupied(format!("{other}{by}"));
+        }
+        let foreign: Vec<&str> = certain.iter().copied().filter(|name| there(name) && !manifest.lists(name)).collect();
+        match foreign.is_empty() {
+            true => Ok(()),
+            false => {
+                occupied(format!("{}, which no {MANIFEST} lists (an older caudal wrote none)", foreign.join(", ")))
+            }
+        }
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whose results it is held for.
+    pub fn owner(&self) -> &Owner {
+        &self.owner
+    }
+
+    /// Lets other programs of the same owner at it.
+    pub fn let_others(&mut self) {
+        if let Some(lock) = self.lock.take() {
+            let _ = lock.unlock();
+        }
+    }
+
+    /// Holds it again, with what others put into its manifest.
+    ///
+    /// # Errors
+    /// [`Error::Busy`], [`Error::Read`], [`Error::Write`].
+    pub fn hold_again(&mut self) -> Result<()> {
+        if self.lock.is_none() {
+            self.lock(Duration::MAX)?;
+            let new = self.new;
+            self.read()?;
+            self.new = new;
+        }
+        Ok(())
+    }
+
+    /// Writes files, names and contents, that say what is computed here.
+    ///
+    /// # Errors
+    /// Those of [`admit`](Self::admit), and none is written then; [`Error::Write`].
+    pub fn keep_sources(&mut self, files: &[(String, Vec<u8>)]) -> Result<()> {
+        files.iter().try_for_each(|(name, _)| self.admit(name))?;
+        let names: BTreeSet<String> = files.iter().map(|(name, _)| name.clone()).collect();
+        if !names.is_subset(&self.manifest.sources) {
+            self.manifest.sources.extend(names);
+            self.save()?;
+        }
+        for (name, content) in files {
+            let path = self.path.join(name);
+            put_in_place(file_of(&path, content)?, path)?;
+        }
+        Ok(())
+    }
+
+    /// Where its journal `name` is, which is listed from now on.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] where there is a file of that name which is not; [`Error::Write`].
+    pub fn journal(&mut self, name: &str) -> Result<PathBuf> {
+        self.admit(name)?;
+        let path = self.path.join(name);
+        if !self.manifest.journals.contains(name) {
+            if path.exists() {
+                Journal::clear(&path)?; // as the claim is forced
+            }
+            self.manifest.files.remove(name);
+            self.manifest.journals.insert(name.to_string());
+            self.save()?;
+        }
+        Ok(path)
+    }
+
+    /// Removes its results, and of its journals the one of this name or, without a name, all.
+    ///
+    /// # Errors
+    /// Those of [`Journal::clear`], and nothing is removed then.
+    pub fn begin_anew(&mut self, journal: Option<&str>) -> Result<()> {
+        let journals: Vec<String> =
+            self.manifest.journals.iter().filter(|name| journal.is_none_or(|own| own == *name)).cloned().collect();
+        for path in journals.iter().map(|name| self.path.join(name)).filter(|path| path.exists()) {
+            Journal::clear(&path)?;
+        }
+        self.remove(self.manifest.files.iter());
+        self.manifest.files.clear();
+        self.manifest.owner = Some(self.owner.clone());
+        self.save()
+    }
+
+    /// Removes those of its journals whose work is complete.
+    pub fn forget_journals(&mut self) {
+        let journals = std::mem::take(&mut self.manifest.journals);
+        self.remove(journals.iter());
+        let _ = self.save(); // that of before lists what is there, and more
+    }
+
+    /// Refuses the name of a file that is there and not listed.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`].
+    pub fn admit(&self, name: &str) -> Result<()> {
+        let exported = |export: &Export| export.files.contains(name) && !export.of.is_same(&self.owner);
+        let path = self.path.join(name);
+        let empty = || std::fs::metadata(&path).is_ok_and(|file| file.is_file() && file.len() == 0);
+        if self.claim == Claim::Force || !path.exists() || empty() {
+            return Ok(());
+        }
+        let holds = match self.manifest.exports.iter().find(|export| exported(export)) {
+            Some(export) => export.of.to_string(),
+            None if self.manifest.lists(name) => return Ok(()),
+            None => format!("a file that no {MANIFEST} lists"),
+        };
+        Err(Error::Occupied { path, holds, wanted: self.owner.to_string() })
+    }
+
+    /// Begins to write its results.
+    pub fn results(&mut self) -> Writing<'_> {
+        Writing { folder: self, kept: Kept::default(), exports: false, earlier: BTreeSet::new() }
+    }
+
+    /// Begins to write files that are made of results.
+    pub fn exports(&mut self) -> Writing<'_> {
+        Writing { folder: self, kept: Kept::default(), exports: true, earlier: BTreeSet::new() }
+    }
+
+    fn remove<'a>(&self, names: impl Iterator<Item = &'a String>) {
+        names.for_each(|name| drop(std::fs::remove_file(self.path.join(name))));
+    }
+
+    /// Removes what killed programs left of its files in the making: what lies beside a file that the manifest lists, and no program
+    /// holds.
+    fn clear_leftovers(&self) {
+        for entry in std::fs::read_dir(&self.path).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let name = name.to_string_lossy();
+            let of = name.strip_prefix('.').and_then(|name| name.strip_suffix(PARTIAL)?.rsplit_once('.'));
+            let listed = of.is_some_and(|(of, _)| of == MANIFEST || self.manifest.lists(of));
+            let held =
+                || File::open(entry.path()).is_ok_and(|file| matches!(file.try_lock(), Err(TryLockError::WouldBlock)));
+            if !self.new && listed && !held() {
+                let _ = std::fs::remove_file(entry.path());
+            }
+        }
+    }
+
+    /// Writes the manifest.
+    fn save(&mut self) -> Result<()> {
+        self.manifest.caudal_build = BUILD.to_string();
+        let path = self.path.join(MANIFEST);
+        let text = serde_json::to_string_pretty(&self.manifest).map_err(|e| Error::Page { reason: e.to_string() })?;
+        put_in_place(file_of(&path, text + "\n")?, path).map(drop)
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let empty = !self.manifest.all().any(|name| self.path.join(name).exists());
+        if self.new && empty && self.lock.is_some() {
+            let _ = std::fs::remove_file(self.path.join(MANIFEST));
+        }
+        drop(std::mem::take(&mut self.made)); // while nobody else can have it
+        self.let_others(); // though a process that was forked meanwhile may have it open still
+    }
+}
+
+/// Files on their way into a [`Folder`]: each is put there whole, and none is lost because a later one fails.
+#[derive(Debug)]
+pub struct Writing<'a> {
+    folder: &'a mut Folder,
+    kept: Kept,
+    exports: bool,
+    /// Those of an earlier result of the same content that could not be replaced.
+    earlier: BTreeSet<String>,
+}
+
+impl Writing<'_> {
+    /// The folder.
+    pub fn path(&self) -> &Path {
+        &self.folder.path
+    }
+
+    /// Lists a file that is written by others.
+    ///
+    /// # Errors
+    /// [`Error::Occupied`] where there is a file of that name which is not replaced; [`Error::Write`].
+    pub fn admit(&mut self, name: &str) -> Result<()> {
+        self.folder.admit(name)?;
+        self.folder.enter(&[name], self.exports)
+    }
+
+    /// Lists files that are going to be written, all at once.
+    pub fn list<'n>(&mut self, names: impl IntoIterator<Item = &'n str>) {
+        let Self { folder, exports, .. } = self;
+        let admitted: Vec<&str> = names.into_iter().filter(|name| folder.admit(name).is_ok()).collect();
+        let _ = folder.enter(&admitted, *exports); // what cannot be listed is told where it is written
+    }
+
+    /// Puts the file `name` in place, or notes why it cannot be there. One of that name from an earlier result goes then, unless
+    /// that is of the same content: it would not belong to the others.
+    pub fn put(&mut self, name: &str, file: Result<NamedTempFile>) {
+        let path = self.folder.path.join(name);
+        if let Err(error) = self.admit(name) {
+            self.kept.lost.push(match error {
+                Error::Write { reason, .. } => Error::Write { path, reason }, // of the manifest
+                other => other,                                               // what is there is not ours
+            });
+            return;
+        }
+        match file.and_then(|file| put_in_place(file, path.clone())) {
+            Ok(path) => self.kept.files.push(path),
+            Err(error) => {
+                self.kept.lost.push(error);
+                let Folder { manifest, owner, .. } = &*self.folder;
+                if manifest.owner.as_ref().is_some_and(|before| before.fingerprint == owner.fingerprint)
+                    && path.exists()
+                {
+                    self.earlier.insert(name.to_string());
+                } else {
+                    let _ = std::fs::remove_file(path);
+                }
+            }
+        }
+    }
+
+    /// The same for a table in the making.
+    pub fn put_table(&mut self, table: Csv) {
+        let name = table.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
+        match table.complete() {
+            Ok((file, _, lost)) => {
+                self.put(&name, Ok(file));
+                self.kept.lost.extend(lost);
+            }
+            Err(error) => self.put(&name, Err(error)),
+        }
+    }
+
+    /// The same for a file with `content`.
+    pub fn put_file(&mut self, name: &str, content: Result<impl AsRef<[u8]>>) {
+        let file = content.and_then(|content| file_of(&self.folder.path.join(name), content));
+        self.put(name, file);
+    }
+
+    /// Puts files, names and texts, in place one after the other, so that those that come first are there whatever happens to the
+    /// others.
+    pub fn all(mut self, files: &[(String, String)]) -> Kept {
+        self.list(files.iter().map(|(name, _)| name.as_str()));
+        for (name, text) in files {
+            self.put_file(name, Ok(text));
+        }
+        self.finish()
+    }
+
+    /// Notes an error that took rows from a file.
+    pub fn note(&mut self, error: Option<Error>) {
+        self.kept.lost.extend(error);
+    }
+
+    /// Removes the files of earlier results that these have not, and says so in the manifest.
+    pub fn finish(self) -> Kept {
+        let Self { folder, kept, exports, earlier } = self;
+        if !exports {
+            let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());
+            let written: BTreeSet<String> = kept.files.iter().filter_map(name).chain(earlier).collect();
+            folder.remove(folder.manifest.files.difference(&written));
+            folder.manifest.files = written;
+            folder.manifest.owner = Some(folder.owner.clone());
+            let _ = folder.save(); // that of before lists what is there, and more
+        }
+        kept
+    }
+}
+
+impl Folder {
+    /// Lists files as results or exports, where they are not yet.
+    fn enter(&mut self, names: &[&str], exports: bool) -> Result<()> {
+        let Manifest { files, exports: exported, .. } = &self.manifest;
+        let own = exported.iter().find(|export| export.of == self.owner).map(|export| &export.files);
+        let there = if exports { own } else { Some(files) };
+        if names.iter().all(|name| there.is_some_and(|files| files.contains(*name))) {
+            return Ok(());
+        }
+        let before = self.manifest.clone();
+        let all = || names.iter().map(ToString::to_string);
+        if exports {
+            // What was exported before under these names is replaced.
+            let exported = &mut self.manifest.exports;
+            exported.iter_mut().for_each(|export| export.files.retain(|file| !names.contains(&file.as_str())));
+            match exported.iter_mut().find(|export| export.of == self.owner) {
+                Some(export) => export.files.extend(all()),
+                None => exported.push(Export { of: self.owner.clone(), files: all().collect() }),
+            }
+            exported.retain(|export| !export.files.is_empty());
+        } else {
+            self.manifest.files.extend(all());
+        }
+        self.save().inspect_err(|_| self.manifest = before)
+    }
+}
+
+/// True where `handle` is what is at `path`.
+fn is_at(handle: &File, path: &Path) -> bool {
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        let same = |a: std::fs::Metadata, b: std::fs::Metadata| (a.dev(), a.ino()) == (b.dev(), b.ino());
+        handle.metadata().ok().zip(std::fs::metadata(path).ok()).is_some_and(|(a, b)| same(a, b))
+    }
+    #[cfg(not(unix))]
+    {
+        let _ = (handle, path);
+        true
+    }
+}

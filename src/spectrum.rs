@@ -1,0 +1,213 @@
+//! The spectrum of what drives a rod: the frequencies of actuation, head and flow, and how fast each moves the rod.
+//!
+//! A line is a frequency f and the root mean square v of the velocity that it gives the rod against the fluid. A line with a small v
+//! counts for less: a method of third order follows it as well as the strongest line at steps that are (v/v_max)^⅓ times shorter
+//! than f asks for.
+//!
+//! A table counts as one line with the moments of its rate u, f = √(⟨u̇²⟩/⟨u²⟩)/2π: exact for a sinusoid.
+
+use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+use crate::actuation::{Actuation, Wave};
+use crate::head::{Motion, Row, Signal, hermite};
+use crate::model::{Drive, Model};
+use crate::rod::{Rod, node};
+use crate::start::Start;
+use crate::system::State;
+
+/// Phases of a cycle at which the prescribed shape is looked at.
+const PHASES: u32 = 48;
+
+/// A table repeats itself, for what counts here, if its rate has the same size in each quarter of it to this part.
+const STATIONARY: f64 = 0.2;
+
+/// A line counts among the slowest if its amplitude, speed over frequency, is this part of the largest.
+const FAINT: f64 = 1e-3;
+
+/// A table's velocity changes if it does so by this part of its size: what is less is rounding of its rows.
+const STEADY: f64 = 1e-6;
+
+/// A frequency at which something moves the rod.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Its frequency f, Hz.
+    pub frequency: f64,
+    /// Root mean square of the velocity that it gives the rod against the fluid, m/s.
+    pub speed: f64,
+}
+
+/// All that drives a rod.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Spectrum {
+    lines: Vec<Line>,
+    /// True if a table drives the rod that goes on otherwise than it began.
+    pub is_transient: bool,
+}
+
+impl Spectrum {
+    /// That of an actuation of `rod` with its drive, of the motion of its head and of a flow that changes in time.
+    pub fn of(
+        rod: &Rod,
+        actuation: Option<&(Box<dyn Actuation>, Drive)>,
+        head: Option<&Motion>,
+        flow: Option<&[Signal; 2]>,
+    ) -> Self {
+        let mut spectrum = Self::default();
+        if let Some((actuation, drive)) = actuation {
+            spectrum.add_actuation(rod, &**actuation, *drive);
+        }
+        // A head that turns moves the rod by its distance from there, L/√3 in the mean square.
+        let arms = [1.0, 1.0, rod.length / 3f64.sqrt()];
+        for (signal, arm) in head.into_iter().flatten().zip(arms) {
+            spectrum.add_signal(signal, arm, true);
+        }
+        for signal in flow.into_iter().flatten() {
+            spectrum.add_signal(signal, 1.0, false);
+        }
+        spectrum
+    }
+
+    /// That of a model.
+    pub fn of_model(model: &Model) -> Self {
+        Self::of(&model.rod, model.actuation.as_ref(), model.head.as_ref(), model.flow.as_ref())
+    }
+
+    /// The frequencies, each with its speed.
+    pub fn lines(&self) -> &[Line] {
+        &self.lines
+    }
+
+    /// The lowest frequency of what moves the rod more than faintly, Hz; none where nothing moves periodically.
+    pub fn slowest(&self) -> Option<f64> {
+        let amplitude = |line: &Line| line.speed / line.frequency;
+        let most = self.lines.iter().map(amplitude).fold(0.0, f64::max);
+        let counts = |line: &&Line| amplitude(line) >= FAINT * most;
+        self.lines.iter().filter(counts).map(|line| line.frequency).reduce(f64::min)
+    }
+
+    /// The frequency (Hz) that steps must follow: the largest f (v/v_max)^⅓.
+    pub fn fastest(&self) -> Option<f64> {
+        let most = self.lines.iter().map(|line| line.speed).fold(0.0, f64::max);
+        let counts = |line: &Line| line.frequency * if most > 0.0 { (line.speed / most).cbrt() } else { 1.0 };
+        // At least that of the line that moves the rod most.
+        self.lines.iter().map(counts).chain(self.strongest()).reduce(f64::max)
+    }
+
+    /// The frequency (Hz) of the line that moves the rod fastest; of several, the first.
+    pub fn strongest(&self) -> Option<f64> {
+        let stronger = |a: Line, b: Line| if b.speed > a.speed { b } else { a };
+        self.lines.iter().copied().reduce(stronger).map(|line| line.frequency)
+    }
+
+    fn add(&mut self, frequency: f64, speed: f64) {
+        let frequency = frequency.abs();
+        if frequency > 0.0 && frequency.is_finite() {
+            self.lines.push(Line { frequency, speed });
+        }
+    }
+
+    /// The harmonics share the speed of the shape that is prescribed by their parts n h_n of its rate.
+    fn add_actuation(&mut self, rod: &Rod, actuation: &dyn Actuation, drive: Drive) {
+        let harmonics = actuation.harmonics();
+        let rate = |(order, size): &(f64, f64)| order * size.abs();
+        let all = harmonics.iter().map(|harmonic| rate(harmonic).powi(2)).sum::<f64>().sqrt();
+        let speed = shape_speed(rod, actuation, drive);
+        for harmonic in &harmonics {
+            let part = if all > 0.0 { rate(harmonic) / all } else { 0.0 };
+            self.add(harmonic.0 * drive.frequency, part * speed);
+        }
+    }
+
+    /// A position, of which the rate moves the rod, or a velocity, over a distance `arm` (m, or 1).
+    fn add_signal(&mut self, signal: &Signal, arm: f64, is_position: bool) {
+        match signal {
+            Signal::Constant(_) => {}
+            Signal::Sinusoid { amplitude, frequency, .. } => {
+                let rate = if is_position { TAU * frequency.abs() } else { 1.0 };
+                if *amplitude != 0.0 {
+                    self.add(*frequency, FRAC_1_SQRT_2 * arm * rate * amplitude.abs());
+                }
+            }
+            Signal::Table(rows) => {
+                let velocity = |row: f64, rate: f64, acceleration: f64| {
+                    if is_position { [rate, acceleration] } else { [row, rate] }
+                };
+                let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.time));
+                let Some(moments) = Moments::of(rows, [first, last], velocity) else { return };
+                self.add(moments.frequency(), arm * moments.speed());
+                let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
+                let quarters = (0..4).map(|k| Moments::of(rows, quarter(k), velocity).map_or(0.0, |m| m.size()));
+                let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY * moments.size();
+                self.is_transient |= !quarters.into_iter().all(alike);
+            }
+        }
+    }
+}
+
+/// Means over a part of a table: of a velocity, of its square, and of the square of its rate.
+struct Moments {
+    mean: f64,
+    square: f64,
+    rate: f64,
+}
+
+impl Moments {
+    /// Of what `velocity` makes of value, rate and second rate; none where nothing changes.
+    fn of(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Option<Self> {
+        // Simpson's rule, as velocities between rows are parabolas or cubics.
+        let (mut span, mut mean, mut square, mut rate) = (0.0, 0.0, 0.0, 0.0);
+        for pair in rows.windows(2) {
+            let [start, end] = [pair[0].time.max(from), pair[1].time.min(to)];
+            if end <= start {
+                continue;
+            }
+            let h = end - start;
+            for (place, weight) in [(start, 1.0), (0.5 * (start + end), 4.0), (end, 1.0)] {
+                let at = hermite(&pair[0], &pair[1], place);
+                let [u, change] = velocity(at.value, at.rate, at.acceleration);
+                let weight = weight / 6.0 * h;
+                mean += weight * u;
+                square += weight * u * u;
+                rate += weight * change * change;
+            }
+            span += h;
+        }
+        let moments = Self { mean: mean / span, square: square / span, rate: rate / span };
+        (span > 0.0 && rate > 0.0 && moments.speed() > STEADY * moments.square.sqrt()).then_some(moments)
+    }
+
+    /// Root mean square of the velocity about its mean.
+    fn speed(&self) -> f64 {
+        (self.square - self.mean * self.mean).max(0.0).sqrt()
+    }
+
+    /// Root mean square of its rate.
+    fn size(&self) -> f64 {
+        self.rate.sqrt()
+    }
+
+    fn frequency(&self) -> f64 {
+        self.size() / (TAU * self.speed())
+    }
+}
+
+/// Root mean square of the velocity (m/s) across itself of a rod that takes the prescribed shape, its head at rest.
+fn shape_speed(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
+    let rest = [crate::head::Sample::default(); 3];
+    let mut squares = 0.0;
+    for i in 0..PHASES {
+        let (mut natural, mut rate) = (vec![0.0; rod.nodes], vec![0.0; rod.nodes]);
+        let phase = TAU * f64::from(i) / f64::from(PHASES);
+        let phase_rate = TAU * drive.frequency;
+        let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate };
+        actuation.add(wave, &mut natural, &mut rate);
+        let mut state = State::zeros(2 * rod.nodes);
+        Start::Shaped.place(rod, &natural, &rate, Some(&rest), &mut state);
+        for k in 0..rod.nodes {
+            let (before, after) = (k.saturating_sub(1), (k + 1).min(rod.nodes - 1));
+            let tangent = (node(&state.q, after) - node(&state.q, before)).normalize();
+            squares += tangent.perp(&node(&state.v, k)).powi(2) / rod.nodes as f64;
+        }
+    }
+    (squares / f64::from(PHASES)).sqrt()
+}

@@ -1,0 +1,77 @@
+//! A head that a host moves in a jump.
+
+use super::Stepper;
+use crate::model::Mechanics;
+
+/// A pose that is this part of the length, or this angle (rad), or more, from where the head would have gone, is a jump; so is a
+/// velocity that swings a clamped rod, bending in its first mode, by as much.
+const JUMP: f64 = 0.05;
+
+/// βL² of the first mode of a clamped rod: ω₁ = (βL)² √(EI/(m L³)).
+const FIRST_MODE: f64 = 3.516;
+
+/// A jump of the pose or of the velocity that a host gives, from one step to the next.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeadJump {
+    /// When, s.
+    pub time: f64,
+    /// Coordinate: x, y or angle.
+    pub coordinate: usize,
+    /// What of it jumps: 0 the pose, 1 the velocity.
+    pub order: usize,
+    /// How far: m or rad, of a velocity per s.
+    pub distance: f64,
+}
+
+impl std::fmt::Display for HeadJump {
+    /// What a host's user is told of it, the same by every face.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self { time, coordinate, order, distance } = *self;
+        let (what, unit) = [
+            [("position x", "m"), ("position y", "m"), ("angle", "rad")],
+            [("velocity x", "m/s"), ("velocity y", "m/s"), ("spin", "rad/s")],
+        ][order.min(1)][coordinate.min(2)];
+        let [was, goes, gives, places] = if order == 0 {
+            ["where it was going", "goes there", "poses", "pose"]
+        } else {
+            ["the one that it had", "takes it", "velocities", "velocity"]
+        };
+        write!(
+            f,
+            "the {what} given for the head is {distance:.3e} {unit} from {was} at t = {time:.6} s; the head {goes} within one step, \
+             which makes the tail ring, and where nothing damps its stretching that lasts: give {gives} that go on from each other, \
+             or the first {places} before the first step, with which the run then starts"
+        )
+    }
+}
+
+impl Stepper {
+    /// The largest jump of the head since this was last asked for. Every face says it after a step: the FMU in its log, Python as a
+    /// warning, C by `caudal_note`.
+    pub fn take_head_jump(&mut self) -> Option<HeadJump> {
+        self.head_jump.take()
+    }
+
+    /// Notes how far (m, m, rad) the pose given at time `t` (s) is from where the head was going, and the velocity from the one it had.
+    pub(super) fn note_jump(&mut self, time: f64, distances: [[f64; 2]; 3]) {
+        if distances == [[0.0; 2]; 3] {
+            return;
+        }
+        let rod = &self.dynamics.model.rod;
+        let length = rod.length;
+        let omega = match self.dynamics.mechanics {
+            Mechanics::Overdamped => f64::INFINITY, // without inertia nothing rings
+            _ => FIRST_MODE * (rod.ei / (rod.total_mass() * length.powi(3))).sqrt(),
+        };
+        let units = [1.0, omega].map(|per_time| [length, length, 1.0].map(|unit| unit * per_time));
+        let part = |jump: &HeadJump| jump.distance / units[jump.order][jump.coordinate];
+        for (coordinate, distances) in distances.into_iter().enumerate() {
+            for (order, distance) in distances.into_iter().enumerate() {
+                let jump = HeadJump { time, coordinate, order, distance };
+                if part(&jump) >= JUMP && self.head_jump.as_ref().is_none_or(|known| part(known) < part(&jump)) {
+                    self.head_jump = Some(jump);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,428 @@
+//! The command does what its contract says: files, exit codes, and nothing half-written.
+
+use crate::common;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+/// The files of a run, in the order of their names.
+const FILES: [&str; 13] = [
+    "com_path.svg",
+    "com_x.svg",
+    "energy.svg",
+    "head_x.svg",
+    "manifest.json",
+    "mid_x.svg",
+    "mid_y.svg",
+    "nodes.csv",
+    "report.html",
+    "shape.svg",
+    "summary.json",
+    "tip_y.svg",
+    "trajectory.csv",
+];
+
+fn caudal(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_caudal")).current_dir(env!("CARGO_MANIFEST_DIR")).args(arguments).output().unwrap()
+}
+
+fn run(scene: &str, out: &Path, more: &[&str]) -> Output {
+    caudal(&[&["run", scene, "--out", out.to_str().unwrap()], more].concat())
+}
+
+fn files(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+fn summary(folder: &Path) -> Value {
+    serde_json::from_str(&std::fs::read_to_string(folder.join("summary.json")).unwrap()).unwrap()
+}
+
+fn rows(path: PathBuf) -> Vec<Vec<f64>> {
+    let mut reader = csv::Reader::from_path(path).unwrap();
+    reader.records().map(|row| row.unwrap().iter().map(|field| field.parse().unwrap()).collect()).collect()
+}
+
+fn text(bytes: &[u8]) -> &str {
+    std::str::from_utf8(bytes).unwrap()
+}
+
+#[test]
+fn adaptive_steps_are_recorded_at_the_times_asked_for_and_do_not_depend_on_them() {
+    let ends = ["0.05", "0.013"].map(|interval| {
+        let folder = tempfile::tempdir().unwrap();
+        let more = ["solver.tolerance=1e-3", "solver.integrator=esdirk3", "solver.duration_s=1"];
+        let interval_key = format!("record.interval_s={interval}");
+        let sets = more.into_iter().chain([interval_key.as_str()]).flat_map(|set| ["--set", set]).collect::<Vec<_>>();
+        let output = run("models/baseline-smooth.toml", folder.path(), &sets);
+        assert!(output.status.success(), "{output:?}");
+        let trajectory = rows(folder.path().join("trajectory.csv"));
+        let step: f64 = interval.parse().unwrap();
+        let times: Vec<f64> = trajectory.iter().map(|row| row[0]).collect();
+        let wanted: Vec<f64> = (0..).map(|i| f64::from(i) * step).take_while(|t| *t <= 1.0).collect();
+        assert_eq!(times[..wanted.len()], wanted);
+        assert_eq!(*times.last().unwrap(), 1.0);
+        trajectory.last().unwrap().clone()
+    });
+    assert_eq!(ends[0], ends[1]);
+}
+
+#[test]
+fn the_baseline_runs_to_the_numbers_of_the_independent_implementation() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run("models/baseline.toml", folder.path(), &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "", "quiet where there is no terminal");
+    assert_eq!(files(folder.path()), FILES);
+    let summary = summary(folder.path());
+    // Measured: 7e-13 and 3e-13 m with newton_tolerance = 1e-12, 4e-12 m with the default.
+    assert!((summary["x_com_m"].as_f64().unwrap() - 0.45592738522).abs() < 1e-8);
+    assert!((summary["y_com_m"].as_f64().unwrap() - 0.00362578129).abs() < 1e-8);
+    assert_eq!(summary["steps"], 4000);
+    let trajectory = rows(folder.path().join("trajectory.csv"));
+    assert_eq!(trajectory.len(), 4001);
+    assert_eq!(
+        trajectory[4000][..3],
+        [20.0, summary["x_com_m"].as_f64().unwrap(), summary["y_com_m"].as_f64().unwrap()]
+    );
+    let nodes = rows(folder.path().join("nodes.csv"));
+    let last: Vec<f64> = summary["final_positions_m"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .flat_map(|p| p.as_array().unwrap().iter().map(|x| x.as_f64().unwrap()))
+        .collect();
+    assert_eq!(nodes[4000][1..], last);
+}
+
+#[test]
+fn every_scene_of_models_runs_and_is_checked() {
+    let mut scenes = 0;
+    for path in common::scene_files("models") {
+        let folder = tempfile::tempdir().unwrap();
+        // Those of the finest meshes make a step or two.
+        let nodes = caudal::scene::Scene::load(&path).unwrap().rod.nodes.get();
+        let duration = format!("solver.duration_s={}", if nodes > 200 { 1e-3 } else { 0.1 });
+        let output = run(path.to_str().unwrap(), folder.path(), &["--set", &duration]);
+        assert_eq!(output.status.code(), Some(0), "{}: {}", path.display(), text(&output.stderr));
+        let scene = caudal::scene::Scene::load(&path).unwrap();
+        let held = scene.head.kind != caudal::scene::HeadKind::Free;
+        let moves = {
+            let mut reader = csv::Reader::from_path(folder.path().join("trajectory.csv")).unwrap();
+            let column = reader.headers().unwrap().iter().position(|name| name == "head_dx_m").unwrap();
+            reader.records().any(|row| row.unwrap()[column].parse::<f64>().unwrap() != 0.0)
+        };
+        let mut expected: Vec<_> = FILES.into_iter().filter(|name| nodes <= 200 || *name != "nodes.csv").collect();
+        expected.retain(|name| moves || *name != "head_x.svg"); // it would be flat
+        expected.extend(scene.reactive.is_some().then_some(["fluid_force.svg", "momentum.svg"]).into_iter().flatten());
+        expected.extend(held.then_some(["head_force.svg", "head_moment.svg"]).into_iter().flatten());
+        expected.sort_unstable();
+        assert_eq!(files(folder.path()), expected, "{}", path.display());
+        for figure in expected.iter().filter(|name| name.ends_with(".svg")) {
+            let svg = std::fs::read_to_string(folder.path().join(figure)).unwrap();
+            assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{figure}");
+            assert!(["m)", "J)", "N)", "N s)"].iter().any(|unit| svg.contains(unit)), "{figure} has units");
+        }
+        let check = caudal(&["check", path.to_str().unwrap()]);
+        assert_eq!(check.status.code(), Some(0));
+        assert!(text(&check.stdout).contains("first natural frequency"));
+        scenes += 1;
+    }
+    assert!(scenes >= 8);
+}
+
+#[test]
+fn wrong_input_ends_with_2_and_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for more in [&["--set", "rod.nodes=2"][..], &["--set", "rod.length_mm=1"], &["--set", "nonsense"]] {
+        let output = run("models/baseline.toml", &out, more);
+        assert_eq!(output.status.code(), Some(2));
+        assert_eq!(text(&output.stderr).lines().count(), 1, "one clear message: {}", text(&output.stderr));
+        assert!(!out.exists());
+    }
+    assert_eq!(run("models/none.toml", &out, &[]).status.code(), Some(2));
+    assert!(!out.exists());
+    // A folder that cannot be made: its parent is a file.
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    let output = run("models/baseline.toml", &file.join("out"), &[]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
+}
+
+#[test]
+fn a_run_replaces_its_own_files_only() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    let short = ["--set", "solver.duration_s=0.1"];
+    assert_eq!(run("models/baseline.toml", folder.path(), &short).status.code(), Some(0));
+    let first = std::fs::read(folder.path().join("trajectory.csv")).unwrap();
+    let without = [&short[..], &["--set", "record.nodes_table=none", "--set", "medium.viscosity_pa_s=1.0"]].concat();
+    assert_eq!(run("models/baseline.toml", folder.path(), &without).status.code(), Some(0));
+    assert_ne!(std::fs::read(folder.path().join("trajectory.csv")).unwrap(), first);
+    assert_eq!(std::fs::read_to_string(folder.path().join("notes.txt")).unwrap(), "mine");
+    // The nodes.csv of the first run does not belong to the second; nothing unfinished is left either.
+    let mut expected: Vec<&str> =
+        FILES.iter().copied().filter(|name| *name != "nodes.csv").chain(["notes.txt"]).collect();
+    expected.sort_unstable();
+    assert_eq!(files(folder.path()), expected);
+}
+
+#[test]
+fn a_failing_run_ends_with_1_and_keeps_what_it_computed() {
+    let folder = tempfile::tempdir().unwrap();
+    // Newmark (1/4, 1/2) does not damp the ringing of the jump start, and Newton fails on it after 54 steps.
+    let output = run("models/glycerol.toml", folder.path(), &["--set", "solver.integrator=newmark"]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert_eq!(files(folder.path()), FILES);
+    let summary = summary(folder.path());
+    assert_eq!(summary["complete"], false);
+    let end = summary["end_time_s"].as_f64().unwrap();
+    assert!((0.0..5.0).contains(&end));
+    assert_eq!(rows(folder.path().join("trajectory.csv")).last().unwrap()[0], end);
+    assert!(text(&output.stderr).contains("t = "), "{}", text(&output.stderr));
+}
+
+#[cfg(unix)]
+#[test]
+fn interrupted_runs_end_with_130_and_valid_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let child = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["run", "models/baseline.toml", "--set", "solver.duration_s=1e5", "--set", "record.every=10", "--out"])
+        .arg(folder.path())
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::null())
+        .spawn()
+        .unwrap();
+    // Wait until it is under way, then press Ctrl-C.
+    let start = Instant::now();
+    while files(folder.path()).is_empty() && start.elapsed() < Duration::from_secs(30) {
+        std::thread::sleep(Duration::from_millis(20));
+    }
+    std::thread::sleep(Duration::from_millis(300));
+    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signalled.success());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130));
+    assert!(text(&output.stderr).contains("interrupted"), "{}", text(&output.stderr));
+    assert_eq!(files(folder.path()), FILES);
+    let summary = summary(folder.path());
+    assert_eq!(summary["ending"], "interrupted");
+    let end = summary["end_time_s"].as_f64().unwrap();
+    assert!(end > 0.0);
+    assert_eq!(rows(folder.path().join("nodes.csv")).last().unwrap()[0], end);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_full_disk_leaves_no_half_written_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let short = ["--set", "solver.duration_s=0.1"];
+    assert_eq!(run("models/baseline.toml", folder.path(), &short).status.code(), Some(0));
+    let before = std::fs::read_to_string(folder.path().join("trajectory.csv")).unwrap();
+    // A limit on the size of files stands in for the end of the disk: writing beyond it fails in the same way.
+    let command = format!(
+        "trap '' XFSZ; ulimit -f 200; exec '{}' run models/baseline.toml --out '{}'",
+        env!("CARGO_BIN_EXE_caudal"),
+        folder.path().display()
+    );
+    let output = Command::new("sh").current_dir(env!("CARGO_MANIFEST_DIR")).args(["-c", &command]).output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stdout));
+    assert!(text(&output.stderr).contains("cannot be written"), "{}", text(&output.stderr));
+    // Rows that were written take the place of those of the earlier run, and are whole.
+    assert!(files(folder.path()).iter().all(|name| FILES.contains(&name.as_str())), "{:?}", files(folder.path()));
+    let kept = std::fs::read_to_string(folder.path().join("trajectory.csv")).unwrap();
+    assert!(kept.lines().count() > before.lines().count() && kept.ends_with('\n'));
+    let columns = |line: &str| line.split(',').count();
+    assert!(kept.lines().all(|line| columns(line) == columns(before.lines().next().unwrap())));
+}
+
+#[test]
+fn the_variables_of_a_scene_are_listed_with_their_sizes() {
+    let all = caudal(&["variables"]);
+    let of_scene = caudal(&["variables", "models/baseline.toml"]);
+    assert_eq!((all.status.code(), of_scene.status.code()), (Some(0), Some(0)));
+    let (all, of_scene) = (text(&all.stdout), text(&of_scene.stdout));
+    assert!(all.lines().count() > of_scene.lines().count(), "a free head has no reaction force");
+    let curvature = of_scene.lines().find(|line| line.starts_with("natural_curvature_1_m")).unwrap();
+    assert_eq!(
+        curvature.split_whitespace().take(4).collect::<Vec<_>>(),
+        ["natural_curvature_1_m", "7", "1/m", "input"]
+    );
+}
+
+#[cfg(feature = "pictures")]
+#[test]
+fn films_and_positions_go_to_folders_that_are_made_for_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("films/of/today");
+    let more = ["--set", "solver.duration_s=0.2", "--gif", "--vtk", "--out", out.to_str().unwrap()];
+    let made = caudal(&[&["export", "models/baseline.toml"], &more[..]].concat());
+    assert!(made.status.success(), "{}", text(&made.stderr));
+    assert!(std::fs::read(out.join("baseline.gif")).unwrap().starts_with(b"GIF89a"));
+    assert!(out.join("baseline.pvd").exists());
+    assert!(files(&out).iter().all(|file| !file.starts_with('.')), "{:?}", files(&out));
+}
+
+#[test]
+fn chosen_nodes_and_times_come_out_the_same_as_csv_and_as_parquet() {
+    use parquet::file::reader::{FileReader, SerializedFileReader};
+    use parquet::record::RowAccessor;
+    let folder = tempfile::tempdir().unwrap();
+    let chosen =
+        ["--set", "solver.duration_s=0.2", "--set", "record.nodes=[0,4,-1]", "--set", "record.nodes_from_s=0.1"];
+    let scene = "models/baseline-smooth.toml";
+    assert_eq!(run(scene, folder.path(), &chosen).status.code(), Some(0));
+    let table = rows(folder.path().join("nodes.csv"));
+    assert_eq!((table.len(), table[0].len(), table[0][0]), (21, 7, 0.1));
+    let as_parquet = [&chosen[..], &["--set", "record.nodes_table=parquet"]].concat();
+    assert_eq!(run(scene, folder.path(), &as_parquet).status.code(), Some(0));
+    assert!(!folder.path().join("nodes.csv").exists());
+    let file = std::fs::File::open(folder.path().join("nodes.parquet")).unwrap();
+    let mut read = Vec::new();
+    for row in SerializedFileReader::new(file).unwrap().get_row_iter(None).unwrap() {
+        let row = row.unwrap();
+        let number = |i| row.get_double(i).unwrap();
+        read.push((number(0), row.get_int(1).unwrap(), number(2), number(3)));
+    }
+    let expected: Vec<_> = table
+        .iter()
+        .flat_map(|row| [0, 4, 8].into_iter().enumerate().map(|(i, k)| (row[0], k, row[1 + 2 * i], row[2 + 2 * i])))
+        .collect();
+    assert_eq!(read, expected);
+}
+
+#[cfg(all(unix, feature = "design"))]
+#[test]
+fn an_interrupted_design_ends_with_130_and_keeps_the_best_so_far() {
+    use std::io::{BufRead, BufReader};
+    let folder = tempfile::tempdir().unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_caudal"))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .args(["design", "models/design-silicone-eel.toml", "--set", "design.starts=1000", "--out"])
+        .arg(folder.path())
+        .stderr(std::process::Stdio::piped())
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    // Ctrl-C after five iterations.
+    let mut lines = BufReader::new(child.stdout.take().unwrap()).lines();
+    assert!(lines.by_ref().take(5).all(|line| line.unwrap().starts_with("start 1 iteration")));
+    let signalled = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(signalled.success());
+    let rest: Vec<String> = lines.map(Result::unwrap).collect();
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{rest:?}");
+    assert!(text(&output.stderr).contains("best design so far"), "{}", text(&output.stderr));
+    let text = std::fs::read_to_string(folder.path().join("design.json")).unwrap();
+    let numbers: Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(numbers["status"], "interrupted");
+    let best = numbers["answer"]["history"].as_array().unwrap().iter().map(|i| i["objective"].as_f64().unwrap());
+    assert!(numbers["answer"]["objective"].as_f64().unwrap() >= best.fold(0.0, f64::max));
+    let designed = folder.path().join("design-silicone-eel-designed.toml");
+    assert_eq!(caudal(&["check", designed.to_str().unwrap()]).status.code(), Some(0));
+}
+
+#[cfg(all(unix, feature = "design"))]
+#[test]
+fn a_design_that_cannot_be_written_or_is_wrong_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (scene, change) in [
+        ("models/design-identify.toml", "design.data=none.csv"),
+        ("models/design-silicone-eel.toml", "design.mean=0.1"),
+        ("models/baseline.toml", "name=nothing-asked"),
+    ] {
+        let output = caudal(&["design", scene, "--set", change, "--out", out.to_str().unwrap()]);
+        assert_eq!(output.status.code(), Some(2), "{change}: {}", text(&output.stderr));
+        assert!(!out.exists(), "{change}");
+    }
+    // A place that nothing can be written to is refused before the search.
+    let output = caudal(&["design", "models/design-silicone-eel.toml", "--out", "/proc/caudal"]);
+    assert_eq!((output.status.code(), text(&output.stdout)), (Some(2), ""), "{}", text(&output.stderr));
+}
+
+#[test]
+fn what_check_warns_of_is_in_the_notes_of_the_summary() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = ["models/baseline.toml", "--set", "solver.duration_s=0.02"];
+    let checked = caudal(&[&["check"], &scene[..]].concat());
+    let warnings: Vec<_> = text(&checked.stdout).lines().filter_map(|line| line.strip_prefix("warning: ")).collect();
+    assert!(warnings.len() >= 2, "{warnings:?}");
+    assert!(run(scene[0], folder.path(), &scene[1..]).status.success());
+    let summary = summary(folder.path());
+    let notes: Vec<_> = summary["notes"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    // Ranges are judged by the motion that is foreseen, then by the run's own.
+    let is_range = |text: &&&str| text.contains("is outside its range: Reynolds number");
+    let others: Vec<_> = warnings.iter().filter(|text| !is_range(text)).copied().collect();
+    assert_eq!(notes[..others.len()], others, "{notes:?}");
+    assert_eq!(warnings.iter().filter(is_range).count(), 1, "{warnings:?}");
+    assert_eq!(notes.iter().filter(is_range).count(), 1, "{notes:?}");
+}
+
+#[test]
+fn a_study_of_modes_does_not_judge_a_step_that_adaptive_steps_have_not() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let study = |steps: &str| {
+        let arguments = ["study", "modes", "models/baseline-smooth.toml", "--out", out];
+        let output = caudal(&[&arguments[..], &["--set", "solver.integrator=esdirk3", "--set", steps]].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        text(&output.stdout).to_string()
+    };
+    assert!(study("solver.time_step_s=1e-3").contains("The step of 1e-3 s resolves"));
+    assert!(!study("solver.tolerance=1e-3").contains("The step of"));
+}
+
+#[test]
+fn every_key_of_the_schema_is_in_the_reference() {
+    fn keys(schema: &Value, found: &mut Vec<String>) {
+        if let Some(properties) = schema["properties"].as_object() {
+            found.extend(properties.keys().cloned());
+        }
+        match schema {
+            Value::Object(entries) => entries.values().for_each(|entry| keys(entry, found)),
+            Value::Array(entries) => entries.iter().for_each(|entry| keys(entry, found)),
+            _ => {}
+        }
+    }
+    let schema: Value = serde_json::from_slice(&caudal(&["schema"]).stdout).unwrap();
+    let mut found = Vec::new();
+    keys(&schema, &mut found);
+    assert!(found.len() > 100, "{}", found.len());
+    let reference = include_str!("../../README.md");
+    // A key is a word of its own.
+    let words: std::collections::BTreeSet<&str> =
+        reference.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_')).collect();
+    found.retain(|key| !words.contains(&**key));
+    assert!(found.is_empty(), "{found:?}");
+}
+
+/// A body's moment of inertia is not the fluid's: in next to no fluid leaving that out changes nothing.
+#[test]
+fn what_a_body_at_the_head_takes_of_a_frequency_is_not_laid_to_the_fluid() {
+    let folder = tempfile::tempdir().unwrap();
+    let scene = folder.path().join("body.toml");
+    let text = "[rod]\nnodes = 17\nlength_m = 0.3\nouter_radius_m = 0.004\nyoungs_modulus_pa = 1e8\ndensity_kg_m3 = 1100.0\n\
+        [head_body]\nsemi_axis_along_m = 0.05\nsemi_axis_across_m = 0.03\nmass_kg = 0.02\nmoment_of_inertia_kg_m2 = 1e-4\n\
+        [medium]\nviscosity_pa_s = 1e-9\ndensity_kg_m3 = 1e-4\n[drag]\nlaw = \"cox\"\n[reactive]\nshedding = 0.0\n\
+        [solver]\ntime_step_s = 0.002\nduration_s = 0.2\n";
+    std::fs::write(&scene, text).unwrap();
+    let out = folder.path().join("out");
+    let output = caudal(&["study", "modes", scene.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let said = String::from_utf8_lossy(&output.stdout);
+    let after = |words: &str| -> f64 {
+        let rest = said.split(words).nth(1).unwrap_or_else(|| panic!("{said}"));
+        rest.split_whitespace().next().unwrap().parse().unwrap()
+    };
+    let [with, without] = [after("natural frequency at "), after("Without that fluid it would be ")];
+    assert!((without / with - 1.0).abs() < 1e-5, "{with} {without}");
+}

@@ -1,0 +1,14 @@
+//! The command: scenes, overrides, folders, sweeps, studies and pages.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod command;
+mod folders;
+mod keeping;
+mod overrides;
+mod page;
+mod results;
+mod scenes;
+mod studies;
+mod sweep;

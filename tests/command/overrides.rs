@@ -1,0 +1,270 @@
+//! Overrides mean the same in whatever order they come: they merge as documents, and what excludes each other is settled or refused after
+//! that. Nothing that is asked for is dropped in silence.
+
+use std::path::Path;
+
+use caudal::scene::{Document, Scene};
+use caudal::sweep::Sweep;
+
+const TAIL: &str = r#"
+name = "tail"
+[rod]
+nodes = 9
+length_m = 0.4
+outer_radius_m = 0.008
+youngs_modulus_pa = 1e6
+density_kg_m3 = 1030.0
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 10.0
+frequency_hz = 2.0
+wavelength_m = 0.4
+[medium]
+viscosity_pa_s = 1e-3
+density_kg_m3 = 1000.0
+[drag]
+law = "cross-flow"
+[head]
+kind = "driven"
+angle_rad = { amplitude = 0.1, frequency_hz = 1.0, phase_rad = 0.3 }
+[solver]
+integrator = "newmark"
+beta = 0.3
+time_step_s = 5e-3
+duration_s = 0.1
+"#;
+
+/// Keys of every table with values, some of which exclude each other or are refused by themselves.
+const SETTINGS: [(&str, &[&str]); 48] = [
+    ("name", &["other", "a/b"]),
+    ("rod", &["{ nodes = 11 }", "{ length_m = 0.3, nodes = 13 }"]),
+    ("rod.nodes", &["9", "17", "2"]),
+    ("rod.length_m", &["0.3", "-1"]),
+    ("rod.outer_radius_m", &["0.01", "[[0.0, 0.01], [1.0, 0.005]]"]),
+    ("rod.inner_radius_m", &["0.001", "0.1"]),
+    ("rod.depth_m", &["0.02"]),
+    ("rod.youngs_modulus_pa", &["2e6"]),
+    ("rod.density_kg_m3", &["1000"]),
+    ("rod.stiffness_gradient", &["0.5"]),
+    ("rod.stiffness_profile", &["[[0.0, 1.0], [1.0, 0.5]]"]),
+    ("rod.mass_profile", &["[[0.0, 1.0], [1.0, 0.5]]"]),
+    ("rod.mass_lumping", &["uniform"]),
+    ("actuation", &["{ kappa_amp = 4.0, envelope = [0.5, 0.5] }"]),
+    ("actuation.kind", &["standing-wave", "sine-wave"]),
+    ("actuation.kappa_amp", &["5", "nan"]),
+    ("actuation.slope", &["0.3"]),
+    ("actuation.frequency_hz", &["1"]),
+    ("actuation.wavelength_m", &["0.2"]),
+    ("actuation.envelope", &["[0.2, 0.8]"]),
+    ("start", &["{ kind = \"ramp\", ramp_s = 0.05 }"]),
+    ("start.kind", &["jump", "ramp"]),
+    ("start.ramp_s", &["0.02"]),
+    ("medium.viscosity_pa_s", &["1.0"]),
+    ("medium.flow_m_s", &["[0.1, 0.0]", "{ amplitude = [0.1, 0.0], frequency_hz = 1.0 }"]),
+    ("medium.flow_m_s.phase_rad", &["0.5"]),
+    ("drag.law", &["cox", "stokes-like"]),
+    ("drag.ratio", &["2.0"]),
+    ("drag.head_weight", &["2.0"]),
+    ("drag.head_length_m", &["0.05"]),
+    ("drag.form_drag", &["1.0"]),
+    ("reactive", &["{}", "{ shedding = 0.5 }"]),
+    ("reactive.shedding", &["0.7"]),
+    ("loads.gravity_m_s2", &["[0.0, -9.81]"]),
+    ("loads.buoyancy", &["true"]),
+    ("head.kind", &["free", "clamped"]),
+    ("head.position_m", &["[0.0, { amplitude = 0.01, frequency_hz = 1.0 }]"]),
+    ("head.angle_rad", &["0.1", "{ amplitude = 0.2, frequency_hz = 2.0 }", "{ phase_rad = 0.1 }"]),
+    ("head.angle_rad.phase_rad", &["0.7"]),
+    ("head.angle_rad.amplitude", &["0.05"]),
+    ("solver.integrator", &["esdirk3", "generalized-alpha", "implicit-euler"]),
+    ("solver.beta", &["0.25", "0.4"]),
+    ("solver.rho_inf", &["0.5"]),
+    ("solver.time_step_s", &["1e-3", "2e-3"]),
+    ("solver.tolerance", &["1e-3"]),
+    ("record.every", &["2"]),
+    ("record.interval_s", &["0.01"]),
+    ("record.nodes", &["[0, -1]"]),
+];
+
+/// What becomes of the scene with these overrides.
+fn outcome(overrides: &[&str]) -> Result<(Scene, Vec<u8>), String> {
+    let mut document = Document::new("tail.toml", TAIL);
+    overrides.iter().try_for_each(|text| document.set(text)).map_err(|e| e.to_string())?;
+    document.resolved().map_err(|e| e.to_string())
+}
+
+#[test]
+fn overrides_mean_the_same_in_any_order() {
+    let pairs = std::env::var("CAUDAL_PAIRS").map_or(2000, |count| count.parse().unwrap());
+    let mut dice = fastrand::Rng::with_seed(7);
+    let mut pick = |not: Option<usize>| loop {
+        let i = dice.usize(..SETTINGS.len());
+        if Some(i) != not {
+            let (key, values) = SETTINGS[i];
+            return (i, format!("{key}={}", values[dice.usize(..values.len())]));
+        }
+    };
+    let (mut sound, mut refused) = (0, 0);
+    for _ in 0..pairs {
+        let (i, first) = pick(None);
+        let (_, second) = pick(Some(i));
+        let [one, other] = [[&*first, &*second], [&*second, &*first]].map(|pair| outcome(&pair));
+        match (&one, &other) {
+            (Ok(_), Ok(_)) => sound += 1,
+            _ => refused += 1,
+        }
+        // Of two mistakes each is told, in either order.
+        let lines = |text: &String| {
+            let mut lines: Vec<String> = text.lines().map(str::to_string).collect();
+            lines.sort();
+            lines
+        };
+        assert_eq!(one.map_err(|e| lines(&e)), other.map_err(|e| lines(&e)), "{first} {second}");
+    }
+    println!("{pairs} pairs: {sound} scenes, {refused} refused");
+    assert!(sound > pairs / 4 && refused > pairs / 20, "{sound} {refused}");
+}
+
+#[test]
+fn functions_of_time_replace_each_other_and_their_keys_change_them() {
+    let angle = |overrides: &[&str]| format!("{:?}", outcome(overrides).unwrap().0.head.angle_rad.unwrap());
+    let new = "head.angle_rad={ amplitude = 0.2, frequency_hz = 2.0 }";
+    assert!(angle(&[new]).contains("phase: 0.0"), "{}", angle(&[new]));
+    assert!(angle(&["head.angle_rad={ table = \"y.csv\" }"]).contains("Table"));
+    assert!(angle(&["head.angle_rad.phase_rad=0.7"]).contains("amplitude: 0.1, frequency: 1.0, phase: 0.7"));
+    assert!(angle(&["head.angle_rad.phase_rad=0.7", new]).contains("amplitude: 0.2, frequency: 2.0, phase: 0.7"));
+}
+
+#[test]
+fn what_excludes_each_other_is_refused_in_one_layer_and_settled_between_layers() {
+    let both = outcome(&["solver.tolerance=1e-3", "solver.integrator=esdirk3", "solver.time_step_s=1e-3"]).unwrap_err();
+    assert!(both.contains("found beside time_step_s; allowed: one of the two"), "{both}");
+    // A later layer takes the place of an earlier one.
+    let mut document = Document::new("tail.toml", TAIL);
+    document.set("solver.integrator=esdirk3").unwrap();
+    document.set("solver.time_step_s=1e-3").unwrap();
+    document.begin_layer();
+    document.set("solver.tolerance=1e-4").unwrap();
+    assert!(document.scene().unwrap().solver.time_step_s.is_none());
+    let mut again = Document::new("tail.toml", TAIL);
+    again.set_layers(document.layered().iter().map(String::as_str)).unwrap();
+    assert_eq!(again.scene().unwrap().pace(), document.scene().unwrap().pace());
+    // A parameter stays with its method.
+    let beta = |overrides: &[&str]| outcome(overrides).unwrap().0.solver.parameters.get("beta").cloned();
+    assert_eq!(beta(&["solver.integrator=newmark"]), Some(toml::Value::Float(0.3)));
+    assert_eq!(beta(&["solver.beta=0.4", "solver.integrator=newmark"]), Some(toml::Value::Float(0.4)));
+    assert_eq!(beta(&["solver.integrator=generalized-alpha"]), None);
+    for nothing in ["#rod.nodes=17", "# rod.nodes = 17"] {
+        assert!(outcome(&[nothing]).unwrap_err().contains("allowed: table.key=value"), "{nothing}");
+    }
+}
+
+/// The sweep `text` over the tail, in a folder of its own.
+fn sweep(text: &str, set: &[&str]) -> caudal::Result<Sweep> {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("tail.toml"), TAIL).unwrap();
+    let path = folder.path().join("sweep.toml");
+    std::fs::write(&path, format!("scene = \"tail.toml\"\n{text}")).unwrap();
+    let set: Vec<String> = set.iter().map(ToString::to_string).collect();
+    Sweep::read(&path, &set)
+}
+
+fn scenes(sweep: &Sweep) -> Vec<Scene> {
+    (0..sweep.size()).map(|i| sweep.scene(&sweep.case(i).unwrap()).unwrap().0).collect()
+}
+
+#[test]
+fn a_sweep_drops_nothing_that_is_set() {
+    let axes = "[axes]\nrod.length_m = [0.4]\n";
+    for set in ["[set.reactive]\n", "[set]\nreactive = {}\n"] {
+        let all = scenes(&sweep(&format!("{set}{axes}"), &[]).unwrap());
+        assert!(all.iter().all(|scene| scene.reactive.is_some()), "{set}");
+    }
+    let beta = |scene: &Scene| scene.solver.parameters.get("beta").and_then(toml::Value::as_float);
+    let all =
+        scenes(&sweep(&format!("[set]\nsolver.integrator = \"newmark\"\nsolver.beta = 0.4\n{axes}"), &[]).unwrap());
+    assert_eq!(all.iter().map(beta).collect::<Vec<_>>(), [Some(0.4)]);
+    for axes in [
+        "[axes]\nsolver.beta = [0.25, 0.4]\nsolver.integrator = [\"newmark\"]\n",
+        "[axes]\nsolver.integrator = [\"newmark\"]\nsolver.beta = [0.25, 0.4]\n",
+    ] {
+        let all = scenes(&sweep(axes, &[]).unwrap());
+        assert_eq!(all.iter().map(beta).collect::<Vec<_>>(), [Some(0.25), Some(0.4)], "{axes}");
+    }
+}
+
+#[test]
+fn axes_and_settings_that_exclude_each_other_are_refused() {
+    let adaptive = "solver.integrator = [\"esdirk3\"]\n";
+    let both = sweep(&format!("[axes]\nsolver.time_step_s = [1e-3, 5e-3]\n{adaptive}solver.tolerance = [1e-3]\n"), &[]);
+    let error = both.unwrap().job(1).unwrap_err().to_string();
+    assert!(error.contains("found beside time_step_s; allowed: one of the two (in case "), "{error}");
+    let steps = format!("[axes]\nsolver.time_step_s = [1e-3, 5e-3]\n{adaptive}");
+    for (text, set) in [
+        (format!("[set]\nsolver.tolerance = 1e-3\n{steps}"), &[][..]),
+        (steps.clone(), &["solver.tolerance=1e-3"]),
+        (steps.clone(), &["solver.time_step_s=2e-3"]),
+        (steps.clone(), &["solver={ time_step_s = 2e-3 }"]),
+    ] {
+        let error = sweep(&text, set).unwrap_err().to_string();
+        assert!(error.contains("found beside the axis `solver.time_step_s`, which takes its place"), "{error}");
+    }
+    // The base of factors may be set.
+    let factors = "[axes]\nrod.length_m.factors = [1.0, 2.0]\n";
+    let all = scenes(&sweep(factors, &["rod.length_m=0.3"]).unwrap());
+    assert_eq!(all.iter().map(|scene| scene.rod.length_m.get()).collect::<Vec<_>>(), [0.3, 0.6]);
+}
+
+#[test]
+fn columns_say_what_ran_and_have_names_of_their_own() {
+    let two = "[axes]\nrod.youngs_modulus_pa = [1e6, 2e6]\n[axes.scatter]\nkeys = [\"rod.youngs_modulus_pa\"]\nfactors = [0.5, 1.0]\n";
+    let two = sweep(two, &[]).unwrap();
+    assert_eq!(two.columns(), ["rod.youngs_modulus_pa", "scatter"]);
+    for (i, scene) in scenes(&two).iter().enumerate() {
+        let values = two.values(&two.case(i).unwrap());
+        assert_eq!(values[0].as_float(), Some(scene.rod.youngs_modulus_pa.get()));
+    }
+    let named = "[axes.nodes]\nkeys = [\"rod.nodes\"]\nvalues = [9, 11]\n[axes.case]\nkeys = [\"rod.length_m\"]\nvalues = [0.3, 0.4]\n\
+        [axes.cycle_period_s]\nkeys = [\"rod.density_kg_m3\"]\nvalues = [1e3]\n[report]\nsplit = \"nodes\"\n";
+    let named = sweep(named, &[]).unwrap();
+    assert_eq!(named.columns()[..3], ["axis.nodes", "axis.case", "axis.cycle_period_s"]);
+    assert_eq!(named.split, Some(0));
+    let labelled =
+        sweep("[axes]\nrod.length_m = { values = [0.3, 0.4], labels = [\"short\", \"long\"] }\n", &[]).unwrap();
+    assert_eq!(labelled.columns(), ["rod.length_m", "rod.length_m.label"]);
+    // Two fluids of one viscosity are two levels.
+    let fluids =
+        "[axes.fluid]\nzip.medium.viscosity_pa_s = [1e-3, 1.0, 1e-3]\nzip.medium.density_kg_m3 = [1e3, 1e3, 900.0]\n";
+    let labels = &sweep(fluids, &[]).unwrap().axes[0].labels;
+    assert!(labels.iter().all(|label| label.is_str()) && labels[0] != labels[2], "{labels:?}");
+    let log = sweep("[axes]\nrod.nodes = { from = 10, to = 1000, count = 3, scale = \"log\" }\n", &[]).unwrap();
+    assert_eq!(scenes(&log).iter().map(|scene| scene.rod.nodes.get()).collect::<Vec<_>>(), [10, 100, 1000]);
+}
+
+/// The tail with its head's angle by a table, whose file is written to `folder`.
+fn tabled(folder: &Path, table: &str) -> String {
+    std::fs::write(folder.join("angle.csv"), table).unwrap();
+    TAIL.replace(
+        "angle_rad = { amplitude = 0.1, frequency_hz = 1.0, phase_rad = 0.3 }",
+        "angle_rad = { table = \"angle.csv\" }",
+    )
+}
+
+#[test]
+fn a_table_is_read_once_and_what_becomes_of_its_file_changes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = tabled(folder.path(), "time_s,angle_rad\n0,0.0\n1,0.1\n");
+    std::fs::write(folder.path().join("tail.toml"), text).unwrap();
+    let path = folder.path().join("sweep.toml");
+    std::fs::write(&path, "scene = \"tail.toml\"\n[axes]\nrod.length_m = [0.3, 0.4]\n").unwrap();
+    let sweep = Sweep::read(&path, &[]).unwrap();
+    let job = sweep.job(1).unwrap();
+    let head = |i: usize| format!("{:?}", sweep.scene(&sweep.case(i).unwrap()).unwrap().0.model().unwrap().head);
+    let before = [head(0), head(1)];
+    for becomes in ["", "time_s,angle_rad\n0,0.0\n1,0.5\n"] {
+        std::fs::write(folder.path().join("angle.csv"), becomes).unwrap();
+        assert_eq!([head(0), head(1)], before);
+        assert_eq!(sweep.job(1).unwrap().hash, job.hash);
+    }
+    assert_ne!(Sweep::read(&path, &[]).unwrap().job(1).unwrap().hash, job.hash, "another reading sees another table");
+}

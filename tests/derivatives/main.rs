@@ -1,0 +1,9 @@
+//! Derivatives of readings, of whole simulations and of means over cycles, against differences.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod cycle_goals;
+mod derivatives;
+mod gradients;
+mod sensitivity;

@@ -1,0 +1,172 @@
+//! What of a design is trusted: gains that survive, tolerances that cost what they say, and a body that can be printed.
+
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
+
+use crate::common;
+use std::collections::BTreeMap;
+use std::ops::ControlFlow;
+
+use caudal::design::{Answer, Design, outline};
+use caudal::scene::Document;
+use caudal::sensitivity::Problem;
+use caudal::stepper::Stepper;
+use common::rod;
+
+fn document(changes: &[&str]) -> Document {
+    let mut document = Document::read("models/eel.toml".as_ref()).unwrap();
+    let coarse =
+        ["rod.nodes=9", "solver.time_step_s=0.01", "solver.duration_s=2.5", "solver.integrator=generalized-alpha"];
+    coarse.iter().chain(changes).for_each(|change| document.set(change).unwrap());
+    document
+}
+
+fn design(document: &Document) -> Design {
+    Design::of(document, |_| ControlFlow::Continue(())).unwrap_or_else(|error| panic!("{error}"))
+}
+
+/// The goal of the designed scene with `changes`.
+fn measured(text: &str, changes: &[String]) -> f64 {
+    let mut document = Document::new("designed.toml", text);
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    let measure = caudal::cycle::MEASURES.into_iter().find(|measure| measure.key == "cycle_efficiency").unwrap();
+    let mut problem = Problem::of(&document.scene().unwrap()).unwrap();
+    problem.cycle_mean(&measure, &[]).unwrap().unwrap().0
+}
+
+#[test]
+fn a_tolerance_costs_one_per_cent() {
+    let wanted = r#"design={ goal = "cycle_efficiency", variables = ["actuation.wavelength_m", "actuation.kappa_amp", "rod.depth_m"], number_bounds = [0.6, 1.6], starts = 1 }"#;
+    let design = design(&document(&[wanted]));
+    let folder = tempfile::tempdir().unwrap();
+    design.write(folder.path()).unwrap().complete().unwrap();
+    let text = std::fs::read_to_string(folder.path().join("eel-designed.toml")).unwrap();
+    let Answer::Found(found) = &design.answer else { panic!("found") };
+    assert!(found.tolerances.len() == 6, "{:?}", found.tolerances);
+    let own = measured(&text, &[]);
+    let scene = Document::new("designed.toml", &text[..]).scene().unwrap();
+    let mut seen = 0;
+    for tolerance in &found.tolerances {
+        let (Some(number), Some(change)) =
+            (scene.parameters().into_iter().find(|number| number.key == tolerance.name), tolerance.change)
+        else {
+            continue;
+        };
+        // To one side or the other, alone.
+        let lost = [1.0, -1.0].map(|side| {
+            let value = number.value * (side * change).exp();
+            1.0 - measured(&text, &[format!("{}={value:e}", number.key)]) / own
+        });
+        let worse = lost[0].max(lost[1]);
+        println!("{}: {change:.4} costs {worse:.5}", tolerance.name);
+        assert!((worse - 0.01).abs() <= 4e-4, "{tolerance:?}: {lost:?}"); // the search for it ends within 2e-4
+        seen += 1;
+    }
+    assert!(seen >= 1, "{:?}", found.tolerances);
+    assert!(design.lines.iter().any(|line| line.starts_with("what costs 1 %")), "{:?}", design.lines);
+}
+
+/// Triangles of an STL, in metres.
+fn triangles(text: &str) -> Vec<[[f64; 3]; 3]> {
+    let corners: Vec<[f64; 3]> = text
+        .lines()
+        .filter_map(|line| line.strip_prefix("vertex "))
+        .map(|line| {
+            let mut numbers = line.split(' ').map(|x| 1e-3 * x.parse::<f64>().unwrap());
+            std::array::from_fn(|_| numbers.next().unwrap())
+        })
+        .collect();
+    corners.as_chunks::<3>().0.to_vec()
+}
+
+#[test]
+fn the_body_is_a_closed_surface_around_the_rod_s_volume() {
+    for (changes, tolerance) in [
+        // Sections are polygons of 48 corners: 0.29 % less than ellipses.
+        (&["rod.outer_radius_m=0.01", "rod.depth_m=0.03"][..], 0.004),
+        (&["rod.outer_radius_m=0.01", "rod.inner_radius_m=0.006", "rod.depth_m=0.03"], 0.004),
+        // Of a round core with a membrane it is the core; a rectangle is one.
+        (&["rod.section=round", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.006", "rod.depth_m=0.03"], 0.004),
+        (&["rod.section=rectangle", "rod.outer_radius_m=0.004", "rod.depth_m=0.03"], 1e-9),
+        (&["rod.section=rectangle", "rod.outer_radius_m=0.01", "rod.inner_radius_m=0.006", "rod.depth_m=0.03"], 1e-9),
+        (&[], 0.004),
+    ] {
+        let rod = rod(&document(changes).scene().unwrap());
+        let all = triangles(&outline::stl("body", &rod));
+        let mut edges: BTreeMap<[[u64; 3]; 2], i32> = BTreeMap::new();
+        let bits = |x: [f64; 3]| x.map(|x| (x + 0.0).to_bits());
+        let mut volume = 0.0;
+        for [a, b, c] in &all {
+            let cross = [b[1] * c[2] - b[2] * c[1], b[2] * c[0] - b[0] * c[2], b[0] * c[1] - b[1] * c[0]];
+            volume += (0..3).map(|i| a[i] * cross[i]).sum::<f64>() / 6.0;
+            for [from, to] in [[a, b], [b, c], [c, a]] {
+                *edges.entry([bits(*from), bits(*to)]).or_default() += 1;
+                *edges.entry([bits(*to), bits(*from)]).or_default() -= 1;
+            }
+        }
+        assert!(edges.values().all(|count| *count == 0), "an open edge");
+        // The volume of the material: what is printed weighs what swims.
+        let expected = rod.sections.mean(0.0, 1.0, |xi| rod.sections.at(xi).area()) * rod.length;
+        println!("{} triangles, {:.5} of the volume", all.len(), volume / expected);
+        assert!((volume / expected - 1.0).abs() <= tolerance, "{volume:e} {expected:e}");
+    }
+}
+
+#[test]
+fn a_gain_that_the_next_fluid_does_not_leave_is_said_to_be_none() {
+    // The eel in the law of creeping flow, a rung below that of its water.
+    let text = std::fs::read_to_string("models/eel.toml").unwrap();
+    let text = text.replace("[reactive]", "").replace("law = \"cross-flow\"", "law = \"cox\"");
+    let mut document = Document::new("eel.toml", text);
+    for change in [
+        "rod.nodes=9",
+        "solver.time_step_s=0.01",
+        "solver.duration_s=2.5",
+        "solver.integrator=generalized-alpha",
+        r#"design={ goal = "cycle_forward_speed_m_s", variables = ["rod.youngs_modulus_pa"], number_bounds = [0.5, 2.0], starts = 1 }"#,
+    ] {
+        document.set(change).unwrap();
+    }
+    let design = design(&document);
+    let numbers = design.numbers().unwrap();
+    let trust = &numbers["trust"];
+    // Measured: +4.68 % as designed, -1.15 % with drag that has inertia.
+    assert!(trust["gain_percent"].as_f64().unwrap() > 4.0, "{trust}");
+    assert!(trust["least_percent"].as_f64().unwrap() < 0.0 && trust["survives"] == false, "{trust}");
+    assert_eq!(trust["least_in"], "the law cross-flow");
+    assert!(design.lines.iter().any(|line| line.starts_with("no gain: of +4.")), "{:?}", design.lines);
+}
+
+#[test]
+fn in_creeping_flow_the_next_fluid_is_that_of_the_whole_rod() {
+    let text = std::fs::read_to_string("models/eel.toml").unwrap();
+    let text = text.replace("[reactive]", "").replace("law = \"cross-flow\"", "law = \"cox\"");
+    let mut document = Document::new("eel.toml", text);
+    for change in [
+        "rod.nodes=17",
+        "solver.time_step_s=0.01",
+        "solver.duration_s=1.5",
+        "solver.integrator=generalized-alpha",
+        "medium.viscosity_pa_s=1e3",
+        r#"design={ goal = "cycle_forward_speed_m_s", variables = ["actuation.kappa_amp"], number_bounds = [0.5, 2.0], starts = 1 }"#,
+    ] {
+        document.set(change).unwrap();
+    }
+    let design = design(&document);
+    let numbers = design.numbers().unwrap();
+    let check = numbers["checks"].as_array().unwrap().last().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    design.write(folder.path()).unwrap().complete().unwrap();
+    let mut designed = Document::read(&folder.path().join("eel-designed.toml")).unwrap();
+    designed.set("drag.law=nonlocal").unwrap();
+    let scene = designed.scene().unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    stepper.do_step(1.5).unwrap();
+    let mean = stepper.cycles().averages(stepper.view().dynamics).mean(&caudal::cycle::FORWARD_SPEED).unwrap();
+    println!("{check}, by itself {mean:e}; {:?}", numbers["trust"]);
+    assert_eq!(check["simulation"], "the law nonlocal");
+    let own = check["designed"].as_f64().unwrap();
+    assert!((own / mean - 1.0).abs() <= 1e-6, "{own:e} {mean:e}");
+    // Drag of the whole rod is another one, but the gain is there.
+    let local = numbers["checks"][0]["designed"].as_f64().unwrap();
+    assert!((own / local - 1.0).abs() > 0.01 && numbers["trust"]["survives"] == true, "{own:e} {local:e}");
+}

@@ -1,0 +1,179 @@
+//! Any number of a scene is a variable of a design: its derivatives are exact in every law, with added mass, in layers, behind a
+//! body and behind a held head.
+
+#![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
+
+use caudal::design::{Objective, Profile, Table};
+use caudal::fluid::laws::{LAWS, Reach};
+use caudal::scene::{Document, Scene};
+use caudal::sensitivity::Problem;
+
+/// A tapered tube, deeper than broad towards its end.
+const EEL: &str = r#"
+name = "eel"
+[rod]
+nodes = 7
+length_m = 0.4
+outer_radius_m = [[0.0, 0.011], [0.35, 0.013], [1.0, 0.008]]
+inner_radius_m = 0.003
+depth_m = [[0.0, 0.03], [0.6, 0.04], [1.0, 0.05]]
+youngs_modulus_pa = 2e6
+density_kg_m3 = [[0.0, 1100.0], [1.0, 1050.0]]
+stiffness_gradient = 0.4
+[actuation]
+kind = "travelling-wave"
+kappa_amp = 8.0
+frequency_hz = 2.0
+wavelength_m = 0.37
+envelope = [0.3, 0.7]
+[medium]
+viscosity_pa_s = 0.3
+density_kg_m3 = 1000.0
+[solver]
+integrator = "generalized-alpha"
+time_step_s = 0.01
+duration_s = 0.13
+newton_tolerance = 1e-14
+[drag]
+"#;
+
+const LAYERS: &str = "medium.beyond={ normal = [0.0, 1.0], offset_m = 0.01, thickness_m = 0.2, viscosity_pa_s = 0.1, density_kg_m3 = 700.0 }";
+const DRIVEN: &str =
+    "head={ kind = \"driven\", position_m = { amplitude = [0.0, 0.02], frequency_hz = 2.0 }, angle_rad = 0.1 }";
+
+/// What goes with each law: water that the rod accelerates, layers, a body, gravity.
+const SURROUNDINGS: [&[&str]; 4] = [
+    &[],
+    &["reactive={ shedding = 0.8 }", "loads={ gravity_m_s2 = [0.3, -2.0], buoyancy = true }"],
+    &["reactive={ shedding = 0.8 }", LAYERS, "loads={ gravity_m_s2 = [0.0, -2.0], buoyancy = true }"],
+    &["reactive={ shedding = 0.8 }", "head_body={ semi_axis_along_m = 0.03, semi_axis_across_m = 0.02 }"],
+];
+
+fn document(changes: &[&str]) -> Document {
+    let mut document = Document::new("eel.toml", EEL);
+    changes.iter().for_each(|change| document.set(change).unwrap());
+    document
+}
+
+/// Every number of a scene that may be a variable, as `variables`.
+fn every_variable(scene: &Scene) -> Vec<String> {
+    let numbers = scene.parameters();
+    let keys = numbers.iter().filter(|number| number.value != 0.0).map(|number| number.key.as_str());
+    let mut keys: Vec<String> = keys.chain(scene.profiles().iter().map(|points| points.key)).map(Into::into).collect();
+    keys.dedup();
+    let allowed = |key: &String| {
+        let mut scene = scene.clone();
+        let variables = toml::Value::Array(vec![toml::Value::String(key.clone())]);
+        scene.design.as_mut().unwrap().insert("variables".into(), variables);
+        Table::of(&scene).is_ok()
+    };
+    keys.retain(allowed);
+    keys
+}
+
+/// The largest error of the derivatives of the goal by all numbers, against differences of whole simulations, over the largest
+/// of all; and how many numbers.
+fn worst(changes: &[&str]) -> (f64, usize, String) {
+    // Where a velocity passes zero some laws have no second derivative, and differences no order: they must not reach there.
+    let step = if changes.iter().any(|change| change.contains("cross-flow")) { 3e-5 } else { 3e-4 };
+    worst_of(document(changes), step)
+}
+
+fn worst_of(mut document: Document, step: f64) -> (f64, usize, String) {
+    if document.scene().unwrap().design.is_none() {
+        document.set("design={ goal = \"efficiency\", direction = \"-x\" }").unwrap();
+    }
+    let variables = every_variable(&document.scene().unwrap());
+    document.set(&format!("design.variables={variables:?}")).unwrap();
+    let scene = document.scene().unwrap();
+    let table = Table::of(&scene).unwrap();
+    let mut problem = Problem::of(&scene).unwrap();
+    let objective = Objective::new(&table, &problem, None).unwrap().of_document(&document);
+    let own = Profile { numbers: table.own_numbers(), stiffness_n_m2: Vec::new(), ..Profile::of(problem.stiffness()) };
+    let parameters: Vec<_> = table.numbers.iter().map(|number| number.by).collect();
+    let (value, exact) = objective.derivatives(&mut problem, &own, &parameters).unwrap();
+    let mut central = |i: usize, by: f64| {
+        let mut at = |by: f64| {
+            let mut profile = own.clone();
+            profile.numbers[i].1 *= 1.0 + by;
+            objective.measure(&mut problem, &profile).unwrap()
+        };
+        (at(by) - at(-by)) / (2.0 * by)
+    };
+    let own_size = |i: usize| own.numbers[i].1;
+    let largest = exact.iter().enumerate().fold(value.abs(), |max, (i, by)| max.max((by * own_size(i)).abs()));
+    let mut worst = (0.0, exact.len(), String::new());
+    for (i, by) in exact.iter().enumerate() {
+        // Of sixth order.
+        let [a, b, c] = [1.0, 2.0, 3.0].map(|times| central(i, step * times));
+        let error = (by * own_size(i) - (1.5 * a - 0.6 * b + 0.1 * c)).abs() / largest;
+        if error > worst.0 {
+            worst = (error, exact.len(), table.numbers[i].words());
+        }
+    }
+    worst
+}
+
+#[test]
+fn derivatives_by_all_numbers_of_a_scene_are_those_of_differences_in_every_law() {
+    let mut count = 0;
+    for law in LAWS.iter().filter(|law| matches!(law.reach, Reach::Edge) && law.name != "auto") {
+        let name = format!("drag.law={}", law.name);
+        let needs = law.needs.iter().map(|key| match *key {
+            "height_m" => "drag.height_m=0.03",
+            "ratio" => "drag.ratio=1.8",
+            "along_n_s_m2" => "drag.along_n_s_m2=[[0.0, 1.0], [1.0, 1.4]]",
+            "across_n_s_m2" => "drag.across_n_s_m2=2.0",
+            key => panic!("{key}"),
+        });
+        let own: Vec<&str> = std::iter::once(&name[..]).chain(needs).collect();
+        for surroundings in SURROUNDINGS {
+            let changes = [&own[..], surroundings].concat();
+            if document(&changes).scene().and_then(|scene| scene.model()).is_err() {
+                continue; // a law that does not hold there
+            }
+            let (error, numbers, which) = worst(&changes);
+            println!("{} {}: {error:.1e} over {numbers} numbers, worst {which}", law.name, surroundings.len());
+            assert!(error <= 1e-8, "{changes:?}: {error:e} {which}"); // measured: 1.7e-9
+            count += 1;
+        }
+    }
+    assert!(count >= 3 * (LAWS.len() - 2), "{count}");
+    let held = [
+        DRIVEN,
+        "drag.law=cross-flow",
+        "reactive={ shedding = 0.8 }",
+        "design={ goal = \"cycle_head_power_w\" }",
+        "solver.duration_s=1.1",
+        // Cycles end within steps: between them integrals have no second derivative by the frequency.
+        "solver.time_step_s=0.0105",
+    ];
+    let (error, numbers, which) = worst(&held);
+    println!("held {error:.1e} over {numbers}, worst {which}");
+    assert!(error <= 1e-8, "{error:e}");
+    for goal in ["cycle_efficiency", "cycle_cost_of_transport", "cycle_slip", "cycle_body_lengths"] {
+        let goal = format!("design={{ goal = \"{goal}\" }}");
+        let (error, numbers, which) =
+            worst(&[&goal, "reactive={ shedding = 0.8 }", "solver.duration_s=1.1", "solver.time_step_s=0.0105"]);
+        println!("{goal} {error:.1e} over {numbers}, worst {which}");
+        assert!(error <= 1e-8, "{error:e}");
+    }
+}
+
+#[test]
+fn derivatives_by_the_shape_of_a_wave_are_those_of_differences() {
+    let travelling = "kind = \"travelling-wave\"\nkappa_amp = 8.0\n";
+    for (wave, keys) in [
+        ("kind = \"sine-wave\"\nslope = 0.8\n", &["actuation.slope", "actuation.wavelength_m"][..]),
+        (&format!("{travelling}harmonics = [0.3, -0.2]\n"), &["actuation.harmonics", "actuation.kappa_amp"]),
+    ] {
+        let mut document = Document::new("eel.toml", EEL.replace(travelling, wave));
+        document.set("drag.law=cox").unwrap();
+        document.set("design={ goal = \"efficiency\", direction = \"-x\" }").unwrap();
+        let variables = every_variable(&document.scene().unwrap());
+        assert!(keys.iter().all(|key| variables.iter().any(|own| own == key)), "{variables:?}");
+        let (error, numbers, which) = worst_of(document, 2e-4); // crests are sharp: 1e-5 at 1e-3, which is the differences' own
+        println!("{wave} {error:.1e} over {numbers}, worst {which}");
+        assert!(error <= 1e-8, "{wave}: {error:e} {which}"); // measured: 5.3e-10
+    }
+}

@@ -1,0 +1,189 @@
+//! Several cases in lanes: the bits of each alone, whoever is beside it.
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a failure ends the test")]
+
+use crate::common;
+use std::ops::ControlFlow;
+use std::path::Path;
+
+use caudal::batch::{Batch, WIDTH};
+use caudal::fluid::laws::{LAWS, Reach};
+use caudal::integrator::METHODS;
+use caudal::run::{Beside, Ending, run, run_beside};
+use caudal::scene::{Document, Scene};
+use caudal::stepper::Stepper;
+
+use common::{all_scene_files, scene, scene_of, time_step};
+
+/// The study's tail in a fluid whose drag is in proportion to the velocity.
+const IN_FLUID: &[&str] = &["medium.viscosity_pa_s=1.0", "medium.density_kg_m3=1260.0"];
+
+/// A wave for a tail that has none.
+const WAVE: &[&str] = &[
+    "actuation.kind=travelling-wave",
+    "actuation.kappa_amp=0.6",
+    "actuation.frequency_hz=2.0",
+    "actuation.wavelength_m=1.0",
+];
+
+/// What acts on a tail in no fluid.
+const NO_FLUID: &[&str] = &["loads.gravity_m_s2=[0.0, -9.81]"];
+
+/// The study's tail, in no fluid where the `changes` say nothing of one.
+fn baseline(changes: &[&str]) -> Scene {
+    if !changes.iter().any(|change| change.starts_with("medium")) {
+        return scene(&[WAVE, changes].concat());
+    }
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("models/baseline.toml");
+    scene_of(&std::fs::read_to_string(path).unwrap(), changes)
+}
+
+/// True where this machine has lanes of four.
+fn lanes() -> bool {
+    #[cfg(target_arch = "x86_64")]
+    return std::arch::is_x86_feature_detected!("avx2") && std::arch::is_x86_feature_detected!("fma");
+    #[cfg(not(target_arch = "x86_64"))]
+    false
+}
+
+/// All that a run leaves: its state and what was measured, to the bit.
+fn left(stepper: &Stepper) -> String {
+    format!("{:?} {:?} {:?} {:?}", stepper.state(), stepper.work(), stepper.meter(), stepper.cycles())
+}
+
+/// Runs `scenes` alone and side by side; the number of halved steps, and whether they were taken in lanes.
+fn compare(scenes: &[Scene], what: &str) -> (u64, bool) {
+    let alone: Vec<(Stepper, Ending)> = scenes
+        .iter()
+        .map(|scene| {
+            let mut stepper = Stepper::of(scene).unwrap();
+            let ending = run(scene, &mut stepper, |_| Ok(ControlFlow::Continue(()))).ending;
+            (stepper, ending)
+        })
+        .collect();
+    let mut runs: Vec<Beside<'_>> =
+        scenes.iter().map(|scene| Beside { scene, stepper: Stepper::of(scene).unwrap() }).collect();
+    let steppers: Vec<&Stepper> = runs.iter().map(|run| &run.stepper).collect();
+    let taken = Batch::of(&steppers).is_some();
+    let outcomes = run_beside(&mut runs, |_, _| Ok(ControlFlow::Continue(())));
+    for (i, ((run, outcome), (stepper, ending))) in runs.iter().zip(&outcomes).zip(&alone).enumerate() {
+        assert_eq!(outcome.ending, *ending, "{what}, case {i}");
+        assert_eq!(left(&run.stepper), left(stepper), "{what}, case {i}");
+    }
+    (alone.iter().map(|(stepper, _)| stepper.meter().totals.halvings).sum(), taken)
+}
+
+#[test]
+fn every_scene_has_the_same_bits_beside_others_as_alone() {
+    let mut taken = 0;
+    for path in all_scene_files() {
+        let text = std::fs::read_to_string(&path).unwrap();
+        let own = Scene::load(&path).unwrap();
+        let step = own.solver.time_step_s.map_or(1e-3, |_| time_step(&own));
+        let duration = format!("solver.duration_s={:e}", 24.5 * step); // the last step is a shorter one
+        let scenes: Vec<Scene> = [1.0, 0.9, 1.2, 0.7]
+            .iter()
+            .map(|factor| {
+                let mut document = Document::new(&path, &text);
+                document.set(&duration).unwrap();
+                document.set(&format!("rod.youngs_modulus_pa={:e}", factor * own.rod.youngs_modulus_pa.get())).unwrap();
+                document.scene().unwrap()
+            })
+            .collect();
+        taken += u32::from(compare(&scenes, &path.display().to_string()).1);
+    }
+    assert!(taken >= 8 || !lanes(), "{taken} scenes were taken in lanes");
+}
+
+#[test]
+fn every_method_head_and_load_has_the_same_bits_beside_others_as_alone() {
+    let heads: [&[&str]; 3] = [
+        &[],
+        &["head.kind=\"clamped\""],
+        &[
+            "head.kind=\"driven\"",
+            "head.position_m={ amplitude = [0.0, 0.01], frequency_hz = 1.0 }",
+            "head.angle_rad={ amplitude = 0.1, frequency_hz = 1.0 }",
+        ],
+    ];
+    let around: [&[&str]; 3] = [
+        IN_FLUID,
+        NO_FLUID,
+        &["medium.viscosity_pa_s=0.5", "medium.flow_m_s=[0.05, 0.02]", "loads.gravity_m_s2=[0.0, -0.2]"],
+    ];
+    for method in METHODS.iter().filter(|method| method.implicit) {
+        for (head, around) in heads.iter().flat_map(|head| around.iter().map(move |around| (head, around))) {
+            let method = format!("solver.integrator=\"{}\"", method.name);
+            let common = [&method, "solver.duration_s=0.02", "solver.time_step_s=5e-4"];
+            let changes = |amplitude: &str| baseline(&[&common, *head, *around, &[amplitude]].concat());
+            let amplitudes = ["0.4", "0.8", "1.2", "1.0"].map(|k| format!("actuation.kappa_amp={k}"));
+            let scenes: Vec<Scene> = amplitudes.iter().map(|amplitude| changes(amplitude)).collect();
+            for width in 2..=WIDTH {
+                compare(&scenes[..width], &format!("{method} {head:?} {around:?}, {width} cases"));
+            }
+        }
+    }
+}
+
+#[test]
+fn every_local_law_is_taken_with_the_water_around_and_without_and_has_the_same_bits() {
+    let heads: [&[&str]; 2] = [&[], &["head.kind=\"clamped\""]];
+    let local = LAWS.iter().filter(|law| matches!(law.reach, Reach::Edge) && law.name != "auto");
+    for (law, head) in local.flat_map(|law| heads.iter().map(move |head| (law, head))) {
+        let named = format!("drag.law=\"{}\"", law.name);
+        let values = [("along_n_s_m2", "0.4"), ("across_n_s_m2", "0.9"), ("ratio", "2.0"), ("height_m", "0.05")];
+        let needed = |key: &&str| values.iter().find(|(name, _)| name == key).map(|(_, value)| value);
+        let needs: Vec<String> = law.needs.iter().map(|key| format!("drag.{key}={}", needed(key).unwrap())).collect();
+        let needs: Vec<&str> = needs.iter().map(String::as_str).collect();
+        for reactive in [&[][..], &["reactive.shedding=1.0"]] {
+            let water = ["medium.viscosity_pa_s=0.1", "medium.density_kg_m3=1000.0", "medium.flow_m_s=[0.05, 0.02]"];
+            let common = ["solver.duration_s=0.05", "solver.time_step_s=1e-3", &named];
+            let changes = [&water[..], &common, &needs, reactive, head].concat();
+            let scenes = ["0.4", "0.5", "0.6", "0.7"].map(|amplitude| {
+                let amplitude = format!("actuation.kappa_amp={amplitude}");
+                scene(&[WAVE, &changes, &[&amplitude]].concat())
+            });
+            let (_, taken) = compare(&scenes, &format!("{} {reactive:?} {head:?}", law.name));
+            assert_eq!(taken, lanes(), "{} {reactive:?} {head:?}", law.name);
+        }
+    }
+}
+
+#[test]
+fn a_case_that_halves_its_steps_or_fails_leaves_those_beside_it_as_they_are() {
+    let at = |amplitude: f64, step: &str| {
+        baseline(&[IN_FLUID, &[&format!("actuation.kappa_amp={amplitude}"), step, "solver.duration_s=0.2"]].concat())
+    };
+    let scenes: Vec<Scene> = [0.5, 5.0, 40.0, 0.8].iter().map(|k| at(*k, "solver.time_step_s=1e-2")).collect();
+    let (halvings, taken) = compare(&scenes, "coarse steps");
+    assert!(halvings > 0, "no step was halved");
+    assert_eq!(taken, lanes());
+}
+
+#[test]
+fn steps_are_solved_ahead_and_those_of_changed_inputs_are_not_taken() {
+    if !lanes() {
+        return;
+    }
+    let scene = baseline(IN_FLUID);
+    let step = time_step(&scene);
+    let mut alone = Stepper::of(&scene).unwrap();
+    let mut cases = [Stepper::of(&scene).unwrap(), Stepper::of(&scene).unwrap()];
+    let mut batch = Batch::of(&cases.each_ref()).unwrap();
+    let changes = [("actuation_amplitude", 0.3), ("viscosity_pa_s", 0.7), ("force_y_n", 0.1)];
+    for i in 0..60 {
+        batch.solve_ahead(&mut cases.each_mut().map(Some));
+        if i == 9 {
+            assert!(batch.steps() >= 18, "{} of 20 steps were solved ahead", batch.steps());
+        }
+        if let (10.., 0, Some((name, value))) = (i, i % 10, changes.get((i / 10usize).wrapping_sub(1))) {
+            for stepper in [&mut alone, &mut cases[0]] {
+                let count = stepper.get(name).unwrap().len();
+                stepper.set(name, &vec![*value; count]).unwrap();
+            }
+        }
+        alone.do_step(step).unwrap();
+        cases.iter_mut().for_each(|case| case.do_step(step).unwrap());
+        assert_eq!(left(&cases[0]), left(&alone), "step {i}");
+    }
+    assert!(left(&cases[1]) != left(&alone));
+}

@@ -1,0 +1,33 @@
+//! The rod, its models, its integrators and its solvers against theory, published numbers and each other.
+
+#[path = "../common/mod.rs"]
+mod common;
+
+mod accuracy;
+mod adaptive;
+mod amplification;
+mod batch;
+mod beam;
+mod chain;
+mod energy;
+mod forces;
+mod guards;
+mod head;
+mod homogeneity;
+mod invariance;
+mod jacobian;
+mod linear;
+mod modes;
+mod momentum;
+mod newton;
+mod order;
+mod own_actuation;
+mod own_force;
+mod pivoted_band;
+mod reduced;
+mod reference;
+mod section;
+mod solvers;
+mod stability;
+mod study;
+mod waves;

@@ -1,0 +1,403 @@
+//! What swimmers are measured by: averages over the last whole cycles are right at any step, and say when they are not there.
+
+use crate::common;
+use std::f64::consts::TAU;
+
+use caudal::cycle::{self, KEPT, MEASURES, Measure};
+use caudal::rod::node;
+use caudal::scene::Scene;
+use caudal::stepper::Stepper;
+use common::{SOFT, largest, order, run, scene_of, stepper_of};
+
+/// A stiff rod held at its head in a thick fluid, which moves as a whole.
+const HELD: &str = r#"
+[rod]
+nodes = 9
+length_m = 0.5
+outer_radius_m = 0.02
+inner_radius_m = 0.0
+youngs_modulus_pa = 1e12
+density_kg_m3 = 1000.0
+[medium]
+viscosity_pa_s = 0.5
+density_kg_m3 = 1000.0
+[drag]
+ratio = 2.0
+[head]
+kind = "driven"
+position_m = [0.0, { amplitude = 0.02, frequency_hz = 1.25 }]
+angle_rad = 0.0
+[solver]
+integrator = "generalized-alpha"
+time_step_s = 1e-3
+duration_s = 4.0
+"#;
+
+/// What makes of the soft swimmer, which is driven beyond its natural frequency and swims tail first, one that follows its drive.
+const STIFF: [&str; 10] = [
+    "solver.integrator=newmark",
+    "actuation.kappa_amp=4.8",
+    "rod.nodes=17",
+    "rod.outer_radius_m=0.012",
+    "rod.youngs_modulus_pa=5e7",
+    "rod.stiffness_gradient=1.0",
+    "actuation.wavelength_m=1.0",
+    "medium.viscosity_pa_s=0.8",
+    "drag.head_length_m=0.0625",
+    "solver.duration_s=4.0",
+];
+
+/// Mean and spread of a measure over the last whole cycles.
+fn of(stepper: &Stepper, measure: &Measure) -> Option<[f64; 2]> {
+    let (cycles, dynamics) = (stepper.cycles().whole(stepper.time()), stepper.view().dynamics);
+    Some([measure.mean(cycles, dynamics)?, measure.spread(cycles, dynamics)?])
+}
+
+fn mean(stepper: &Stepper, measure: &Measure) -> f64 {
+    of(stepper, measure).unwrap_or_else(|| panic!("{} is not there", measure.key))[0]
+}
+
+/// The soft swimmer's run.
+fn swimmer(changes: &[&str]) -> Stepper {
+    run(&scene_of(SOFT, &[&["solver.duration_s=4.0", "solver.newton_tolerance=1e-12"], changes].concat()))
+}
+
+/// The same by steps that their estimated errors choose.
+fn adaptive(tolerance: f64, changes: &[&str]) -> Stepper {
+    let text = SOFT.replace("time_step_s = 2e-3\n", &format!("tolerance = {tolerance:e}\n"));
+    let changes = [&["solver.duration_s=4.0", "solver.integrator=esdirk3"], changes].concat();
+    run(&scene_of(&text, &changes))
+}
+
+#[test]
+fn every_measure_is_what_its_formula_makes_of_a_cycle() {
+    // Steps that divide the period, looked at where the last cycle begins and ends.
+    let scene = scene_of(SOFT, &["solver.integrator=newmark", "actuation.frequency_hz=2.0"]);
+    let (mut tail, period) = (Stepper::of(&scene).unwrap(), 0.5);
+    tail.do_step(0.5).unwrap();
+    let (before, work, energy) = (tail.meter().now.com, tail.meter().totals.work, tail.meter().now.energy.total());
+    let first = tail.cycles().whole(0.5)[0].excursion;
+    assert!(first > 0.0);
+    let (mut axis, mut tips) = (nalgebra::Vector2::zeros(), Vec::new());
+    for _ in 0..250 {
+        let edge = (node(&tail.state().q, 0) - node(&tail.state().q, 1)).normalize();
+        tail.do_step(2e-3).unwrap();
+        let next = (node(&tail.state().q, 0) - node(&tail.state().q, 1)).normalize();
+        axis += (edge + next) * 1e-3;
+        tips.push(node(&tail.state().q, 8));
+    }
+    let dynamics = tail.view().dynamics;
+    let cycle = &tail.cycles().whole(1.0)[1..2];
+    let found = |measure: &Measure| measure.mean(cycle, dynamics).unwrap();
+    let velocity = (tail.meter().now.com - before) / period;
+    let (speed, axis) = (velocity.norm(), axis.normalize());
+    let rod = &tail.model().rod;
+    let now = tail.meter().totals.work;
+    let power = (now.actuation - work.actuation) / period;
+    let stored = tail.meter().now.energy.total() - energy;
+    let towed = tail.model().forces.towing(rod, tail.model().fluid, speed);
+    // The axis is that of the cycle before, and the tip goes on between the steps: measured 2e-3.
+    let across = nalgebra::Vector2::new(-axis.y, axis.x);
+    let sides = tips.iter().map(|tip| tip.dot(&across));
+    let excursion = sides.clone().fold(f64::NEG_INFINITY, f64::max) - sides.fold(f64::INFINITY, f64::min);
+    assert!((cycle[0].excursion / excursion - 1.0).abs() < 2e-2, "{} {excursion}", cycle[0].excursion);
+    let expected = [
+        (cycle::PERIOD, period),
+        (cycle::SPEED, speed),
+        (cycle::BODY_LENGTHS, speed * period / rod.length),
+        (cycle::STROUHAL, cycle[0].excursion / period / speed),
+        (cycle::ACTUATION_POWER, power),
+        (cycle::VISCOUS_POWER, (now.viscous - work.viscous) / period),
+        (cycle::LOAD_POWER, 0.0),
+        (cycle::HEAD_POWER, 0.0),
+        (cycle::FLOW_POWER, 0.0),
+        (cycle::COST_OF_TRANSPORT, power / (rod.total_mass() * 9.80665 * speed)),
+        (cycle::EFFICIENCY, towed * speed / power),
+    ];
+    for (measure, expected) in expected {
+        // Measured: at most 4e-15.
+        assert!(
+            (found(&measure) - expected).abs() <= 1e-12 * expected.abs(),
+            "{}: {} {expected}",
+            measure.key,
+            found(&measure)
+        );
+    }
+    // Sums by parabola and by trapezoid differ: measured 2e-6.
+    let ahead = velocity.dot(&axis);
+    for (measure, expected) in
+        [(cycle::FORWARD_SPEED, ahead), (cycle::DIRECTION, (ahead / speed).acos()), (cycle::SLIP, ahead * period / 0.8)]
+    {
+        assert!(
+            (found(&measure) - expected).abs() <= 1e-4 * expected.abs(),
+            "{}: {} {expected}",
+            measure.key,
+            found(&measure)
+        );
+    }
+    for measure in [cycle::THRUST, cycle::HEAD_FORCE_X, cycle::HEAD_FORCE_Y, cycle::HEAD_MOMENT] {
+        assert_eq!(measure.mean(cycle, dynamics), None, "{}", measure.key);
+    }
+    assert!(stored.abs() > 0.0);
+}
+
+#[test]
+fn a_rod_that_is_swung_and_washed_as_a_whole_has_the_thrust_power_and_strouhal_number_of_theory() {
+    // m y'' + c y' at the head, y = a sin ωt; the flow u pushes along the rod with ξ∥ L u.
+    let scene = scene_of(HELD, &["medium.flow_m_s=[0.3, 0.0]"]);
+    let tail = run(&scene);
+    let [along, across] = tail.model().forces.resistance(&tail.model().rod, tail.model().fluid).unwrap();
+    let (length, a, f, u) = (0.5, 0.02, 1.25, 0.3);
+    let expected = [
+        (cycle::PERIOD, 0.8),
+        (cycle::SPEED, u),
+        (cycle::FORWARD_SPEED, u), // the head faces −x, the water comes from there
+        (cycle::STROUHAL, f * 2.0 * a / u),
+        (cycle::THRUST, -along * length * u),
+        (cycle::HEAD_FORCE_X, along * length * u),
+        (cycle::HEAD_POWER, 0.5 * across * length * (TAU * f * a).powi(2)),
+        (cycle::BODY_LENGTHS, u * 0.8 / length),
+    ];
+    for (measure, expected) in expected {
+        let [mean, spread] = of(&tail, &measure).unwrap();
+        println!("{}: {:e}, spread {:e}", measure.key, mean / expected - 1.0, spread / expected);
+        // Measured: at most 6e-6, of the head's power, by steps of 1 ms and a rod that bends by 1e-6.
+        assert!((mean / expected - 1.0).abs() < 1e-4, "{}: {mean}, not {expected}", measure.key);
+    }
+    assert_eq!(cycle::is_periodic(tail.cycles().whole(4.0)), Some(true));
+    assert_eq!(tail.cycles().whole(4.0).len(), KEPT);
+    for measure in [cycle::SLIP, cycle::EFFICIENCY, cycle::COST_OF_TRANSPORT] {
+        assert_eq!(of(&tail, &measure), None, "{}", measure.key);
+    }
+}
+
+#[test]
+fn averages_converge_with_steps_that_do_not_divide_the_period_and_adaptive_ones_agree() {
+    // The period is 2/3 s.
+    let shown = [cycle::SPEED, cycle::FORWARD_SPEED, cycle::STROUHAL, cycle::ACTUATION_POWER, cycle::EFFICIENCY];
+    let held = [cycle::THRUST, cycle::HEAD_FORCE_Y, cycle::HEAD_MOMENT, cycle::ACTUATION_POWER];
+    for (head, measures) in [("free", &shown[..]), ("clamped", &held[..])] {
+        let head = format!("head.kind={head}");
+        let by = |step: &str| {
+            let tail = swimmer(&["solver.integrator=generalized-alpha", &format!("solver.time_step_s={step}"), &head]);
+            measures.iter().map(|measure| mean(&tail, measure)).collect::<Vec<_>>()
+        };
+        let mut failed = false;
+        let [fine, middle, coarse] = ["1.5151e-4", "1.05e-3", "2.1e-3"].map(by);
+        let adaptive = adaptive(1e-4, &[&head]);
+        for (i, measure) in measures.iter().enumerate() {
+            let error = |x: f64| (x / fine[i] - 1.0).abs();
+            println!(
+                "{head} {}: {:.1e} {:.1e}, adaptive {:.1e}",
+                measure.key,
+                error(coarse[i]),
+                error(middle[i]),
+                error(mean(&adaptive, measure))
+            );
+            // Measured: order 1.9 to 3.4, adaptive at most 1.4e-3.
+            failed |= order(error(coarse[i]), error(middle[i])) < 1.7 || error(mean(&adaptive, measure)) > 2e-3;
+        }
+        assert!(!failed, "{head}");
+    }
+}
+
+#[test]
+fn a_cycle_is_one_of_the_phase_whatever_frequencies_a_host_sets() {
+    let mut tail = stepper_of(SOFT, &["solver.integrator=newmark", "solver.time_step_s=1.7e-3"]);
+    tail.do_step(0.5).unwrap(); // three quarters of a cycle at 1.5 Hz
+    tail.set("actuation_frequency_hz", &[0.5]).unwrap();
+    tail.do_step(1.0).unwrap(); // a quarter in 0.5 s, another in the next 0.5 s
+    tail.set("actuation_frequency_hz", &[2.0]).unwrap();
+    tail.do_step(1.0).unwrap(); // three quarters in 0.375 s, then one in 0.5 s
+    let ends: Vec<f64> = tail.cycles().whole(tail.time()).iter().map(|cycle| cycle.until).collect();
+    assert_eq!(ends.len(), 3);
+    // Measured: at most 4e-16.
+    assert!(largest(ends.iter().zip([1.0, 1.875, 2.375]).map(|(end, expected)| end - expected)) < 1e-12, "{ends:?}");
+    let periods: Vec<f64> = tail.cycles().whole(tail.time()).iter().map(|cycle| cycle.period()).collect();
+    assert!(
+        largest(periods.iter().zip([1.0, 0.875, 0.5]).map(|(end, expected)| end - expected)) < 1e-12,
+        "{periods:?}"
+    );
+    // Within a step only the cycles that are over by then are there.
+    tail.do_step(0.5).unwrap();
+    assert_eq!(tail.get_scalar("cycles_used").unwrap(), 4.0);
+    let mut steps = Vec::new();
+    let mut tail = stepper_of(SOFT, &["solver.integrator=newmark", "solver.time_step_s=0.03"]);
+    tail.do_step_with(0.69, |tail| {
+        for part in [0.1, 0.5, 1.0] {
+            let t = tail.time() - 0.03 * (1.0 - part);
+            let used = tail.find("cycles_used").unwrap();
+            steps.push((t, tail.at(t, |view| used.first(view)).unwrap()));
+        }
+        std::ops::ControlFlow::Continue(())
+    })
+    .unwrap();
+    assert!(steps.iter().all(|(t, used)| *used == f64::from(u8::from(*t >= 2.0 / 3.0))), "{steps:?}");
+    assert!(steps.last().unwrap().1 == 1.0);
+}
+
+#[test]
+fn a_snapshot_goes_on_with_the_cycles_that_it_was_saved_with() {
+    let scene = scene_of(SOFT, &["solver.integrator=newmark", "solver.time_step_s=1.7e-3"]);
+    let mut tail = Stepper::of(&scene).unwrap();
+    tail.do_step(1.0).unwrap();
+    let snapshot = tail.save();
+    let bytes = snapshot.serialize().unwrap();
+    tail.do_step(1.0).unwrap();
+    let mut other = Stepper::of(&scene).unwrap();
+    other.restore(&other.deserialize(&bytes).unwrap()).unwrap();
+    other.do_step(1.0).unwrap();
+    assert_eq!(other.cycles(), tail.cycles());
+    tail.restore(&snapshot).unwrap();
+    assert_eq!(tail.cycles().whole(9.0).len(), 1);
+    tail.do_step(1.0).unwrap();
+    assert_eq!(other.cycles(), tail.cycles());
+}
+
+#[test]
+fn numbers_without_a_unit_are_the_same_from_a_micrometre_to_ten_metres() {
+    // Lengths times s at the same times, stresses and viscosities at the same density times s²: the same motion.
+    let measures = [cycle::BODY_LENGTHS, cycle::STROUHAL, cycle::SLIP, cycle::DIRECTION, cycle::EFFICIENCY];
+    let at = |s: f64| {
+        let changes = [
+            format!("rod.length_m={s:e}"),
+            format!("rod.outer_radius_m={:e}", 0.08 * s),
+            format!("rod.youngs_modulus_pa={:e}", 1e5 * s * s),
+            format!("actuation.kappa_amp={:e}", 4.0 / s),
+            format!("actuation.wavelength_m={:e}", 0.8 * s),
+            format!("medium.viscosity_pa_s={:e}", 5.0 * s),
+            format!("drag.head_length_m={:e}", 0.2 * s),
+            "solver.integrator=newmark".to_string(),
+        ];
+        let tail = swimmer(&changes.iter().map(String::as_str).collect::<Vec<_>>());
+        measures.map(|measure| mean(&tail, &measure))
+    };
+    let metre = at(1.0);
+    for s in [1e-6, 10.0] {
+        for ((measure, x), expected) in measures.iter().zip(at(s)).zip(metre) {
+            println!("{s:e} m, {}: {:.1e}", measure.key, x / expected - 1.0);
+            assert!((x / expected - 1.0).abs() < 1e-7, "{s:e} m, {}: {x}, not {expected}", measure.key);
+        }
+    }
+}
+
+#[test]
+fn where_there_is_no_whole_cycle_it_is_said_why() {
+    let wave = "actuation.frequency_hz";
+    let free = |changes: &[&str]| scene_of(SOFT, changes);
+    let held = |changes: &[&str]| scene_of(HELD, changes);
+    let mixed = "head.position_m=[{amplitude=0.01,frequency_hz=2.0},{amplitude=0.01,frequency_hz=3.0}]";
+    let still = "head.position_m=[0.0,0.0]";
+    let cases: [(Scene, &str); 5] = [
+        (free(&["solver.duration_s=0.6"]), "shorter than one cycle of 0.6667 s"),
+        (free(&[&format!("{wave}=0.0")]), "the actuation's frequency is 0"),
+        (held(&[mixed]), "no common period"),
+        (held(&[still]), "nothing drives"),
+        (held(&["solver.duration_s=0.7"]), "shorter than one cycle of 0.8000 s"),
+    ];
+    for (scene, reason) in cases {
+        let tail = run(&scene);
+        let averages = tail.cycles().averages(tail.view().dynamics);
+        assert!(averages.reason.as_ref().is_some_and(|found| found.contains(reason)), "{averages:?}, not {reason}");
+        assert!(averages.to_string().contains(reason));
+        let written = serde_json::to_value(&averages).unwrap();
+        assert_eq!((&written["cycles_used"], &written["cycles_periodic"]), (&0.into(), &serde_json::Value::Null));
+        for measure in MEASURES {
+            assert!(written[measure.key].is_null() && written[measure.spread].is_null(), "{}", measure.key);
+        }
+    }
+    // Sinusoids with a common period repeat with the slowest; a host's head has none.
+    let common = "head.position_m=[{amplitude=0.01,frequency_hz=2.5},{amplitude=0.01,frequency_hz=1.25}]";
+    let mut tail = Stepper::of(&held(&[common])).unwrap();
+    tail.do_step(1.0).unwrap();
+    assert_eq!(tail.cycles().whole(1.0).len(), 1);
+    tail.set("head_y_m", &[0.02]).unwrap(); // at this time the scene's own would be 0.01
+    tail.do_step(2.0).unwrap();
+    assert_eq!(tail.cycles().whole(3.0).len(), 1);
+}
+
+#[test]
+fn every_measure_is_in_the_summary_and_in_the_table_of_variables_and_tail_first_is_said() {
+    for (scene, swims) in [
+        (scene_of(SOFT, &["solver.duration_s=2.0"]), Some("tail first")),
+        (scene_of(SOFT, &STIFF), Some("head first")),
+        (scene_of(HELD, &[]), None),
+    ] {
+        let mut tail = Stepper::of(&scene).unwrap();
+        let outcome = caudal::run::run(&scene, &mut tail, |_| Ok(std::ops::ControlFlow::Continue(())));
+        let summary = serde_json::to_value(caudal::run::Summary::of(&scene, &tail, &outcome, &[])).unwrap();
+        assert_eq!(summary["swims"].as_str(), swims);
+        for measure in MEASURES {
+            let (mean, spread) = (&summary[measure.key], &summary[measure.spread]);
+            assert!(measure.key.ends_with(measure.spread.rsplit_once("spread").unwrap().1));
+            assert_eq!(mean.is_number(), spread.is_number(), "{}", measure.key);
+            match tail.get_scalar(measure.key) {
+                Ok(value) => assert_eq!(value, mean.as_f64().unwrap_or(0.0), "{}", measure.key),
+                Err(_) => assert!(mean.is_null(), "{}", measure.key),
+            }
+        }
+        assert_eq!(summary["cycles_used"].as_f64(), Some(tail.get_scalar("cycles_used").unwrap()));
+        assert_eq!(summary["mean_thrust_n"].is_number(), swims.is_none());
+    }
+}
+
+#[test]
+fn the_mean_is_that_of_the_cycles_and_the_spread_their_standard_deviation() {
+    let stepper = swimmer(&["solver.duration_s=2.1"]); // not settled: cycles differ
+    let (cycles, dynamics) = (stepper.cycles().whole(stepper.time()), stepper.view().dynamics);
+    assert_eq!(cycles.len(), 3);
+    let mut tried = 0;
+    for measure in &MEASURES {
+        let Some([mean, spread]) = of(&stepper, measure) else { continue };
+        let each: Vec<f64> = cycles.chunks(1).map(|one| measure.mean(one, dynamics).unwrap()).collect();
+        let expected = each.iter().sum::<f64>() / 3.0;
+        let deviation = (each.iter().map(|x| (x - expected).powi(2)).sum::<f64>() / 2.0).sqrt();
+        assert!((mean - expected).abs() <= 1e-12 * largest(each.iter().copied()), "{}: {mean} {expected}", measure.key);
+        assert!(
+            (spread - deviation).abs() <= 1e-9 * deviation.max(1e-9 * mean.abs()),
+            "{}: {spread} {deviation}",
+            measure.key
+        );
+        tried += usize::from(deviation > 1e-6 * mean.abs());
+    }
+    assert!(tried >= 6, "{tried}");
+}
+
+#[test]
+fn the_fluid_takes_what_drag_wake_and_spray_take() {
+    let scene = Scene::load("models/dipping-tail.toml").unwrap();
+    let mut stepper = Stepper::of(&scene).unwrap();
+    let works = |stepper: &Stepper| {
+        ["viscous_work_j", "wake_work_j", "spray_work_j"].map(|name| stepper.get_scalar(name).unwrap())
+    };
+    stepper.do_step(2.0).unwrap();
+    let before = works(&stepper);
+    stepper.do_step(1.0).unwrap();
+    let after = works(&stepper);
+    let each: Vec<f64> = before.iter().zip(after).map(|(before, after)| after - before).collect();
+    let cycles = stepper.cycles().whole(stepper.time());
+    let found = cycles[cycles.len() - 1].mean_power_into_fluid();
+    assert!(each.iter().all(|work| *work > 1e-4), "{each:?}");
+    assert!((found - each.iter().sum::<f64>()).abs() < 1e-9, "{found} {each:?}");
+}
+
+#[test]
+fn a_swimmer_within_sixty_degrees_of_its_axis_swims_head_first() {
+    // A stiff rod that gravity pulls obliquely swims there as it lies.
+    for (degrees, said) in [(50.0_f64, "head first"), (70.0, "sideways"), (110.0, "sideways"), (130.0, "tail first")] {
+        // The head's axis is from the rod to the head, along −x.
+        let (y, x) = (std::f64::consts::PI - degrees.to_radians()).sin_cos();
+        let gravity = format!("loads={{ gravity_m_s2 = [{}, {}] }}", 0.05 * x, 0.05 * y);
+        let changes = [
+            "drag={ ratio = 1.0 }",
+            "rod.youngs_modulus_pa=1e9",
+            "actuation.kappa_amp=1e-9",
+            &gravity,
+            "solver.duration_s=4.0",
+        ];
+        let text = SOFT.replace("[drag]\nratio = 5.0\nhead_weight = 10.0\nhead_length_m = 0.2\n", "");
+        let stepper = run(&scene_of(&text, &changes));
+        let averages = stepper.cycles().averages(stepper.view().dynamics);
+        assert_eq!(averages.swims(), Some(said), "{degrees}: {:?}", averages.mean(&cycle::DIRECTION));
+    }
+}
