@@ -58,6 +58,12 @@ pub struct Arguments {
     /// Seconds of the run per second of a film
     #[arg(long, value_name = "FACTOR", default_value_t = Film::default().speed)]
     speed: f64,
+    /// First time of a film, s [default: that of the run]
+    #[arg(long, value_name = "SECONDS")]
+    from: Option<f64>,
+    /// Last time of a film, s [default: that of the run]
+    #[arg(long, value_name = "SECONDS")]
+    until: Option<f64>,
 }
 
 impl Arguments {
@@ -84,6 +90,10 @@ impl Arguments {
 /// Figures are those in the folder. For all else a run is computed again, equal to the bit: its tables hold neither velocities
 /// nor moments.
 pub fn export(arguments: &Arguments) -> Result<ExitCode> {
+    if !arguments.run.exists() {
+        let reason = "there is no such folder or scene; `caudal run SCENE` makes the folder of a run".to_string();
+        return Ok(refuse(&Error::Read { path: arguments.run.clone(), reason }));
+    }
     let folder = arguments.run.is_dir().then_some(arguments.run.as_path());
     let mut whole = ExitCode::SUCCESS;
     if let Some(folder) = folder.filter(|_| !arguments.formats().is_empty()) {
@@ -143,7 +153,9 @@ pub fn export(arguments: &Arguments) -> Result<ExitCode> {
         found.map_or(&[][..], |column| &column.values[..])
     };
     let motion = Motion { name: &scene.name, times: column("time_s"), x: column("x_m"), y: column("y_m") };
-    let film = Film { per_second: arguments.fps, speed: arguments.speed, ..Film::default() };
+    let Film { sharpness, window: [first, last], .. } = Film::default();
+    let window = [arguments.from.unwrap_or(first), arguments.until.unwrap_or(last)];
+    let film = Film { per_second: arguments.fps, speed: arguments.speed, sharpness, window };
     for ending in arguments.films() {
         let name = format!("{}.{ending}", scene.name);
         let place = arguments.out.as_ref().unwrap_or(&own);

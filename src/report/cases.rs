@@ -6,6 +6,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
+use super::heat_map::{HeatMap, Levels};
 use super::page::{Motion, Script, render};
 use super::record::Frame;
 use crate::error::Result;
@@ -45,6 +46,8 @@ const PARTS: usize = 10;
 const ROWS: usize = 20_000;
 /// Paths in a figure, at most.
 const PATHS: usize = 120;
+/// Cells of a heat map, at most.
+const CELLS: usize = 10_000;
 
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
@@ -247,7 +250,7 @@ impl Cases {
         }
     }
 
-    /// The figures: each axis' effect on the displacement or thrust, main effects on every quantity, paths of the centres of mass, and the
+    /// The figures: heat maps of a sweep along two axes, each axis' effect on the displacement or thrust, main effects on every quantity, paths of the centres of mass, and the
     /// split's levels against each other.
     pub fn figures(&self) -> Vec<Figure> {
         let (mut figures, mut names) = (Vec::new(), Names::default());
@@ -257,6 +260,16 @@ impl Cases {
             (0..self.axes.len()).filter(|a| Some(*a) != self.split && self.axes[*a].labels.len() > 1).collect();
         let parts = self.parts();
         let of = |label: &str| if label.is_empty() { String::new() } else { format!(", {label}") };
+        if let [across, up] = shown[..] {
+            for (quantity, column) in drawn().filter(|(_, column)| known(column)) {
+                for (label, cases) in &parts {
+                    let Some(map) = self.heat_map([across, up], quantity, column, label, cases) else { continue };
+                    let [x, y] = [across, up].map(|axis| &self.axes[axis].name);
+                    let caption = format!("The {} of every case over {x} and {y}{}.", quantity.name, of(label));
+                    figures.push(Figure::new(names.file(&["map", quantity.key, label]), caption, map.svg()));
+                }
+            }
+        }
         // The displacement, or where heads are held the thrust.
         if let Some((quantity, column)) = drawn().find(|(_, column)| known(column)) {
             let stem = if quantity.of_free_heads { "displacement" } else { "thrust" };
@@ -300,6 +313,39 @@ impl Cases {
 
     fn titled(&self, what: &str, label: &str) -> String {
         if label.is_empty() { format!("{}: {what}", self.name) } else { format!("{}, {label}: {what}", self.name) }
+    }
+
+    /// A quantity over two axes; none over a sampled one, whose cases are no grid, and none of too many cells.
+    fn heat_map(
+        &self,
+        axes: [usize; 2],
+        quantity: &Quantity,
+        column: &[f64],
+        label: &str,
+        cases: &[usize],
+    ) -> Option<HeatMap> {
+        let of = axes.map(|axis| &self.axes[axis]);
+        if of.iter().any(|axis| axis.sampled) || of.iter().map(|axis| axis.labels.len()).product::<usize>() > CELLS {
+            return None;
+        }
+        let [across, up] = of.map(Axis::groups);
+        let cell = |i: &usize| {
+            let [x, y] = axes.map(|axis| self.levels[axis][*i]);
+            (across.of[x], up.of[y], column[*i], self.indices[*i])
+        };
+        let cells = cases.iter().map(cell).collect();
+        let levels = |axis: &Axis, groups: &Groups| Levels {
+            name: axis.name.clone(),
+            at: groups.at.clone(),
+            scale: axis.scale(),
+        };
+        Some(HeatMap {
+            title: self.titled(quantity.name, label),
+            x: levels(of[0], &across),
+            y: levels(of[1], &up),
+            value: format!("{} ({})", quantity.name, quantity.unit),
+            cells,
+        })
     }
 
     /// A quantity against one axis: lines join the cases that differ in nothing else, and a line of means lies on top.

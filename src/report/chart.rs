@@ -7,16 +7,16 @@ use super::axis::{Axis, superscript};
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 
 /// Width of a chart and height of its plot, px.
-const WIDTH: f64 = 640.0;
+pub(super) const WIDTH: f64 = 640.0;
 const PLOT: f64 = 310.0;
 
 /// Sizes of letters, px.
-const TITLE: f64 = 17.0;
+pub(super) const TITLE: f64 = 17.0;
 const NAME: f64 = 15.0;
-const LABEL: f64 = 13.0;
+pub(super) const LABEL: f64 = 13.0;
 
 /// Height of a line of the legend, px, and most lines of it.
-const LINE: f64 = 19.0;
+pub(super) const LINE: f64 = 19.0;
 const LINES: usize = 8;
 
 /// How a series is drawn.
@@ -118,11 +118,11 @@ impl Figure {
 
 /// The frame of a plot, px.
 #[derive(Debug, Clone, Copy)]
-struct Frame {
-    left: f64,
-    top: f64,
-    width: f64,
-    height: f64,
+pub(super) struct Frame {
+    pub(super) left: f64,
+    pub(super) top: f64,
+    pub(super) width: f64,
+    pub(super) height: f64,
 }
 
 impl Chart {
@@ -334,7 +334,7 @@ impl Legend {
 }
 
 /// The name of an axis with the power of ten that its labels lack, before its unit where it has one.
-fn titled(name: &str, axis: &Axis) -> String {
+pub(super) fn titled(name: &str, axis: &Axis) -> String {
     let power = format!("10{}", superscript(axis.power));
     match name.strip_suffix(')').and_then(|name| name.rsplit_once('(')) {
         _ if axis.power == 0 => name.to_string(),
@@ -345,18 +345,18 @@ fn titled(name: &str, axis: &Axis) -> String {
 
 impl Frame {
     /// The plot under a title and a legend of some height, with room for the labels of y.
-    fn about(y: &Axis, legend: f64) -> Self {
+    pub(super) fn about(y: &Axis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
         let left = 42.0 + widest.min(110.0);
         Self { left, top: 42.0 + legend, width: WIDTH - left - 18.0, height: PLOT }
     }
 
     /// Where a point is, given from 0 to 1.
-    fn at(&self, x: f64, y: f64) -> (f64, f64) {
+    pub(super) fn at(&self, x: f64, y: f64) -> (f64, f64) {
         (self.left + x * self.width, self.top + (1.0 - y) * self.height)
     }
 
-    fn draw_y(&self, svg: &mut Svg, y: &Axis, name: &str) {
+    pub(super) fn draw_y(&self, svg: &mut Svg, y: &Axis, name: &str) {
         for (place, label) in y.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             let at = self.at(0.0, *place);
             svg.line(&[at, self.at(1.0, *place)], Colour::GRID, 1.0, "");
@@ -371,7 +371,7 @@ impl Frame {
         svg.upright((17.0, self.top + 0.5 * self.height), &cut(&titled(name, y), NAME, room), NAME, Colour::INK);
     }
 
-    fn draw_x(&self, svg: &mut Svg, x: &Axis, name: &str, categories: bool) {
+    pub(super) fn draw_x(&self, svg: &mut Svg, x: &Axis, name: &str, categories: bool) {
         let labelled = || x.ticks.iter().filter(|(_, label)| !label.is_empty());
         let count = labelled().count().max(1);
         let every = if categories { count.div_ceil(12) } else { 1 };

@@ -23,11 +23,13 @@ pub struct Film {
     pub speed: f64,
     /// Pixels per px of the figure.
     pub sharpness: f64,
+    /// First and last time that it shows, s, as far as the run has them.
+    pub window: [f64; 2],
 }
 
 impl Default for Film {
     fn default() -> Self {
-        Self { per_second: 25, speed: 1.0, sharpness: 1.0 }
+        Self { per_second: 25, speed: 1.0, sharpness: 1.0, window: [f64::NEG_INFINITY, f64::INFINITY] }
     }
 }
 
@@ -59,10 +61,14 @@ impl Motion<'_> {
         (0..nodes).map(|k| (at(self.x, k), at(self.y, k))).collect()
     }
 
-    /// Two corners between which the rod is at all times.
-    fn corners(&self) -> Vec<(f64, f64)> {
+    /// Two corners between which the rod is at all times from `first` to `last`.
+    fn corners(&self, [first, last]: [f64; 2]) -> Vec<(f64, f64)> {
+        let nodes = self.x.len() / self.times.len();
+        // With the times next to them, between which its first and last picture lie.
+        let from = self.times.partition_point(|t| *t <= first).saturating_sub(1);
+        let until = (self.times.partition_point(|t| *t < last) + 1).min(self.times.len());
         let ends = |values: &[f64]| {
-            let finite = || values.iter().copied().filter(|x| x.is_finite());
+            let finite = || values[nodes * from..nodes * until].iter().copied().filter(|x| x.is_finite());
             [finite().fold(f64::INFINITY, f64::min), finite().fold(f64::NEG_INFINITY, f64::max)]
         };
         let ([left, right], [low, high]) = (ends(self.x), ends(self.y));
@@ -86,7 +92,7 @@ impl Film {
     /// Writes a film to `path`, which ends in .gif or .mp4; `watch` is asked before every picture, with the part that is done.
     ///
     /// # Errors
-    /// [`Error::Write`] for another ending, a run of one time, no font, no ffmpeg for an MP4, or a disk that is full.
+    /// [`Error::Write`] for another ending, a run of one time or a window without any of it, no font, no ffmpeg for an MP4, or a disk that is full.
     pub fn write(
         &self,
         path: &Path,
@@ -104,12 +110,18 @@ impl Film {
         let (Some(first), Some(last)) = (first, last.filter(|last| Some(*last) != first)) else {
             return Err(refuse("a film needs a run of more than one time".to_string()));
         };
+        let [from, until] = self.window;
+        let (begin, end) = (first, last);
+        let (first, last) = (first.max(from), last.min(until));
+        if !(first < last) {
+            return Err(refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s")));
+        }
         let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
         if !(count <= MOST && self.per_second > 0 && self.speed > 0.0) {
             let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
             return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MOST} pictures")));
         }
-        let (painter, corners) = (Painter::new(), motion.corners());
+        let (painter, corners) = (Painter::new(), motion.corners([first, last]));
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
             painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)

@@ -127,7 +127,7 @@ impl Map {
 }
 
 /// The borders of cells around `values`: midway between them, and as far out at the ends.
-fn edges(values: &[f64], linear: bool) -> Vec<f64> {
+pub(super) fn edges(values: &[f64], linear: bool) -> Vec<f64> {
     let v: Vec<f64> = values.iter().map(|x| if linear { *x } else { x.ln() }).collect();
     let step = |i: usize| if v.len() < 2 { 0.5 } else { 0.5 * (v[i + 1] - v[i]) };
     let last = v.len() - 1;

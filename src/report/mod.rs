@@ -8,6 +8,7 @@ mod figures;
 pub mod film;
 mod findings;
 mod folder;
+mod heat_map;
 pub mod map;
 mod output;
 mod page;

@@ -152,6 +152,17 @@ impl Svg {
         self.field(at, size, &format!("#{r:02x}{g:02x}{b:02x}"), "");
     }
 
+    /// Rectangles in one colour that is the same on any page, each by left, top, width and height; they overlap by a hair, so that
+    /// no page shows between them.
+    pub fn cells(&mut self, cells: &[[f64; 4]], [r, g, b]: [u8; 3]) {
+        self.0 += "<path d=\"";
+        for cell in cells {
+            let [x, y, width, height] = [cell[0], cell[1], cell[2] + 0.3, cell[3] + 0.3].map(decimal);
+            let _ = write!(self.0, "M{x} {y}h{width}v{height}h-{width}z");
+        }
+        let _ = writeln!(self.0, "\" fill=\"#{r:02x}{g:02x}{b:02x}\"/>");
+    }
+
     fn field(&mut self, at: [f64; 2], size: [f64; 2], fill: &str, class: &str) {
         let ([x, y], [width, height]) = (at.map(decimal), size.map(decimal));
         let _ = writeln!(

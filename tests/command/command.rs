@@ -271,6 +271,34 @@ fn films_and_positions_go_to_folders_that_are_made_for_them() {
     assert!(files(&out).iter().all(|file| !file.starts_with('.')), "{:?}", files(&out));
 }
 
+/// The pictures of a GIF.
+#[cfg(feature = "pictures")]
+fn pictures(file: &std::path::Path) -> usize {
+    let mut decoder = gif::DecodeOptions::new().read_info(std::fs::File::open(file).unwrap()).unwrap();
+    std::iter::from_fn(|| decoder.read_next_frame().unwrap().map(|_| ())).count()
+}
+
+#[cfg(feature = "pictures")]
+#[test]
+fn a_film_shows_the_part_of_the_run_that_is_asked_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let film = |more: &[&str]| {
+        let all = ["export", "models/baseline.toml", "--set", "solver.duration_s=0.4", "--gif", "--force", "--out"];
+        caudal(&[&all[..], &[folder.path().to_str().unwrap()], more].concat())
+    };
+    let count = |more: &[&str]| {
+        let made = film(more);
+        assert!(made.status.success(), "{}", text(&made.stderr));
+        pictures(&folder.path().join("baseline.gif"))
+    };
+    assert_eq!([count(&[]), count(&["--from", "0.2"]), count(&["--from", "0.1", "--until", "0.3"])], [10, 5, 5]);
+    let refused = film(&["--from", "0.5"]);
+    assert!(text(&refused.stderr).contains("allowed: a part of the run, 0 to 0.4 s"), "{}", text(&refused.stderr));
+    let missing = caudal(&["export", "out/nothing-here", "--gif"]);
+    assert_eq!(missing.status.code(), Some(2));
+    assert!(text(&missing.stderr).contains("`caudal run SCENE` makes"), "{}", text(&missing.stderr));
+}
+
 #[test]
 fn chosen_nodes_and_times_come_out_the_same_as_csv_and_as_parquet() {
     use parquet::file::reader::{FileReader, SerializedFileReader};

@@ -243,6 +243,25 @@ fn figures_of_a_sweep_do_not_depend_on_the_order_of_levels_and_leave_out_what_fa
         ["effects_net-displacement-m.svg", "effects_actuation-work-j.svg"].map(read)
     };
     assert!(swept("[10.0, 2.0, 6.0]") == swept("[2.0, 6.0, 10.0]"));
+    // Two axes have heat maps, which name the cases that the table has as largest and least.
+    let table = columns_of_text(&folder.path().join("out/eels/table.csv"));
+    for quantity in ["net_displacement_m", "actuation_work_j"] {
+        let map =
+            std::fs::read_to_string(folder.path().join(format!("out/eels/map_{}.svg", quantity.replace('_', "-"))));
+        let values: Vec<f64> = table[quantity].iter().map(|value| value.parse().unwrap()).collect();
+        let by_value = |a: &usize, b: &usize| values[*a].total_cmp(&values[*b]);
+        let [least, largest] = [(0..6).min_by(by_value).unwrap(), (0..6).max_by(by_value).unwrap()];
+        let map = map.unwrap();
+        for (what, case) in [("largest", largest), ("least", least)] {
+            let said = map.split(&format!("{what}: ")).nth(1).unwrap().split(')').next().unwrap();
+            let (value, place) = said.split_once(" (case ").unwrap();
+            assert_eq!(place, case.to_string(), "{quantity}, {what}");
+            let error = value.parse::<f64>().unwrap() / values[case] - 1.0;
+            assert!(error.abs() < 5e-4, "four digits: {said}, {}", values[case]);
+        }
+        let cells = map.split("<path d=\"").skip(1).filter_map(|path| path.split('"').next());
+        assert_eq!(cells.map(|path| path.matches('M').count()).sum::<usize>(), 6, "a cell a case");
+    }
     let sweep = "name = \"some\"\nscene = \"scene.toml\"\n[set]\nsolver.integrator = \"symplectic-euler\"\n[axes]\n\
         solver.time_step_s = [1e-4, 2e-4, 3e-3]\nrod.youngs_modulus_pa = [1e6, 5e6]\n";
     std::fs::write(folder.path().join("some.toml"), sweep).unwrap();
@@ -264,15 +283,20 @@ fn figures_of_a_sweep_do_not_depend_on_the_order_of_levels_and_leave_out_what_fa
 }
 
 /// The columns of a CSV file by their headings.
-fn columns(file: &Path) -> std::collections::BTreeMap<String, Vec<f64>> {
-    let text = std::fs::read_to_string(file).unwrap();
-    let mut lines = text.lines();
-    let names: Vec<String> = lines.next().unwrap().split(',').map(str::to_string).collect();
-    let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
-    for line in lines {
-        columns.iter_mut().zip(line.split(',')).for_each(|(column, value)| column.push(value.parse().unwrap()));
+fn columns_of_text(file: &Path) -> std::collections::BTreeMap<String, Vec<String>> {
+    let mut rows = csv::Reader::from_path(file).unwrap();
+    let names: Vec<String> = rows.headers().unwrap().iter().map(str::to_string).collect();
+    let mut columns: Vec<Vec<String>> = vec![Vec::new(); names.len()];
+    for row in rows.records() {
+        columns.iter_mut().zip(row.unwrap().iter()).for_each(|(column, value)| column.push(value.to_string()));
     }
     names.into_iter().zip(columns).collect()
+}
+
+/// The same of a file of numbers.
+fn columns(file: &Path) -> std::collections::BTreeMap<String, Vec<f64>> {
+    let numbers = |column: Vec<String>| column.iter().map(|value| value.parse().unwrap()).collect();
+    columns_of_text(file).into_iter().map(|(name, column)| (name, numbers(column))).collect()
 }
 
 #[test]

@@ -157,8 +157,8 @@ pub fn pictures(
     py.detach(|| picture::convert(&folder, figures.as_deref(), &formats, &out, Claim::Own)?.complete()).or_raise(py)
 }
 
-/// Writes a film of a rod whose nodes have these positions, a row per time; `look` is pictures per second, speed, and pixels
-/// per px.
+/// Writes a film of a rod whose nodes have these positions, a row per time; `look` is pictures per second, speed, pixels per px,
+/// and its first and last time.
 #[pyfunction]
 #[pyo3(name = "_film")]
 pub fn write_film(
@@ -167,14 +167,14 @@ pub fn write_film(
     name: &str,
     times: Vec<f64>,
     positions: [PyReadonlyArrayDyn<'_, f64>; 2],
-    look: (u32, f64, f64),
+    look: (u32, f64, f64, [f64; 2]),
 ) -> PyResult<()> {
     let positions = positions.map(|array| array.as_array().iter().copied().collect::<Vec<f64>>());
-    let (per_second, speed, sharpness) = look;
+    let (per_second, speed, sharpness, window) = look;
     let mut attention = Attention::new();
     let written = py.detach(|| {
         let motion = Motion { name, times: &times, x: &positions[0], y: &positions[1] };
-        let film = Film { per_second, speed, sharpness };
+        let film = Film { per_second, speed, sharpness, window };
         film.write(&path, &motion, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {

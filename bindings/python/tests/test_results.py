@@ -141,7 +141,9 @@ def test_a_sweep_of_objects_is_that_of_a_file_and_a_dataset_over_its_axes(tmp_pa
     assert dict(dataset.sizes) == {"actuation.kappa_amp": 2, "fluid": 3}
     assert float(dataset["x_com_m"][1, 2]) == rows[5]["x_com_m"] and dataset["x_com_m"].attrs["units"] == "m"
     assert pickle.loads(pickle.dumps(rows)).axes == rows.axes
-    assert rows.plot("x_com_m").axes and "<table>" in rows._repr_html_()
+    image = rows.plot("x_com_m").axes[0].images[0]
+    np.testing.assert_array_equal(image.get_array(), dataset["x_com_m"])
+    assert "<table>" in rows._repr_html_()
 
 
 def test_samples_share_a_dimension(tmp_path):

@@ -372,7 +372,15 @@ class Result(Mapping[str, Array]):
         axes.set(xlabel="time (s)", ylabel="energy (J)", title="energies and work")
         axes.legend(fontsize="small", **_BESIDE)
 
-    def animate(self, path: Union[str, os.PathLike[str]], *, fps: int = 25, speed: float = 1.0, sharpness: float = 1.0) -> None:
+    def animate(
+        self,
+        path: Union[str, os.PathLike[str]],
+        *,
+        fps: int = 25,
+        speed: float = 1.0,
+        sharpness: float = 1.0,
+        window: tuple[float, float] = (-np.inf, np.inf),
+    ) -> None:
         """Write the moving rod to a file.
 
         Parameters
@@ -385,6 +393,8 @@ class Result(Mapping[str, Array]):
             Seconds of the run per second of the film.
         sharpness : float, optional
             Pixels per px of a picture that is 640 px wide.
+        window : tuple of float, optional
+            First and last time that it shows (s), as far as the run has them.
 
         Raises
         ------
@@ -395,7 +405,7 @@ class Result(Mapping[str, Array]):
             if name not in self:
                 raise ValueError(f"a film needs {name}: run(..., record=[..., 'x_m', 'y_m'])")
         positions = [np.ascontiguousarray(self[name]) for name in ("x_m", "y_m")]
-        _film(path, self.scene.name, self["time_s"], positions, (fps, speed, sharpness))
+        _film(path, self.scene.name, self["time_s"], positions, (fps, speed, sharpness, window))
 
     def to_vtk(self, folder: Union[str, os.PathLike[str]]) -> list[str]:
         """Write the run for ParaView and other programs that read VTK.

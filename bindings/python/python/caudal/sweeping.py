@@ -102,7 +102,8 @@ class Sweep(list[dict[str, Any]]):
         return dataset
 
     def plot(self, name: str) -> matplotlib.figure.Figure:
-        """Draw a quantity over the last axis, one line per level of the others; over one of a sample its points.
+        """Draw a quantity over two axes as a heat map; else over the last axis, one line per level of the others; over one of a
+        sample its points.
 
         Parameters
         ----------
@@ -119,6 +120,9 @@ class Sweep(list[dict[str, Any]]):
 
         if not any(name in row for row in self):
             raise KeyError(f"{name} is no column; allowed: {', '.join(sorted({key for row in self for key in row}))}")
+        varied = [axis for axis, levels in self.axes.items() if len(levels) > 1]
+        if len(varied) == 2 and not self.sampled.intersection(varied):
+            return self._heat_map(name, varied[1], varied[0])
         *others, last = self.axes
         if last in self.sampled:
             others = [other for other in others if other not in self.sampled]
@@ -136,6 +140,35 @@ class Sweep(list[dict[str, Any]]):
         axes.grid(alpha=0.3)
         if others and len(lines) <= 12:
             axes.legend(fontsize="small")
+        return figure
+
+    def _heat_map(self, name: str, across: str, up: str) -> matplotlib.figure.Figure:
+        """A quantity over two axes, with the largest and the least marked."""
+        from matplotlib.figure import Figure
+
+        # Levels as they are listed: the colours say what they hold, whatever their spacing.
+        places = {axis: {str(level): place for place, level in enumerate(self.axes[axis])} for axis in (across, up)}
+        values = np.full((len(places[up]), len(places[across])), np.nan)
+        for row in self:
+            number = row.get(name)
+            cell = places[up][str(row[up])], places[across][str(row[across])]
+            values[cell] = np.nan if number is None else number
+        figure = Figure(figsize=(7, 5), layout="constrained")
+        axes = figure.subplots()
+        signed = np.nanmin(values) < 0 < np.nanmax(values) if np.isfinite(values).any() else False
+        most = np.nanmax(np.abs(values)) if signed else None
+        colours: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -most, "vmax": most} if signed else {"cmap": "viridis"}
+        image = axes.imshow(values, origin="lower", aspect="auto", **colours)
+        figure.colorbar(image, label=name)
+        for axis, set_ticks in ((across, axes.set_xticks), (up, axes.set_yticks)):
+            every = -(-len(self.axes[axis]) // 12)
+            set_ticks(range(0, len(self.axes[axis]), every), [str(_level(level)) for level in self.axes[axis][::every]])
+        if np.isfinite(values).any():
+            for label, marker, place in (("largest", "o", np.nanargmax(values)), ("least", "s", np.nanargmin(values))):
+                y, x = np.unravel_index(place, values.shape)
+                axes.plot(x, y, marker, color="k", markeredgecolor="w", label=f"{label}: {values[y, x]:.4g}", linestyle="none")
+            figure.legend(*axes.get_legend_handles_labels(), loc="outside upper right", fontsize="small", ncols=2)
+        axes.set(xlabel=across, ylabel=up)
         return figure
 
     def _repr_html_(self) -> str:

@@ -1,0 +1,237 @@
+//! Heat maps: a number over two axes as the colour of cells, with the largest and the least marked.
+
+use super::axis::Axis;
+use super::chart::{Frame, LABEL, LINE, Scale, TITLE, WIDTH};
+use super::map::edges;
+use super::svg::{Anchor, Colour, Svg, cut, width};
+use crate::words::number;
+
+/// Colours from the least to the largest number, of rising lightness, so that print and any kind of colour vision keep their
+/// order: matplotlib's viridis at equal steps.
+const RISING: [[u8; 3]; 10] = [
+    [68, 1, 84],
+    [72, 40, 120],
+    [62, 73, 137],
+    [49, 104, 142],
+    [38, 130, 142],
+    [31, 158, 137],
+    [53, 183, 121],
+    [110, 206, 88],
+    [181, 222, 43],
+    [253, 231, 37],
+];
+/// Colours from one sign to the other, zero in the middle: ColorBrewer's RdBu, from blue to red.
+const SIGNED: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
+
+/// Different colours of a map.
+const SHADES: usize = 64;
+/// Positive numbers whose largest is this many times the least are coloured by their logarithms.
+const WIDE: f64 = 100.0;
+/// Room for the scale of colours with its labels, px.
+const SCALE: f64 = 88.0;
+
+/// An axis of a heat map.
+#[derive(Debug, Clone)]
+pub struct Levels {
+    /// Its name.
+    pub name: String,
+    /// Where its levels are drawn, rising; of categories 0, 1, 2 …
+    pub at: Vec<f64>,
+    /// How they are spaced: linear, logarithmic or categories.
+    pub scale: Scale,
+}
+
+impl Levels {
+    /// The borders between the levels.
+    fn edges(&self) -> Vec<f64> {
+        edges(&self.at, self.scale != Scale::LogX)
+    }
+
+    fn axis(&self) -> Axis {
+        let edges = self.edges();
+        match &self.scale {
+            Scale::Categories(labels) => Axis::categories(labels),
+            Scale::LogX => Axis::logarithmic(edges.into_iter()),
+            _ => Axis::linear(edges.into_iter()),
+        }
+    }
+
+    fn is_of_categories(&self) -> bool {
+        matches!(self.scale, Scale::Categories(_))
+    }
+}
+
+/// A number over two axes.
+#[derive(Debug, Clone)]
+pub struct HeatMap {
+    /// Title.
+    pub title: String,
+    /// The axes.
+    pub x: Levels,
+    /// The axis upwards.
+    pub y: Levels,
+    /// What the number is, with its unit.
+    pub value: String,
+    /// Level of x, level of y, number, and the case that has it. A cell of several cases has the last.
+    pub cells: Vec<(usize, usize, f64, usize)>,
+}
+
+impl HeatMap {
+    /// The map as an SVG document.
+    pub fn svg(&self) -> String {
+        let known = || self.cells.iter().filter(|cell| cell.2.is_finite());
+        let by_value = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| a.2.total_cmp(&b.2);
+        let (least, largest) = (known().min_by(by_value), known().max_by(by_value));
+        let scale = Shades::of(known().map(|cell| cell.2));
+        let (x, y) = (self.x.axis(), self.y.axis());
+        let frame = Frame::about(&y, LINE);
+        let frame = Frame { width: frame.width - SCALE, ..frame };
+        let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
+        svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
+        frame.draw_y(&mut svg, &y, &self.y.name);
+        frame.draw_x(&mut svg, &x, &self.x.name, self.x.is_of_categories());
+        let [columns, rows] = [(&x, self.x.edges()), (&y, self.y.edges())].map(|(axis, edges)| {
+            edges.into_iter().map(|edge| axis.place(edge).unwrap_or(f64::NAN)).collect::<Vec<_>>()
+        });
+        let field = |i: usize, j: usize| {
+            let (low, high) = (frame.at(columns[i], rows[j]), frame.at(columns[i + 1], rows[j + 1]));
+            [low.0, high.1, high.0 - low.0, low.1 - high.1]
+        };
+        let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); SHADES];
+        for (i, j, value, _) in known() {
+            fields[scale.shade(*value)].push(field(*i, *j));
+        }
+        for (shade, fields) in fields.iter().enumerate().filter(|(_, fields)| !fields.is_empty()) {
+            svg.cells(fields, scale.colour(shade));
+        }
+        // What has no number, since its case failed, has a cross.
+        for (i, j, ..) in self.cells.iter().filter(|cell| !cell.2.is_finite()) {
+            let [left, top, width, height] = field(*i, *j);
+            let (x, y, half) = (left + 0.5 * width, top + 0.5 * height, 0.25 * width.min(height));
+            svg.line(&[(x - half, y - half), (x + half, y + half)], Colour::SOFT, 1.0, "");
+            svg.line(&[(x - half, y + half), (x + half, y - half)], Colour::SOFT, 1.0, "");
+        }
+        let mut left = frame.left;
+        for (what, cell, [ring, core]) in
+            [("largest", largest, [Colour::PAPER, Colour::INK]), ("least", least, [Colour::INK, Colour::PAPER])]
+        {
+            let Some((i, j, value, case)) = cell else { continue };
+            let [x, y, width_of, height] = field(*i, *j);
+            let text = format!("{what}: {} (case {case})", number(short(*value)));
+            let middle = 36.0 + 0.7 * LINE;
+            for at in [(x + 0.5 * width_of, y + 0.5 * height), (left + 6.0, middle - 4.5)] {
+                svg.dot(at, 6.0, ring);
+                svg.dot(at, 4.5, core);
+                svg.dot(at, 2.0, ring);
+            }
+            svg.text((left + 17.0, middle), &text, LABEL, Anchor::Start, Colour::INK);
+            left += 45.0 + width(&text, LABEL);
+        }
+        scale.draw(&mut svg, &frame, &self.value);
+        svg.finish()
+    }
+}
+
+/// Four digits.
+fn short(x: f64) -> f64 {
+    format!("{x:.3e}").parse().unwrap_or(x)
+}
+
+/// The colours of numbers.
+struct Shades {
+    axis: Axis,
+    signed: bool,
+}
+
+impl Shades {
+    fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
+        let least = values.clone().fold(f64::INFINITY, f64::min);
+        let largest = values.clone().fold(f64::NEG_INFINITY, f64::max);
+        let signed = least < 0.0 && largest > 0.0;
+        let axis = if signed {
+            let most = largest.max(-least);
+            Axis::linear([-most, most].into_iter())
+        } else if least > 0.0 && largest > WIDE * least {
+            Axis::logarithmic(values)
+        } else {
+            Axis::linear(values)
+        };
+        Self { axis, signed }
+    }
+
+    fn shade(&self, value: f64) -> usize {
+        let place = self.axis.place(value).unwrap_or(0.0).clamp(0.0, 1.0);
+        ((place * SHADES as f64) as usize).min(SHADES - 1)
+    }
+
+    /// That of a shade: linear between the colours that are given.
+    fn colour(&self, shade: usize) -> [u8; 3] {
+        let given: &[[u8; 3]] = if self.signed { &SIGNED } else { &RISING };
+        let place = shade as f64 / (SHADES - 1) as f64 * (given.len() - 1) as f64;
+        let low = (place as usize).min(given.len() - 2);
+        let part = place - low as f64;
+        let mixed = |k: usize| (1.0 - part) * f64::from(given[low][k]) + part * f64::from(given[low + 1][k]);
+        [0, 1, 2].map(|k| mixed(k).round() as u8)
+    }
+
+    /// The scale, right of the map.
+    fn draw(&self, svg: &mut Svg, frame: &Frame, name: &str) {
+        let (left, wide, step) = (frame.left + frame.width + 16.0, 14.0, frame.height / SHADES as f64);
+        for shade in 0..SHADES {
+            let top = frame.top + step * (SHADES - 1 - shade) as f64;
+            svg.cell([left, top], [wide, step + 0.3], self.colour(shade));
+        }
+        for (place, label) in self.axis.ticks.iter().filter(|(_, label)| !label.is_empty()) {
+            let y = frame.top + (1.0 - place) * frame.height;
+            svg.line(&[(left + wide, y), (left + wide + 4.0, y)], Colour::SOFT, 1.0, "");
+            svg.text((left + wide + 7.0, y + 4.5), &cut(label, LABEL, 46.0), LABEL, Anchor::Start, Colour::SOFT);
+        }
+        let name = super::chart::titled(name, &self.axis);
+        let middle = frame.top + 0.5 * frame.height;
+        svg.upright((WIDTH - 8.0, middle), &cut(&name, LABEL, frame.height + 40.0), LABEL, Colour::INK);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn map(cells: Vec<(usize, usize, f64, usize)>) -> HeatMap {
+        let categories = Scale::Categories(["water", "oil"].map(str::to_string).to_vec());
+        HeatMap {
+            title: "thrust".to_string(),
+            x: Levels { name: "frequency (Hz)".to_string(), at: vec![1.0, 2.0, 8.0], scale: Scale::LogX },
+            y: Levels { name: "fluid".to_string(), at: vec![0.0, 1.0], scale: categories },
+            value: "thrust (N)".to_string(),
+            cells,
+        }
+    }
+
+    #[test]
+    fn the_colours_of_a_rising_map_grow_lighter_and_those_of_a_signed_one_are_lightest_at_zero() {
+        let light = |[r, g, b]: [u8; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
+        let of = |values: &[f64]| {
+            let scale = Shades::of(values.iter().copied());
+            (0..SHADES).map(|shade| light(scale.colour(shade))).collect::<Vec<_>>()
+        };
+        assert!(of(&[1.0, 2.0]).windows(2).all(|pair| pair[0] < pair[1]));
+        let signed = of(&[-1.0, 3.0]);
+        assert!(signed[..SHADES / 2].windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(signed[SHADES / 2..].windows(2).all(|pair| pair[0] > pair[1]));
+        let scale = Shades::of([-1.0, 3.0].into_iter());
+        assert_eq!(scale.shade(0.0), SHADES / 2, "zero is in the middle");
+    }
+
+    #[test]
+    fn every_cell_is_drawn_inside_and_what_is_largest_and_least_is_named() {
+        let cells = vec![(0, 0, 1e-3, 0), (1, 0, 0.5, 1), (2, 0, 0.25, 2), (0, 1, f64::NAN, 3), (2, 1, 7e-4, 5)];
+        let svg = map(cells).svg();
+        assert!(svg.contains("largest: 0.5 (case 1)") && svg.contains("least: 0.0007 (case 5)"), "{svg}");
+        let fields = svg.split("<path d=\"").skip(1).filter_map(|path| path.split('"').next());
+        assert_eq!(fields.map(|path| path.matches('M').count()).sum::<usize>(), 4, "the failed one has a cross");
+        assert!(!svg.contains("NaN"));
+        // Nothing at all, and one number.
+        assert!(!map(Vec::new()).svg().contains("NaN"));
+        assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest: -2 (case 9)"));
+    }
+}
