@@ -407,7 +407,7 @@ impl Stepper {
     ) -> Result<bool> {
         self.keep();
         self.set_out(end, true)?;
-        let exponent = -1.0 / f64::from(self.mover.order());
+        let order = self.mover.order();
         let (mut grow, mut failures) = (FACTORS[1], 0);
         let mut speed = self.dynamics.own_speed(&self.now.state);
         while self.now.state.t < end {
@@ -426,7 +426,7 @@ impl Stepper {
                 Ok(error) => {
                     let reached = self.dynamics.own_speed(&self.next);
                     let size = self.size(error, h, [speed, reached]) / tolerance;
-                    let factor = (SAFETY * size.powf(exponent)).clamp(FACTORS[0], grow);
+                    let factor = fitting(size, order).clamp(FACTORS[0], grow);
                     if size <= 1.0 {
                         self.accept()?;
                         self.now.meter.totals.steps += 1;
@@ -851,4 +851,27 @@ impl Change<'_> {
 /// The largest modulus of `values`.
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |max, x| max.max(x.abs()))
+}
+
+/// The next step over one whose error was `size` times the tolerance, where errors go with the step to the power `order`: its own
+/// is that power of [`SAFETY`] times the tolerance (E. Hairer, S. P. Nørsett & G. Wanner, Solving Ordinary Differential Equations I,
+/// section II.4).
+fn fitting(size: f64, order: u32) -> f64 {
+    SAFETY * size.powf(-1.0 / f64::from(order))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_next_step_has_the_error_that_is_aimed_at() {
+        for order in 1..=4 {
+            for size in [1e-3_f64, 0.5, 1.0, 8.0, 1e4] {
+                let next = size * fitting(size, order).powi(order as i32);
+                let aim = SAFETY.powi(order as i32);
+                assert!((next / aim - 1.0).abs() < 1e-14, "order {order}: {next} of the tolerance, aimed at {aim}");
+            }
+        }
+    }
 }

@@ -184,6 +184,23 @@ fn a_snapshot_brings_back_every_bit_at_any_time_and_after_any_input() {
 }
 
 #[test]
+fn a_snapshot_keeps_a_step_that_is_too_short_to_be_made_alone() {
+    for ((name, mut one), (_, mut other)) in kinds().into_iter().zip(kinds()) {
+        one.do_step(0.01).unwrap();
+        let made = one.time();
+        one.do_step(4e-15).unwrap();
+        assert!(one.time() > made && one.state().t == made, "{name}: it waits for the next one");
+        other.restore(&one.save()).unwrap();
+        assert_eq!(other.time(), one.time(), "{name}");
+        for stepper in [&mut one, &mut other] {
+            stepper.do_step(0.004).unwrap();
+        }
+        assert_eq!(one.state().t, made + 4e-15 + 0.004, "{name}: what waited is made up for");
+        assert_same(&one, &other, name);
+    }
+}
+
+#[test]
 fn a_snapshot_goes_on_in_another_stepper_of_the_same_scene() {
     for ((name, mut one), (_, mut other)) in kinds().into_iter().zip(kinds()) {
         let mut dice = Dice(5);
