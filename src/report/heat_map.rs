@@ -4,7 +4,7 @@ use super::axis::Axis;
 use super::chart::{Frame, LABEL, LINE, Scale, TITLE, WIDTH};
 use super::map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
-use crate::words::number;
+use crate::words::significant;
 
 /// Colours from the least to the largest number, of rising lightness, so that print and any kind of colour vision keep their
 /// order: matplotlib's viridis at equal steps.
@@ -117,7 +117,7 @@ impl HeatMap {
         {
             let Some((i, j, value, case)) = cell else { continue };
             let [x, y, width_of, height] = field(*i, *j);
-            let text = format!("{what}: {} (case {case})", number(short(*value)));
+            let text = format!("{what}: {} (case {case})", significant(*value, 4));
             let middle = 36.0 + 0.7 * LINE;
             for at in [(x + 0.5 * width_of, y + 0.5 * height), (left + 6.0, middle - 4.5)] {
                 svg.dot(at, 6.0, ring);
@@ -130,11 +130,6 @@ impl HeatMap {
         scale.draw(&mut svg, &frame, &self.value);
         svg.finish()
     }
-}
-
-/// Four digits.
-fn short(x: f64) -> f64 {
-    format!("{x:.3e}").parse().unwrap_or(x)
 }
 
 /// The colours of numbers.
