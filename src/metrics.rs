@@ -430,6 +430,11 @@ impl Reading {
         Ok(())
     }
 
+    /// Moduli of the force (N) and of the moment (N m) of the tail on a held head.
+    fn on_head(&self) -> [f64; 2] {
+        [self.head_force.norm(), self.head_moment.abs()]
+    }
+
     /// Angle of a held head, from +x, rad.
     pub(crate) fn head_angle(&self) -> f64 {
         self.head_angle[0]
@@ -517,6 +522,8 @@ pub struct Totals {
     pub max_strain: f64,
     /// Largest rotation (rad) of any edge within a step.
     pub max_rotation: f64,
+    /// Largest force (N) and moment (N m) of the tail on a held head at any step.
+    pub max_on_head: [f64; 2],
     /// Steps made.
     pub steps: u64,
     /// Times that a step was halved.
@@ -598,7 +605,12 @@ impl Meter {
         let mut now = Reading::new(dynamics.nodes());
         now.take(dynamics, state)?;
         Ok(Self {
-            totals: Totals { max_lateral: now.com.y.abs(), max_strain: now.strain, ..Totals::default() },
+            totals: Totals {
+                max_lateral: now.com.y.abs(),
+                max_strain: now.strain,
+                max_on_head: now.on_head(),
+                ..Totals::default()
+            },
             first_energy: now.energy.total(),
             first_momentum: now.momentum.total(),
             first: (now.time, now.com),
@@ -668,6 +680,8 @@ impl Meter {
         totals.path += (middle - self.now.com).norm() + (next.com - middle).norm();
         totals.max_strain = totals.max_strain.max(next.strain);
         totals.max_rotation = next.rotation_since(&self.now, totals.max_rotation);
+        let [force, moment] = next.on_head();
+        totals.max_on_head = [totals.max_on_head[0].max(force), totals.max_on_head[1].max(moment)];
         std::mem::swap(&mut self.now, next);
         Ok(())
     }

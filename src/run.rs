@@ -296,6 +296,8 @@ pub struct Summary {
     pub mean_head_force_n: Option<[f64; 2]>,
     pub mean_thrust_n: Option<f64>,
     pub mean_head_moment_n_m: Option<f64>,
+    pub max_head_force_n: Option<f64>,
+    pub max_head_moment_n_m: Option<f64>,
     #[serde(flatten)]
     pub cycles: Averages,
     pub wall_s: f64,
@@ -472,6 +474,8 @@ impl Summary {
             mean_head_force_n: held(&cycle::HEAD_FORCE_X).zip(held(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),
             mean_thrust_n: held(&cycle::THRUST),
             mean_head_moment_n_m: held(&cycle::HEAD_MOMENT),
+            max_head_force_n: model.head.as_ref().map(|_| meter.totals.max_on_head[0]),
+            max_head_moment_n_m: model.head.as_ref().map(|_| meter.totals.max_on_head[1]),
             cycles,
             wall_s: outcome.wall.as_secs_f64(),
             verification: None,

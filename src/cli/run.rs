@@ -68,6 +68,9 @@ pub fn run(
         "net displacement {:.6e} m, largest |y| {:.6e} m",
         summary.net_displacement_m, summary.max_lateral_excursion_m
     ));
+    if let Some((force, moment)) = summary.max_head_force_n.zip(summary.max_head_moment_n_m) {
+        say(&format!("on the held head at most {force:.4e} N and {moment:.4e} N m, the start included"));
+    }
     say(&summary.cycles.to_string());
     if let Some(reason) = &summary.model_reason {
         say(&format!("model {}: {reason}", summary.model));

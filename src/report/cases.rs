@@ -13,11 +13,13 @@ use crate::error::Result;
 use crate::words::number;
 
 /// Quantities of a summary that figures and page show, in this order.
-pub const QUANTITIES: [Quantity; 20] = [
+pub const QUANTITIES: [Quantity; 22] = [
     Quantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
     Quantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
     Quantity::new("mean_thrust_n", "mean thrust", "N", true),
     Quantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
+    Quantity::new("max_head_force_n", "largest force on the head", "N", true),
+    Quantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
     Quantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
     Quantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
     Quantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),

@@ -225,7 +225,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Faul
 }
 
 /// Columns of a sweep's table that are no quantities of a summary, and those of a summary that are not means over cycles.
-const RESULTS: [&str; 79] = [
+const RESULTS: [&str; 81] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -300,6 +300,8 @@ const RESULTS: [&str; 79] = [
     "mean_head_force_n",
     "mean_thrust_n",
     "mean_head_moment_n_m",
+    "max_head_force_n",
+    "max_head_moment_n_m",
     "swims",
     "periodic",
     "wall_s",

@@ -343,6 +343,24 @@ fn every_column_and_every_number_of_the_summary_is_the_variable_of_its_name() {
 }
 
 #[test]
+fn the_largest_force_and_moment_on_a_held_head_are_those_of_its_rows() {
+    let folder = scene(&format!("{EEL}[head]\nkind = \"clamped\"\n"));
+    let said = done(folder.path(), &["run", "scene.toml", "--out", "out"]);
+    let table = columns(&folder.path().join("out/trajectory.csv"));
+    let most = |sizes: &mut dyn Iterator<Item = f64>| sizes.fold(0.0, f64::max);
+    let [x, y] = ["head_force_x_n", "head_force_y_n"].map(|name| table[name].iter());
+    let force = most(&mut x.zip(y).map(|(x, y)| x.hypot(*y)));
+    let moment = most(&mut table["head_moment_n_m"].iter().map(|moment| moment.abs()));
+    let summary = std::fs::read_to_string(folder.path().join("out/summary.json")).unwrap();
+    let summary: serde_json::Value = serde_json::from_str(&summary).unwrap();
+    for (name, wanted) in [("max_head_force_n", force), ("max_head_moment_n_m", moment)] {
+        let found = summary[name].as_f64().unwrap();
+        assert!(wanted > 0.0 && (found / wanted - 1.0).abs() < 1e-14, "{name}: {found} for {wanted}");
+    }
+    assert!(said.contains(&format!("at most {force:.4e} N and {moment:.4e} N m")), "{said}");
+}
+
+#[test]
 fn traces_are_the_paths_of_the_centres_of_mass_to_the_end() {
     let folder = scene(EEL);
     let sweep = "scene = \"scene.toml\"\n[record]\ntraces = 5\n[axes]\nactuation.kappa_amp = [2.0, 4.0]\n";
