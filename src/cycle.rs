@@ -335,6 +335,34 @@ impl Cycle {
         self.way(dynamics).filter(|_| power > 0.0 && dynamics.model.head.is_none()).map(|speed| (speed, power))
     }
 
+    /// Of a held head that moves against the flow: its thrust (N) and speed (m/s) along its axis, and the mean power of actuation and
+    /// head, where that is above zero.
+    fn propelling(&self, dynamics: &Dynamics) -> Option<([f64; 2], f64)> {
+        let axis = held(dynamics, self.axis()?)?;
+        let (thrust, speed) = (self.mean_vector(place::FORCE).dot(&axis), self.velocity().dot(&axis));
+        let power = self.power(0) + self.power(3);
+        self.way(dynamics).filter(|_| power > 0.0).map(|_| ([thrust, speed], power))
+    }
+
+    /// Why this swimmer has no [`EFFICIENCY`], where it has none.
+    fn lacks_efficiency(&self, dynamics: &Dynamics) -> Option<&'static str> {
+        if (EFFICIENCY.of)(self, dynamics).is_some() {
+            return None;
+        }
+        let held = dynamics.model.head.is_some();
+        Some(match self.way(dynamics) {
+            None if held => {
+                "a head that stays where it is in still water does no useful work: let the water flow, with medium.flow_m_s"
+            }
+            None => "the swimmer gets nowhere",
+            Some(_) if held && self.axis().is_none() => "the head turns all round: nowhere is ahead",
+            Some(_) if held => "neither actuation nor head puts power in",
+            Some(_) if self.power(0) <= 0.0 => "the actuation puts no power in",
+            Some(_) if dynamics.model.forces.is_empty() => "nothing resists the straight rod: give [drag]",
+            Some(_) => "the drag of the straight rod is not the same everywhere in this medium",
+        })
+    }
+
     /// True where it is `other`, the next one, but for [`ALIKE`].
     fn is_like(&self, other: &Self) -> bool {
         let of = |cycle: &Self| {
@@ -546,10 +574,10 @@ measure!(
     "efficiency",
     "",
     "1",
-    "efficiency D(|U|)|U|/P of a free swimmer, D the drag of the straight rod along itself at that speed",
-    |c, d| {
-        let (speed, power) = c.swimming(d)?;
-        Some(d.towing_force(speed)? * speed / power)
+    "efficiency D(|U|)|U|/P of a free swimmer, D the drag of the straight rod along itself at that speed; of a held head in a stream its thrust times its speed against the stream, over the power of actuation and head",
+    |c, d| match c.propelling(d) {
+        Some(([thrust, speed], power)) => Some(thrust * speed / power),
+        None => c.swimming(d).and_then(|(speed, power)| Some(d.towing_force(speed)? * speed / power)),
     }
 );
 
@@ -742,6 +770,11 @@ impl Cycles {
             span: cycles.first().zip(cycles.last()).map(|(first, last)| [first.from, last.until]),
             periodic: is_periodic(cycles),
             reason: self.reason(dynamics),
+            efficiency_reason: cycles
+                .iter()
+                .find_map(|cycle| cycle.lacks_efficiency(dynamics))
+                .map(String::from)
+                .or_else(|| self.reason(dynamics)),
             measures: MEASURES.map(|measure| {
                 let of = |value: fn(&Measure, &[Cycle], &Dynamics) -> Option<f64>| {
                     (!cycles.is_empty()).then(|| value(&measure, cycles, dynamics)).flatten()
@@ -770,6 +803,8 @@ pub struct Averages {
     pub periodic: Option<bool>,
     /// Why there are none.
     pub reason: Option<String>,
+    /// Why there is no efficiency, where there is none.
+    pub efficiency_reason: Option<String>,
     /// Mean and spread of each of [`MEASURES`].
     measures: [(Option<f64>, Option<f64>); MEASURES.len()],
     free: bool,
@@ -833,13 +868,21 @@ impl std::fmt::Display for Averages {
                 ("efficiency (power to tow the straight rod over that to swim)", &EFFICIENCY),
             ]
         } else {
-            &[("thrust", &THRUST), ("moment", &HEAD_MOMENT), ("power of the head", &HEAD_POWER)]
+            &[
+                ("thrust", &THRUST),
+                ("moment", &HEAD_MOMENT),
+                ("power of the head", &HEAD_POWER),
+                ("efficiency (thrust times speed against the stream over the power)", &EFFICIENCY),
+            ]
         };
         for (name, measure) in shown {
             if let Some(mean) = self.mean(measure) {
                 let unit = if measure.unit == "1" { String::new() } else { format!(" {}", measure.unit) };
                 part(f, format!("{name} {}{unit}", short(mean)))?;
             }
+        }
+        if let Some(reason) = &self.efficiency_reason {
+            part(f, format!("no efficiency ({reason})"))?;
         }
         match self.periodic {
             Some(true) => f.write_str("; periodic"),
@@ -858,6 +901,7 @@ impl Serialize for Averages {
         map.serialize_entry("cycles_from_s", &self.span.map(|span| span[0]))?;
         map.serialize_entry("cycles_until_s", &self.span.map(|span| span[1]))?;
         map.serialize_entry("cycles_reason", &self.reason)?;
+        map.serialize_entry("cycle_efficiency_reason", &self.efficiency_reason)?;
         map.serialize_entry("swims", &self.swims())?;
         for (measure, (mean, spread)) in MEASURES.iter().zip(&self.measures) {
             map.serialize_entry(measure.key, mean)?;

@@ -188,6 +188,12 @@ pub enum Error {
         /// What was found, and what is allowed.
         problem: String,
     },
+    /// A derivative is asked for that a simulation does not have.
+    #[error("{problem}")]
+    Derivative {
+        /// What was asked for, and what is allowed.
+        problem: String,
+    },
     /// There is no design that does what is asked.
     #[error("no design: {reason}")]
     Design {
@@ -285,6 +291,7 @@ impl Error {
                 | Self::Busy { .. }
                 | Self::Read { .. }
                 | Self::Study { .. }
+                | Self::Derivative { .. }
                 | Self::Journal { .. }
                 | Self::Room { .. }
                 | Self::Threads { .. }

@@ -84,6 +84,57 @@ enum Start {
     Other,
 }
 
+/// The descriptors of the journals that this process holds.
+#[cfg(unix)]
+static HELD: Mutex<Vec<i32>> = Mutex::new(Vec::new());
+
+/// The descriptors of the journals that this process holds locked. A process that is forked from it shares the locks, which last until
+/// every copy is closed: it puts other files in their places.
+#[cfg(unix)]
+pub fn held_descriptors() -> Vec<i32> {
+    // Whoever held the list when the process was forked is not there to release it.
+    HELD.try_lock().map(|held| held.clone()).unwrap_or_default()
+}
+
+/// Notes that `file` is held locked, or not any more.
+fn note_held(file: &File, held: bool) {
+    #[cfg(unix)]
+    {
+        use std::os::fd::AsRawFd;
+        let descriptor = file.as_raw_fd();
+        let mut all = HELD.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        all.retain(|own| *own != descriptor);
+        all.extend(held.then_some(descriptor));
+    }
+    #[cfg(not(unix))]
+    let _ = (file, held);
+}
+
+/// The refusal of a journal at `path` that another program holds, with the processes that have it open, where the system tells.
+fn held_by_others(path: &Path) -> Error {
+    let own = std::process::id();
+    let path_of = |pid: u32| PathBuf::from(format!("/proc/{pid}"));
+    let journal = path.canonicalize().unwrap_or_else(|_| path.to_path_buf());
+    let opens = |pid: u32| {
+        let descriptors = std::fs::read_dir(path_of(pid).join("fd")).into_iter().flatten().flatten();
+        descriptors.filter(|entry| std::fs::read_link(entry.path()).is_ok_and(|file| file == journal)).count()
+    };
+    let all = std::fs::read_dir("/proc").into_iter().flatten().flatten();
+    let others = all.filter_map(|entry| entry.file_name().to_str()?.parse().ok()).filter(|pid| *pid != own);
+    let named = |pid: u32| {
+        let name = std::fs::read_to_string(path_of(pid).join("comm")).unwrap_or_default();
+        format!("{pid} ({})", name.trim())
+    };
+    let holders: Vec<String> = others.filter(|pid| opens(*pid) > 0).map(named).collect();
+    let who = match (holders.len(), opens(own)) {
+        (0, 2..) => "this process is at work on it already".to_string(),
+        (0, _) => "another program is at work on it".to_string(),
+        (1, _) => format!("process {} is at work on it", holders[0]),
+        _ => format!("the processes {} are at work on it", holders.join(", ")),
+    };
+    refused(path, format!("{who}; wait for the end, or end what was left behind"))
+}
+
 /// Results on disk; at most one program at a time has it open for writing.
 #[derive(Debug)]
 pub struct Journal {
@@ -105,10 +156,8 @@ impl Journal {
         let failed = |e: std::io::Error| write_error(path, &e);
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(failed)?;
         match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(refused(path, "another program is at work on it".to_string()));
-            }
+            Ok(()) => note_held(&file, true),
+            Err(TryLockError::WouldBlock) => return Err(held_by_others(path)),
             // A file system without locks is no reason not to work.
             Err(TryLockError::Error(_)) => {}
         }
@@ -156,7 +205,7 @@ impl Journal {
         let failed = |e: std::io::Error| Error::Read { path: path.to_path_buf(), reason: e.to_string() };
         let file = File::open(path).map_err(failed)?;
         if let Err(TryLockError::WouldBlock) = file.try_lock() {
-            return Err(refused(path, "another program is at work on it".to_string()));
+            return Err(held_by_others(path));
         }
         let mut lines = BufReader::new(&file).split(b'\n').peekable();
         let empty = lines.peek().is_none();
@@ -323,6 +372,7 @@ impl Journal {
 impl Drop for Journal {
     /// Lets others at it, though a process that was forked meanwhile may have it open still.
     fn drop(&mut self) {
+        note_held(&self.file, false);
         let _ = self.file.unlock();
     }
 }

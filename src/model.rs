@@ -11,6 +11,7 @@ use std::sync::Arc;
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
+use twox_hash::XxHash3_128;
 
 pub use bent::Bent;
 pub use course::Course;
@@ -93,6 +94,12 @@ pub struct Model {
 }
 
 impl Model {
+    /// Names all that it says, every number to the bit, with `solved`, how it is solved. Forces and actuations of your own are in it as
+    /// their `Debug` says them.
+    pub fn fingerprint(&self, solved: &impl std::fmt::Debug) -> u128 {
+        XxHash3_128::oneshot(format!("{} {solved:?} {self:?}", env!("CARGO_PKG_VERSION")).as_bytes())
+    }
+
     /// Half of what the speed (m/s) of its head varies by in the scene's own motion.
     pub fn head_swing(&self) -> f64 {
         let Some([x, y, angle]) = &self.head else { return 0.0 };

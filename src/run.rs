@@ -14,9 +14,10 @@ use crate::fluid::range;
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
-use crate::model::Mechanics;
+use crate::model::{Mechanics, Model};
 use crate::reduced::measure::{Course, Point};
 use crate::reduced::{Differences, Measure};
+use crate::rod::Rod;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -315,9 +316,8 @@ fn finer(pace: Pace) -> &'static str {
 }
 
 /// The energy (J) that rounding gives a rod: that of edges whose ends are rounded where they are.
-pub(crate) fn rounding(stepper: &Stepper) -> f64 {
-    let rod = &stepper.model().rod;
-    let reach = stepper.state().q.iter().fold(rod.length, |max, x| max.max(x.abs()));
+pub(crate) fn rounding(rod: &Rod, positions: &[f64]) -> f64 {
+    let reach = positions.iter().fold(rod.length, |max, x| max.max(x.abs()));
     rod.ea * rod.length * (ROUNDINGS * f64::EPSILON * reach / rod.spacing).powi(2)
 }
 
@@ -359,6 +359,24 @@ fn motion_notes(meter: &Meter, pace: Pace) -> impl Iterator<Item = String> {
         )
     });
     strained.into_iter().chain(turned)
+}
+
+/// What to say of a simulation of `scene` with this `model` and `pace`, which `meter` has measured and which ends at these
+/// `positions`, beside the `warnings` that were known before.
+pub(crate) fn notes(
+    scene: &Scene,
+    model: &Model,
+    meter: &Meter,
+    positions: &[f64],
+    pace: Pace,
+    warnings: &[String],
+) -> Vec<String> {
+    let motion = scene.motion(&model.rod, model.fluid, meter.across());
+    (warnings.iter().cloned())
+        .chain(balance_note(meter, rounding(&model.rod, positions), pace))
+        .chain(motion_notes(meter, pace))
+        .chain(range::left(&model.forces, &motion, |law| scene.without(law)))
+        .collect()
 }
 
 impl Summary {
@@ -460,15 +478,12 @@ impl Summary {
             load_impulse_n_s: meter.totals.impulse.load.into(),
             head_impulse_n_s: meter.totals.impulse.head.into(),
             momentum_defect_n_s: meter.momentum_defect().into(),
-            notes: (warnings.iter().cloned())
-                .chain(balance_note(meter, rounding(stepper), stepper.pace()))
-                .chain(motion_notes(meter, stepper.pace()))
-                .chain(range::left(&model.forces, &scene.motion(&model.rod, model.fluid, meter.across()), |law| {
-                    scene.without(law)
-                }))
-                .collect(),
+            notes: notes(scene, model, meter, &stepper.state().q, stepper.pace(), warnings),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
-            efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),
+            efficiency: match &model.head {
+                Some(_) => held(&cycle::EFFICIENCY),
+                None => dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),
+            },
             head_force_n: model.head.as_ref().map(|_| now.head_force.into()),
             head_moment_n_m: model.head.as_ref().map(|_| now.head_moment),
             mean_head_force_n: held(&cycle::HEAD_FORCE_X).zip(held(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),

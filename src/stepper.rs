@@ -79,7 +79,7 @@ pub struct Stepper {
     before: Option<Totals>,
     dense: Option<Dense>,
     tangent: Option<Box<derivatives::Tangent>>,
-    /// The scene, as [`Scene::fingerprint`] names it.
+    /// The scene, as [`Scene::fingerprint`] names it; another model than a scene's own, as [`Model::fingerprint`] does.
     scene: u128,
     /// The scene itself, where it was made from one.
     made_from: Option<Arc<Scene>>,
@@ -117,20 +117,27 @@ impl Clock {
 impl Stepper {
     /// Prepares a run of `model` at time zero with internal steps of that `pace`, solved by `newton`.
     ///
+    /// Its snapshots are those of this `model` at this `pace`.
+    ///
     /// # Errors
     /// Whatever is wrong with the first state.
     pub fn init(
         model: impl Into<Arc<Model>>,
         mover: impl Into<Box<dyn Mover>>,
-        mut newton: Newton,
+        newton: Newton,
         pace: impl Into<Pace>,
     ) -> Result<Self> {
-        let (mut dynamics, mut mover) = (Dynamics::new(model.into()), mover.into());
+        let (model, mover, pace) = (model.into(), mover.into(), pace.into());
+        let scene = model.fingerprint(&(&mover, newton.form(), pace));
+        Ok(Self { scene, ..Self::begin(model, mover, newton, pace)? })
+    }
+
+    fn begin(model: Arc<Model>, mut mover: Box<dyn Mover>, mut newton: Newton, pace: Pace) -> Result<Self> {
+        let mut dynamics = Dynamics::new(model);
         dynamics.mechanics = mover.mechanics();
         let mut state = dynamics.first_state_in(newton.form());
         mover.begin(&mut dynamics, &mut newton, &mut state)?;
         newton.work = Work::default();
-        let pace = pace.into();
         let time_step = match pace {
             Pace::Fixed(time_step) => time_step,
             Pace::Adaptive(tolerance) => {
@@ -199,9 +206,26 @@ impl Stepper {
         Self::in_form(scene, None)
     }
 
+    /// The start of a run of another `model` than the scene's own, as with forces or an actuation of your own beside those of
+    /// [`Scene::model`], solved as the scene says; `solver.model = "auto"` is the whole model here, as estimates are of the scene's own.
+    ///
+    /// # Errors
+    /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
+    pub fn of_model(scene: &Scene, model: impl Into<Arc<Model>>) -> Result<Self> {
+        let model = model.into();
+        scene.fits(&model)?;
+        let rung = scene.rung_or_whole(&model)?;
+        let own = model.fingerprint(&scene.fingerprint());
+        let start = Self::of_rung(scene, model, Choice::asked(rung), None)?;
+        Ok(Self { scene: own, made_from: None, ..start })
+    }
+
     /// The start of a scene's run in that form, or in the one that the scene takes.
     fn in_form(scene: &Scene, form: Option<Form>) -> Result<Self> {
-        let (choice, model) = (scene.choice()?, scene.model()?);
+        Self::of_rung(scene, scene.model()?.into(), scene.choice()?, form)
+    }
+
+    fn of_rung(scene: &Scene, model: Arc<Model>, choice: Choice, form: Option<Form>) -> Result<Self> {
         let taken = scene.taken(&choice);
         let solver = &taken.solver;
         let mover = (choice.rung.build)(taken.integrator()?);
@@ -210,7 +234,7 @@ impl Stepper {
         let form = form.unwrap_or_else(own);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
-        let mut start = Self::init(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
+        let mut start = Self::begin(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
         if matches!(start.pace, Pace::Adaptive(_)) {
             start.now.time_step = start.now.time_step.min(solver.duration_s.get());
         }

@@ -450,10 +450,10 @@ impl Variable {
         }
     }
 
-    /// Its value at node `k`, one of [`entries`](Self::entries).
+    /// Its value at node `k`; none where that is none of its [`entries`](Self::entries).
     #[inline]
-    pub fn at(&self, view: &View<'_>, k: usize) -> f64 {
-        (self.get)(view, k)
+    pub fn at(&self, view: &View<'_>, k: usize) -> Option<f64> {
+        self.entries(view.model()).contains(&k).then(|| (self.get)(view, k))
     }
 
     /// The first change of what is no parameter at node `k` when what is read `now` changes by `change`.

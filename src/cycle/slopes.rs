@@ -237,6 +237,14 @@ fn slopes(measure: &Measure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Inte
             by[place::WORK] = per / (weight * speed);
             put(&mut by, place::POSITION, velocity * (-power * per / (weight * speed * speed * speed)));
         }
+        "cycle_efficiency" if dynamics.model.head.is_some() => {
+            let (([thrust, speed], power), axis) = (cycle.propelling(dynamics)?, cycle.axis()?);
+            put(&mut by, place::FORCE, axis * (speed / power * per));
+            put(&mut by, place::POSITION, axis * (thrust / power * per));
+            for i in [0, 3] {
+                by[place::WORK + i] = -thrust * speed / (power * power) * per;
+            }
+        }
         "cycle_efficiency" => {
             let (speed, power) = cycle.swimming(dynamics)?;
             let (drag, slope, own) = towing(dynamics, speed);

@@ -181,16 +181,17 @@ impl Tally<'_> {
 }
 
 impl Tally<'_> {
-    /// Adds what `on` says of the `i`-th edge that the force was asked for, and nothing of the others.
+    /// Adds what `on` says of the `i`-th edge that the force was asked for, and nothing of the others. Where there is no such edge
+    /// nothing can be known: the sums are NaN then, which ends the step with [`Error::NotFinite`](crate::Error::NotFinite).
     pub fn one(&mut self, i: usize, on: &OnEdge) {
         if self.fresh {
             self.sums.fill(OnEdge::ZERO);
             self.fresh = false;
         }
-        if self.slopes {
-            self.sums[i].add(on);
-        } else {
-            self.sums[i].add_force(on);
+        match self.sums.get_mut(i) {
+            Some(sum) if self.slopes => sum.add(on),
+            Some(sum) => sum.add_force(on),
+            None => self.sums.fill(OnEdge::UNKNOWN),
         }
     }
 }

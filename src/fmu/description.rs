@@ -136,10 +136,10 @@ impl Entry {
         }
         if variable.is_input() {
             let view = stepper.view();
-            let at = |k: usize| if variable.entries(model).contains(&k) { variable.at(&view, k) } else { 0.0 };
+            let at = |k: usize| variable.at(&view, k).unwrap_or(0.0);
             let start = match node {
                 None if sized => numbers((0..model.rod.nodes).map(at)),
-                _ => number(variable.at(&view, node.unwrap_or(variable.entries(model).start))),
+                _ => number(at(node.unwrap_or(variable.entries(model).start))),
             };
             value.push(("start", start));
         }

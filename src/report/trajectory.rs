@@ -98,7 +98,7 @@ impl Trajectory {
     fn row(&mut self, view: &View<'_>) {
         self.last = view.state.t;
         for Column { variable, nodes, values } in &mut self.columns {
-            values.extend(nodes.iter().map(|k| variable.at(view, *k)));
+            values.extend(nodes.iter().map(|k| variable.at(view, *k).unwrap_or(f64::NAN)));
         }
     }
 

@@ -58,6 +58,9 @@ impl OnEdge {
     /// Nothing.
     pub const ZERO: Self = Self { force: [f64x2::ZERO; 2], own: [Block::ZERO; 2], edge: [Block::ZERO; 2] };
 
+    /// A force that is not known: NaN.
+    pub(crate) const UNKNOWN: Self = Self { force: [f64x2::new([f64::NAN; 2]); 2], ..Self::ZERO };
+
     /// From its parts for both ends, see [`force`](Self::force), [`own`](Self::own) and [`edge`](Self::edge).
     #[inline(always)]
     pub fn new(force: [Vector2<f64>; 2], own: [Block; 2], edge: [Block; 2]) -> Self {

@@ -7,8 +7,10 @@ use super::parameter::List;
 use super::rod::SIZES;
 use super::value::{self, NotNegative, Positive};
 use super::{HeadKind, Scene};
+use crate::error::{self, Error};
 use crate::fluid::Force;
 use crate::fluid::body::{BodyDrag, BodyInertia, FORM_DRAG_ACROSS, FORM_DRAG_ALONG};
+use crate::model::Model;
 use crate::rod::{Rod, Spheroid};
 
 /// Form drag of a sphere between Reynolds numbers of 10³ and 10⁵ (S. F. Hoerner, Fluid-Dynamic Drag, 1965).
@@ -46,6 +48,12 @@ impl Scene {
     /// Node at which the rod begins: 1 behind a body, whose centre is node 0, else 0.
     pub fn front(&self) -> usize {
         usize::from(self.head_body.is_some())
+    }
+
+    /// Refuses a model of another number of nodes.
+    pub(crate) fn fits(&self, model: &Model) -> error::Result<()> {
+        let (expected, found) = (self.nodes(), model.rod.nodes);
+        if expected == found { Ok(()) } else { Err(Error::WrongLength { name: "nodes", expected, found }) }
     }
 
     /// All nodes: those of the rod, and the centre of a body.

@@ -11,9 +11,10 @@ use super::{HeadKind, Scene, StartKind};
 use crate::error::{Result, nearest};
 use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear;
+use crate::model::Model;
 use crate::model::chain;
 use crate::reduced::estimate::Run;
-use crate::reduced::{Choice, Estimates, Measure, RUNGS, Rung};
+use crate::reduced::{Choice, Estimates, FULL, Measure, RUNGS, Rung};
 use crate::rod::Rod;
 use crate::system::Form;
 
@@ -299,6 +300,18 @@ impl Scene {
                 let accuracy = self.solver.accuracy.get();
                 Ok(Choice::of(self.estimates()?, accuracy, self.measures(), self.is_dragged()))
             }
+        }
+    }
+
+    /// The rung that it names, where that can run `model`, another than its own; the whole model where the program would choose.
+    ///
+    /// # Errors
+    /// [`Error::Scene`](crate::Error::Scene).
+    pub(crate) fn rung_or_whole(&self, model: &Arc<Model>) -> Result<&'static Rung> {
+        let rung = self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))?.unwrap_or(&FULL);
+        match (rung.refuses)(model, self.solver.duration_s.get()).filter(|_| rung.method.is_some()) {
+            Some(reason) => Err(self.error("solver.model", format!("found {:?}, but {reason}", rung.name))),
+            None => Ok(rung),
         }
     }
 

@@ -18,7 +18,8 @@ impl Problem {
     /// of this problem, with `weights` w, one row per time.
     ///
     /// # Errors
-    /// [`Error::WrongLength`] for weights of another simulation.
+    /// [`Error::WrongLength`] for weights of another simulation; [`Error::Derivative`] for parameters and outputs that the model
+    /// does not have.
     pub fn adjoint(
         &mut self,
         parameters: &[Parameter],
@@ -38,7 +39,7 @@ impl Problem {
     /// beside those by the `parameters`.
     ///
     /// # Errors
-    /// [`Error::WrongLength`] for weights of another simulation.
+    /// Those of [`adjoint`](Self::adjoint).
     pub fn pull_back(
         &mut self,
         parameters: &[Parameter],
@@ -57,6 +58,7 @@ impl Problem {
         trajectory: &Trajectory,
         by_controls: bool,
     ) -> Result<Cotangents> {
+        self.check(parameters, outputs)?;
         let (nodes, steps) = (self.dynamics.nodes(), self.steps);
         let times = steps.count() + 1;
         let given = [weights.outputs, weights.positions, weights.velocities];
@@ -201,14 +203,16 @@ impl Problem {
                 *by += pushed(&at, effect, &shape, &force);
             }
             by_force.iter_mut().skip(2 * nodes * n).zip(&force).for_each(|(by, force)| *by -= force);
-            if n == 0 && given.is_none() {
+            if n == 0 {
                 let by_natural = natural.iter_mut().zip(&bends);
                 for (total, effect) in total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends()) {
-                    let [q, v] = start::first_by(bent.dynamics, effect, &shape);
+                    let [mut q, mut v] = start::first_by(bent.dynamics, effect, &shape);
+                    given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
                 for (i, total) in of_scene(&effects, &mut total) {
-                    let [q, v] = moved[i].first();
+                    let [mut q, mut v] = moved[i].first();
+                    given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
             }

@@ -63,6 +63,17 @@ impl Problem {
     /// # Errors
     /// Those of [`simulate`](Self::simulate) and of [`Reading::take`].
     pub fn followed(&mut self) -> Result<(Trajectory, Cycles, Vec<End>)> {
+        let (trajectory, cycles, ends, _) = self.follow()?;
+        Ok((trajectory, cycles, ends))
+    }
+
+    /// Simulates, and measures as a run does; with the positions at the end.
+    pub(super) fn measured(&mut self) -> Result<(Meter, Vec<f64>)> {
+        let (trajectory, .., meter) = self.follow()?;
+        Ok((meter, trajectory.positions(trajectory.times.len() - 1).to_vec()))
+    }
+
+    fn follow(&mut self) -> Result<(Trajectory, Cycles, Vec<End>, Meter)> {
         let mut trajectory = Trajectory::default();
         let mut ends = Vec::new();
         let mut run: Option<(Meter, Cycles, Reading)> = None;
@@ -94,16 +105,16 @@ impl Problem {
             trajectory.push(state);
             Ok(())
         })?;
-        let cycles = match run {
-            Some((_, cycles, _)) => cycles,
+        let (cycles, meter) = match run {
+            Some((meter, cycles, _)) => (cycles, meter),
             None => {
                 // `advance` looks at the start at least.
                 let state = self.dynamics.first_state();
                 let meter = Meter::start(&mut self.dynamics, &state)?;
-                Cycles::start(&self.dynamics, &state, &meter)
+                (Cycles::start(&self.dynamics, &state, &meter), meter)
             }
         };
-        Ok((trajectory, cycles, ends))
+        Ok((trajectory, cycles, ends, meter))
     }
 
     /// Why its simulation has no whole cycle, where it has none.

@@ -6,9 +6,9 @@ use super::ends::Ends;
 use super::equations::Equations;
 use super::output::{At, Gradient, Output, Point, Work};
 use super::parameter::{Effect, Parameter, Shape, direct, keys};
-use super::problem::Problem;
+use super::problem::{First, Problem};
 use super::{Column, dot, start};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::integrator::Rule;
 use crate::model::{Bent, Dynamics};
 use crate::system::{Direction, State, System};
@@ -44,7 +44,8 @@ impl Problem {
     /// and the end. `look` sees every state.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate).
+    /// Those of [`simulate`](Self::simulate); [`Error::Derivative`] for parameters and outputs that the model does not have;
+    /// [`Error::BadValue`] for `every` = 0.
     pub fn forward(
         &mut self,
         parameters: &[Parameter],
@@ -52,6 +53,10 @@ impl Problem {
         every: usize,
         mut look: impl FnMut(&State),
     ) -> Result<Sensitivities> {
+        self.check(parameters, outputs)?;
+        if every == 0 {
+            return Err(Error::BadValue { name: "every", value: 0.0, allowed: "1 or more steps" });
+        }
         let (nodes, steps) = (self.dynamics.nodes(), self.steps);
         let mut equations = Equations::new(self.model())?;
         let mut point = Point::new(nodes, &keys(parameters));
@@ -75,7 +80,7 @@ impl Problem {
         let mut by_moved = vec![vec![0.0; 2 * nodes]; moved.len()];
         let mut scratch = Gradient::new(nodes, &[]);
         let controls = Arc::clone(&self.controls);
-        let placed = self.start.is_none();
+        let given = self.start.clone();
 
         let done = self.advance(|dynamics, n, state, h| {
             look(state);
@@ -88,7 +93,7 @@ impl Problem {
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
                 let first = |i: usize| moved[i].first();
-                let parameters = (&effects[..], &by_moved[..], placed);
+                let parameters = (&effects[..], &by_moved[..], &given);
                 columns = first_columns(dynamics, state, parameters, &shape, &mut equations, &mut point, first)?;
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
@@ -183,7 +188,7 @@ impl Problem {
 fn first_columns(
     dynamics: &mut Dynamics,
     state: &State,
-    (effects, by_moved, placed): (&[Effect], &[Vec<f64>], bool),
+    (effects, by_moved, given): (&[Effect], &[Vec<f64>], &First),
     shape: &Shape,
     equations: &mut Equations,
     point: &mut Point,
@@ -195,11 +200,11 @@ fn first_columns(
     let (dynamics, at) = (bent.dynamics, At { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
     for effect in effects {
-        let [q, v] = match effect.moved {
-            _ if !placed => [vec![0.0; state.q.len()], vec![0.0; state.q.len()]],
+        let [mut q, mut v] = match effect.moved {
             Some(moved) => first(moved),
             None => start::first_by(dynamics, effect, shape),
         };
+        given.hold([&mut q, &mut v]);
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);
         resist(equations, &at, (effect, by_moved), shape, 1.0, &v, &mut a);

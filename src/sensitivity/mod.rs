@@ -14,6 +14,8 @@
 //! of parameters. Both are exact to rounding where Newton's method has converged to it; they need fixed steps, a method of one
 //! stage, and positions as unknowns.
 //!
+//! [`value_and_grad`] and [`Simulation`] take outputs and parameters by their names.
+//!
 //! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules: DESIGN.md.
 mod adjoint;
 mod controls;
@@ -26,6 +28,7 @@ pub mod number;
 pub mod output;
 pub mod parameter;
 mod problem;
+pub mod simulation;
 mod start;
 mod trajectory;
 
@@ -35,6 +38,7 @@ pub use moved::Moved;
 pub use output::{Output, Quantity, Work};
 pub use parameter::Parameter;
 pub use problem::Problem;
+pub use simulation::{Array, Simulation, value_and_grad};
 pub use trajectory::Trajectory;
 
 /// The derivatives of a state by one parameter.

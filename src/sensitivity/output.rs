@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 
 use super::dot;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::medium::Property;
 use crate::fluid::{DENSITY, Force, Key, Sink};
@@ -167,7 +167,38 @@ const NAMES: [&str; 48] = [
     "numerical_dissipation_j",
 ];
 
+impl Quantity {
+    /// Refuses a node, joint or axis that `model` does not have.
+    fn check(self, model: &Model) -> Result<()> {
+        use Quantity as Q;
+        let (nodes, joints) = (model.rod.nodes, model.rod.joints());
+        let (within, allowed) = match self {
+            Q::Position(k, _) | Q::Velocity(k, _) => (k < nodes, format!("nodes 0 to {}", nodes - 1)),
+            Q::JointMoment(k) | Q::JointStrain(k) => {
+                (joints.contains(&k), format!("joints at nodes {} to {}", joints.start, joints.end - 1))
+            }
+            _ => (true, String::new()),
+        };
+        let axis = match self {
+            Q::Position(_, i) | Q::Velocity(_, i) | Q::CentreOfMass(i) | Q::CentreVelocity(i) | Q::HeadAxis(i) => i,
+            Q::Flow(i) | Q::HeadForce(i) | Q::Push(_, i) | Q::RodMomentum(i) | Q::FluidMomentum(i) => i,
+            _ => 0,
+        };
+        let problem = match (within, axis) {
+            (false, _) => allowed,
+            (true, 0 | 1) => return Ok(()),
+            (true, _) => "axes 0 (x) and 1 (y)".to_string(),
+        };
+        Err(Error::Derivative { problem: format!("{self:?} is not there to read; allowed: {problem}") })
+    }
+}
+
 impl Output {
+    /// Refuses what `model` does not have.
+    pub(super) fn check(&self, model: &Model) -> Result<()> {
+        self.now.iter().try_for_each(|(_, quantity)| quantity.check(model))
+    }
+
     /// The same, less its value at the start.
     pub fn since_start(self) -> Self {
         Self { since_start: true, ..self }

@@ -5,7 +5,8 @@ use std::ops::Range;
 
 use super::output::{At, Gradient};
 use crate::actuation::Wave;
-use crate::fluid::Key;
+use crate::error::{Error, Result, did_you_mean, nearest};
+use crate::fluid::{DENSITY, Key, VISCOSITY};
 use crate::model::{Dynamics, Model};
 use crate::rod::Rod;
 
@@ -110,6 +111,41 @@ impl Parameter {
                 let keys = model.forces.iter().flat_map(|force| force.parameters().iter().copied());
                 keys.into_iter().find(|own| *own == key).map(Self::OfForces)
             }
+        }
+    }
+
+    /// Refuses what `model`, of which `moved` numbers of the scene are moved, does not have: its derivatives would be zero.
+    pub(super) fn check(self, model: &Model, moved: usize) -> Result<()> {
+        let refuse =
+            |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self:?}: {problem}") });
+        let joints = model.rod.joints();
+        match self {
+            Self::Stiffness(k) | Self::NaturalCurvature(k) | Self::WaveAmplitude(k) | Self::WavePhase(k)
+                if !joints.contains(&k) =>
+            {
+                refuse(format!("the rod has no joint at node {k}; allowed: {} to {}", joints.start, joints.end - 1))
+            }
+            Self::WaveAmplitude(_) | Self::WavePhase(_) | Self::Amplitude | Self::Frequency | Self::Phase
+                if model.actuation.is_none() =>
+            {
+                refuse("the rod is not driven; allowed: with an actuation".to_string())
+            }
+            Self::OfForces(key) => {
+                let own = model.forces.iter().flat_map(|force| force.parameters().to_vec());
+                // Those of every medium, whether a force follows them or not.
+                let mut keys: Vec<Key> = own.chain([VISCOSITY, DENSITY]).collect();
+                keys.sort_unstable();
+                keys.dedup();
+                if keys.contains(&key) {
+                    return Ok(());
+                }
+                let near = did_you_mean(nearest(key, keys.iter().copied()));
+                refuse(format!("no force has this parameter{near}; allowed: {}", keys.join(", ")))
+            }
+            Self::OfScene(i) if i >= moved => {
+                refuse(format!("Problem::moved has {moved} entries; allowed: a place in it (see sensitivity::number)"))
+            }
+            _ => Ok(()),
         }
     }
 

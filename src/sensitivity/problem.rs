@@ -7,6 +7,7 @@ use super::controls::Controls;
 use super::forward::Sensitivities;
 use super::moved::Moved;
 use super::output::Output;
+use super::parameter::Parameter;
 use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
@@ -30,10 +31,39 @@ pub struct Problem {
     linear: Choice,
     pub(super) steps: Steps,
     pub(super) controls: Arc<Controls>,
-    /// First positions and velocities, where they are not those of the scene's start.
-    pub(super) start: Option<[Vec<f64>; 2]>,
+    /// First positions and velocities along both axes, where they are given in place of those of the scene's start.
+    pub(super) start: First,
     /// Raised to end what it computes.
     interrupted: Arc<AtomicBool>,
+}
+
+/// Positions and velocities along x and y that a simulation begins with, so far as they are given; the others are those of the
+/// scene's start, and move with it.
+#[derive(Debug, Clone, Default)]
+pub(super) struct First {
+    parts: [[Option<Vec<f64>>; 2]; 2],
+}
+
+impl First {
+    /// Writes what is given to `state`, its positions and velocities with two entries per node; true where anything is.
+    fn write(&self, state: [&mut [f64]; 2]) -> bool {
+        self.each(state, |to, value| *to = value);
+        self.parts.iter().flatten().any(Option::is_some)
+    }
+
+    /// Makes the `derivatives` of what is given zero: it stays, whatever the scene's start does.
+    pub(super) fn hold(&self, derivatives: [&mut [f64]; 2]) {
+        self.each(derivatives, |to, _| *to = 0.0);
+    }
+
+    fn each(&self, state: [&mut [f64]; 2], change: impl Fn(&mut f64, f64)) {
+        for (to, axes) in state.into_iter().zip(&self.parts) {
+            for (axis, given) in axes.iter().enumerate() {
+                let to = to.iter_mut().skip(axis).step_by(2);
+                to.zip(given.iter().flatten()).for_each(|(to, value)| change(to, *value));
+            }
+        }
+    }
 }
 
 /// The times of a simulation.
@@ -77,8 +107,9 @@ impl Problem {
     /// The problem of another `model` than the scene's own, solved as the scene says.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of).
+    /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
     pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
+        scene.fits(&model)?;
         let Some(law) = model.forces.whole() else { return Self::followed_only(scene, model) };
         let problem = format!(
             "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
@@ -129,7 +160,7 @@ impl Problem {
             linear: scene.solver.linear,
             steps: Steps { whole: whole as usize, length, last },
             controls: Arc::default(),
-            start: None,
+            start: First::default(),
             interrupted: Arc::default(),
         })
     }
@@ -166,8 +197,36 @@ impl Problem {
                 return Err(Error::WrongLength { name, expected, found: values.len() });
             }
         }
-        self.start = Some([positions, velocities]);
+        let along = |values: &[f64], axis: usize| Some(values.iter().skip(axis).step_by(2).copied().collect());
+        self.start.parts = [positions, velocities].map(|values| [along(&values, 0), along(&values, 1)]);
         Ok(())
+    }
+
+    /// Begins with these positions (m) of the nodes along `axis`, 0 or 1, or with these `velocities` (m/s); what is not given is as
+    /// the scene's start has it.
+    ///
+    /// # Errors
+    /// [`Error::WrongLength`].
+    pub(super) fn set_first(&mut self, velocities: bool, axis: usize, values: Vec<f64>) -> Result<()> {
+        const NAMES: [[&str; 2]; 2] = [["x_m", "y_m"], ["vx_m_s", "vy_m_s"]];
+        let (part, expected) = (usize::from(velocities), self.model().rod.nodes);
+        if values.len() != expected {
+            return Err(Error::WrongLength { name: NAMES[part][axis], expected, found: values.len() });
+        }
+        self.start.parts[part][axis] = Some(values);
+        Ok(())
+    }
+
+    /// True where these first positions, or velocities, along `axis` are given.
+    pub(super) fn has_first(&self, velocities: bool, axis: usize) -> bool {
+        self.start.parts[usize::from(velocities)][axis].is_some()
+    }
+
+    /// Refuses what the model does not have, of which derivatives would be zero.
+    pub(super) fn check(&self, parameters: &[Parameter], outputs: &[Output]) -> Result<()> {
+        let (model, moved) = (self.model(), self.moved.len());
+        parameters.iter().try_for_each(|parameter| parameter.check(model, moved))?;
+        outputs.iter().try_for_each(|output| output.check(model))
     }
 
     /// The first positions and velocities, two entries per node.
@@ -223,9 +282,7 @@ impl Problem {
     /// [`Error::WrongLength`].
     pub fn set_actuation(&mut self, factors: &[f64], phases: &[f64]) -> Result<()> {
         let joints = self.model().rod.joints();
-        for (name, found) in
-            [("actuation.amplitude_profile", factors.len()), ("actuation.phase_profile_rad", phases.len())]
-        {
+        for (name, found) in [("joint_amplitude_factor", factors.len()), ("joint_phase_rad", phases.len())] {
             if found != joints.len() {
                 return Err(Error::WrongLength { name, expected: joints.len(), found });
             }
@@ -286,9 +343,7 @@ impl Problem {
         let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
         self.controls.apply(dynamics, 0);
         let mut state = dynamics.first_state();
-        if let Some([q, v]) = &self.start {
-            state.q.copy_from_slice(q);
-            state.v.copy_from_slice(v);
+        if self.start.write([&mut state.q, &mut state.v]) {
             dynamics.move_to(0.0, &mut state);
         }
         newton.iterate(dynamics, &mut state, Direction::ACCELERATIONS)?;

@@ -9,7 +9,7 @@
 use nalgebra::Vector2;
 
 use super::Stepper;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::medium::{Property, by_key};
 use crate::fluid::{Fluid, Layers, Sink};
@@ -308,9 +308,10 @@ pub struct Change<'a> {
 }
 
 impl Change<'_> {
-    /// The change of `variable` at node `k` of its [`entries`](Variable::entries).
-    pub fn of(&self, variable: &Variable, k: usize) -> f64 {
-        variable.change(&self.now, &self.change, k)
+    /// The change of `variable` at node `k`; none where that is none of its [`entries`](Variable::entries).
+    pub fn of(&self, variable: &Variable, k: usize) -> Option<f64> {
+        let there = variable.entries(&self.now.dynamics.model).contains(&k);
+        there.then(|| variable.change(&self.now, &self.change, k))
     }
 }
 
@@ -417,10 +418,10 @@ impl Stepper {
     /// [`Seed::set`]. The targets of a head change nothing before the next step.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`].
-    pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>)) -> Result<Change<'_>> {
+    /// Those of `seed` and of [`Dynamics::shape`].
+    pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>) -> Result<()>) -> Result<Change<'_>> {
         let mut tangent = self.take_tangent();
-        seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs });
+        seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs })?;
         let bent = self.dynamics.shape(&self.now.state)?;
         tangent.follow_inputs(&bent);
         tangent.meter.totals.max_lateral = 0.0;
@@ -513,12 +514,23 @@ pub struct Seed<'a> {
 
 impl Seed<'_> {
     /// Sets the change of a whole input.
-    pub fn set(&mut self, variable: &Variable, values: &[f64]) {
+    ///
+    /// # Errors
+    /// [`Error::NotAnInput`], [`Error::WrongLength`].
+    pub fn set(&mut self, variable: &Variable, values: &[f64]) -> Result<()> {
+        let expected = variable.len(&self.dynamics.model);
+        if !variable.is_input() {
+            return Err(Error::NotAnInput(variable.name));
+        }
+        if values.len() != expected {
+            return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
+        }
         if variable.of_head().is_some() {
-            return; // the head goes on as it moves now
+            return Ok(()); // the head goes on as it moves now
         }
         std::mem::swap(&mut self.dynamics.inputs, self.change);
         variable.write(self.dynamics, 0.0, 0, values);
         std::mem::swap(&mut self.dynamics.inputs, self.change);
+        Ok(())
     }
 }

@@ -6,9 +6,10 @@ use crate::scene::Scene;
 use crate::system::Form;
 
 impl Stepper {
-    /// True if [`retune`](Self::retune) can be: not in the chain form, whose state has moments, not curvatures.
+    /// True if [`retune`](Self::retune) can be: of a stepper of a scene's own model, but not in the chain form, whose state has moments,
+    /// not curvatures.
     pub fn can_be_retuned(&self) -> bool {
-        self.form() != Form::Chain
+        self.made_from.is_some() && self.form() != Form::Chain
     }
 
     /// Goes on as `scene`, whose tunable parameters alone differ from this one's
@@ -16,13 +17,18 @@ impl Stepper {
     /// follow with the next step. The energy that a stiffness gives or takes at once is no defect of the balance.
     ///
     /// # Errors
-    /// Those of the scene; [`Error::Scene`] where anything else differs; [`Error::Fmu`] in the chain form. Nothing is changed then.
+    /// Those of the scene; [`Error::Scene`] where anything else differs, and for a stepper of another model than a scene's own;
+    /// [`Error::Fmu`] in the chain form. Nothing is changed then.
     pub fn retune(&mut self, scene: &Scene) -> Result<()> {
+        let Some(own) = &self.made_from else {
+            let problem = "the stepper was made with a model of its own, which no scene says; allowed: another stepper";
+            return Err(scene.error("", problem.to_string()));
+        };
         if !self.can_be_retuned() {
             let problem = "parameters are fixed in the chain form; allowed: with solver.form = \"positions\"";
             return Err(Error::Fmu(problem.to_string()));
         }
-        if let Some(key) = self.made_from.as_ref().and_then(|own| own.differs_beyond_tuning(scene)) {
+        if let Some(key) = own.differs_beyond_tuning(scene) {
             let problem = "differs from the stepper's scene; allowed between steps: other values of rod.youngs_modulus_pa, of the \
                  numbers of [drag] and of reactive.shedding (a scene that differs otherwise needs a stepper of its own)";
             return Err(scene.error(&key, problem.to_string()));

@@ -17,13 +17,13 @@ const MAGIC: [u8; 8] = *b"caudal\x00\x01";
 /// matrices and factors, which every step makes anew.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Snapshot {
-    /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint); 0 of a stepper that was made without one.
+    /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint), or the model of a stepper that was made without one.
     pub(super) scene: u128,
     moment: Moment,
 }
 
 /// What is wrong with a snapshot of another scene.
-const OTHER: &str = "it was saved from another scene, or from this one with other parameters";
+const OTHER: &str = "it was saved from another scene or model, or from this one with other parameters";
 
 /// What stands before a serialised snapshot.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -94,8 +94,7 @@ impl Stepper {
     /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
     ///
     /// # Errors
-    /// [`Error::Snapshot`] for a snapshot of another scene; [`Error::WrongLength`] for one of another number of nodes, where
-    /// a stepper was made without a scene.
+    /// [`Error::Snapshot`] for a snapshot of another scene or model; [`Error::WrongLength`] where its arrays do not fit.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
         if snapshot.scene != self.scene {
             return refuse(OTHER);

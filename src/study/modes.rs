@@ -62,12 +62,12 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let mut findings = Findings { subject: "natural modes", ..Findings::default() };
     let head = if matrices.first == 0 { "free" } else { "held at its head" };
     let Some(first) = found.first() else { return Ok(findings) };
+    let with = if wet { "with the fluid that it accelerates" } else { "in vacuum" };
     findings.answers.push(format!(
-        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}){}.",
+        "The rod of {} nodes, {head}, has its lowest natural frequency at {:.6} Hz ({}), {with}.",
         rod.nodes,
         first.frequency / TAU,
-        first.axis.name(),
-        if wet { ", with the fluid that it accelerates" } else { "" }
+        first.axis.name()
     ));
     // What is not the fluid's, as the inertia of a body at the head, stays.
     let mut dry = scene.model()?;
@@ -107,7 +107,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     });
     match &all {
         Some(all) => findings.answers.push(format!(
-            "The highest of all is {:.4e} Hz: an explicit method needs steps below 2/ω_max = {:.4e} s.",
+            "The highest of all is {:.4e} Hz {with}: an explicit method needs steps below 2/ω_max = {:.4e} s.",
             all.highest() / TAU,
             2.0 / all.highest()
         )),

@@ -293,7 +293,8 @@ impl Trial {
         self.tip.push(tip(&stepper.state().q));
         self.created.push(0.0);
         // Of a rod at rest there is nothing but rounding.
-        let (mut scale, mut largest) = (stepper.meter().first_energy.max(NOISE * rounding(stepper)), 0.0_f64);
+        let (mut scale, mut largest) =
+            (stepper.meter().first_energy.max(NOISE * rounding(&stepper.model().rod, &stepper.state().q)), 0.0_f64);
         if let Some(part) = manner.push {
             push(stepper, scene, part)?;
         }

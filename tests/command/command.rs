@@ -454,3 +454,53 @@ fn what_a_body_at_the_head_takes_of_a_frequency_is_not_laid_to_the_fluid() {
     let [with, without] = [after("natural frequency at "), after("Without that fluid it would be ")];
     assert!((without / with - 1.0).abs() < 1e-5, "{with} {without}");
 }
+
+#[test]
+fn the_scenes_that_new_writes_have_nothing_to_warn_of() {
+    let folder = tempfile::tempdir().unwrap();
+    for kind in ["swimmer", "held", "tail"] {
+        let scene = folder.path().join(kind).with_extension("toml");
+        assert!(caudal(&["new", scene.to_str().unwrap(), "--kind", kind]).status.success());
+        let output = caudal(&["check", scene.to_str().unwrap()]);
+        assert!(output.status.success() && !text(&output.stdout).contains("warning"), "{}", text(&output.stdout));
+    }
+}
+
+#[test]
+fn an_efficiency_is_there_or_said_to_be_none_and_why() {
+    let folder = tempfile::tempdir().unwrap();
+    let foil = "models/heaving-foil.toml";
+    let of = |changes: &[&str]| {
+        let sets: Vec<&str> = changes.iter().flat_map(|change| ["--set", change]).collect();
+        let output = run(foil, folder.path(), &[&["--set", "rod.nodes=9"], &sets[..]].concat());
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        (summary(folder.path()), text(&output.stdout).to_string())
+    };
+    let (stream, said) = of(&[]);
+    let number = |name: &str| stream[name].as_f64().unwrap();
+    let by_hand = number("cycle_thrust_n") * 0.05 / (number("cycle_head_power_w") + number("cycle_actuation_power_w"));
+    println!("{} by hand {by_hand}", stream["cycle_efficiency"]);
+    assert!((number("cycle_efficiency") / by_hand - 1.0).abs() < 1e-6 && by_hand > 0.01); // measured 6e-10
+    assert!(stream["cycle_efficiency_reason"].is_null() && said.contains("efficiency (thrust times speed"));
+    let (still, said) = of(&["medium.flow_m_s=[0.0, 0.0]"]);
+    assert!(still["cycle_efficiency"].is_null());
+    let reason = still["cycle_efficiency_reason"].as_str().unwrap();
+    assert!(reason.contains("set medium.flow_m_s") || reason.contains("with medium.flow_m_s"), "{reason}");
+    assert!(said.contains(reason), "{said}");
+}
+
+#[test]
+fn natural_frequencies_are_said_to_be_in_vacuum_or_in_the_fluid() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("out");
+    for (scene, with) in
+        [("models/glycerol.toml", "in vacuum"), ("models/fish.toml", "with the fluid that it accelerates")]
+    {
+        let output = caudal(&["study", "modes", scene, "--out", out.to_str().unwrap(), "--force"]);
+        let said = text(&output.stdout);
+        for frequency in ["lowest natural frequency at ", "highest of all is "] {
+            let sentence = said.split(frequency).nth(1).unwrap_or_else(|| panic!("{said}")).lines().next().unwrap();
+            assert!(sentence.contains(with), "{scene}: {sentence}");
+        }
+    }
+}

@@ -318,7 +318,12 @@ fn an_interrupted_sweep_ends_with_130_and_goes_on_with_the_same_command() {
     // A second program must not write to the same journal.
     let second = sweep(&file, &out, &set);
     assert_eq!(second.status.code(), Some(2));
-    assert!(text(&second.stderr).contains("another program is at work"), "{}", text(&second.stderr));
+    // Where the system tells, it is named.
+    let holder = match std::path::Path::new("/proc/self/fd").exists() {
+        true => format!("process {} (caudal) is at work on it", child.id()),
+        false => "another program is at work on it".to_string(),
+    };
+    assert!(text(&second.stderr).contains(&holder), "{}", text(&second.stderr));
     assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
     let output = child.wait_with_output().unwrap();
     assert_eq!(output.status.code(), Some(130), "{}", text(&output.stderr));

@@ -225,7 +225,7 @@ mod designs {
     fn goals_that_a_scene_has_not_are_refused() {
         for (changes, words) in [
             (["design.goal=cycle_thrust_n", "name=free"], "no cycle_thrust_n"),
-            (["design.goal=cycle_efficiency", HEADS[1]], "no cycle_efficiency"),
+            (["design.goal=cycle_cost_of_transport", HEADS[1]], "no cycle_cost_of_transport"),
             (["design.goal=cycle_speed_m_s", "solver.duration_s=0.5"], "shorter than one cycle"),
             (["design.goal=cycle_strouhal_number", "name=free"], "allowed: `identify`"),
             (["design={ goal = \"cycle_speed_m_s\", better = \"more\" }", "name=free"], "design.better"),

@@ -44,11 +44,11 @@ fn entries(stepper: &Stepper) -> Vec<(&'static Variable, usize)> {
 }
 
 fn read(stepper: &Stepper) -> Vec<f64> {
-    entries(stepper).iter().map(|(variable, k)| variable.at(&stepper.view(), *k)).collect()
+    entries(stepper).iter().map(|(variable, k)| variable.at(&stepper.view(), *k).unwrap()).collect()
 }
 
 fn all(entries: &[(&Variable, usize)], change: &Change<'_>) -> Vec<f64> {
-    entries.iter().map(|(variable, k)| change.of(variable, *k)).collect()
+    entries.iter().map(|(variable, k)| change.of(variable, *k).unwrap()).collect()
 }
 
 #[test]

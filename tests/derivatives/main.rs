@@ -3,6 +3,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 
+mod by_name;
 mod cycle_goals;
 mod derivatives;
 mod gradients;

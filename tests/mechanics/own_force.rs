@@ -13,7 +13,7 @@ use caudal::model::{Dynamics, Model};
 use caudal::modes::Matrices;
 use caudal::newton::Newton;
 use caudal::rod::{add, node};
-use caudal::scene::Scene;
+use caudal::scene::{Document, Scene};
 use caudal::sensitivity::{Output, Parameter, Problem};
 use caudal::stepper::Stepper;
 use caudal::system::{Direction, Form, Linearisation, State, System};
@@ -530,4 +530,90 @@ fn sensitivities_and_adjoints_are_exact() {
             }
         }
     }
+}
+
+#[test]
+fn a_stepper_of_another_model_moves_as_that_model_and_knows_its_snapshots() {
+    let scene = scene(&["solver.integrator=newmark"]);
+    let mut own = Stepper::of_model(&scene, model(&scene, values())).unwrap();
+    own.do_step(scene.solver.duration_s.get()).unwrap();
+    let mut problem = Problem::of_model(&scene, model(&scene, values())).unwrap();
+    let trajectory = problem.simulate().unwrap();
+    let positions = trajectory.positions(trajectory.times.len() - 1);
+    let apart = largest(own.state().q.iter().zip(positions).map(|(a, b)| (a - b).abs()));
+    let mut bare = Stepper::of(&scene).unwrap();
+    bare.do_step(scene.solver.duration_s.get()).unwrap();
+    let moved = largest(own.state().q.iter().zip(&bare.state().q).map(|(a, b)| (a - b).abs()));
+    println!("of the derivatives' own simulation {apart:e}, of the scene's model {moved:e}");
+    assert!(apart < 1e-9 && moved > 1e-3); // measured 0 and 2.9e-3 m
+
+    // Snapshots are those of the model to the bit, in any process: no address is in what names it.
+    assert!(!format!("{:?}", own.model()).contains("0x"));
+    for name in ["eel", "sperm", "fish", "worm-over-a-wall", "dipping-tail", "driven-head", "flag"] {
+        let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("models/{name}.toml"));
+        let model = Document::read(&path).unwrap().scene().unwrap().model().unwrap();
+        assert!(!format!("{model:?}").contains("0x"), "{name}");
+    }
+    let bytes = own.save().serialize().unwrap();
+    let mut again = Stepper::of_model(&scene, model(&scene, values())).unwrap();
+    let snapshot = again.deserialize(&bytes).unwrap();
+    again.restore(&snapshot).unwrap();
+    assert_eq!(again.state().q, own.state().q);
+    let [coefficient, mass, stiffness] = values();
+    let mut stiffer = Stepper::of_model(&scene, model(&scene, [coefficient, mass, stiffness + 1e-9])).unwrap();
+    for mut other in [stiffer.restore(&snapshot), bare.restore(&snapshot)] {
+        assert!(matches!(other.as_mut().unwrap_err(), caudal::Error::Snapshot(_)));
+    }
+    let by_hand = stepper(&scene, Form::Positions);
+    let other = Stepper::init(
+        model(&scene, [coefficient, mass, 2.0 * stiffness]),
+        scene.integrator().unwrap(),
+        Newton::with(Form::Positions, scene.solver.linear, 9, 1e-12).unwrap(),
+        scene.pace(),
+    );
+    assert!(matches!(other.unwrap().restore(&by_hand.save()), Err(caudal::Error::Snapshot(_))));
+    assert!(matches!(own.retune(&scene), Err(caudal::Error::Scene { .. })));
+
+    let finer = scene_of(SOFT, &["rod.nodes=11"]).model().unwrap();
+    assert_eq!(
+        Stepper::of_model(&scene, finer).unwrap_err(),
+        caudal::Error::WrongLength { name: "nodes", expected: 9, found: 11 }
+    );
+    let finer = scene_of(SOFT, &["rod.nodes=11"]).model().unwrap();
+    assert!(matches!(Problem::of_model(&scene, finer), Err(caudal::Error::WrongLength { name: "nodes", .. })));
+}
+
+/// A spring that means an edge that the rod does not have.
+#[derive(Debug)]
+struct Beyond;
+
+impl Force for Beyond {
+    fn name(&self) -> &'static str {
+        "beyond"
+    }
+
+    fn validity(&self) -> Validity {
+        OWN
+    }
+
+    fn is_of_fluid(&self) -> bool {
+        false
+    }
+
+    fn is_the_same_everywhere(&self) -> bool {
+        true
+    }
+
+    fn evaluate(&self, _: &Kinematics<'_>, _: Option<Direction>, _: Range<usize>, sums: &mut Tally<'_>) {
+        sums.one(99, &OnEdge::ZERO);
+    }
+}
+
+#[test]
+fn a_force_on_an_edge_that_is_not_there_ends_in_an_error() {
+    let scene = scene(&[]);
+    let mut own = scene.model().unwrap();
+    own.forces.0.push(Box::new(Beyond));
+    let error = Stepper::of_model(&scene, own).and_then(|mut stepper| stepper.do_step(5e-3)).unwrap_err();
+    assert!(matches!(error, caudal::Error::NotFinite { .. }) || error.to_string().contains("not finite"), "{error}");
 }

@@ -54,7 +54,7 @@ fn entries(stepper: &Stepper) -> Vec<(&'static Variable, usize)> {
 }
 
 fn read(stepper: &Stepper, entries: &[(&Variable, usize)]) -> Vec<f64> {
-    entries.iter().map(|(variable, k)| variable.at(&stepper.view(), *k)).collect()
+    entries.iter().map(|(variable, k)| variable.at(&stepper.view(), *k).unwrap()).collect()
 }
 
 /// What rounding may change of every entry: of energies and forces differences are read too.
@@ -133,7 +133,7 @@ fn what_changes_at_once_is_what_is_told_and_by_what_is_told() {
                     let mut seed = vec![0.0; now.len()];
                     seed[i] = 1.0;
                     let change = stepper.directional(|inputs| inputs.set(input, &seed)).unwrap();
-                    let exact: Vec<f64> = entries.iter().map(|(output, k)| change.of(output, *k)).collect();
+                    let exact: Vec<f64> = entries.iter().map(|(output, k)| change.of(output, *k).unwrap()).collect();
                     for (i, (output, k)) in entries.iter().enumerate() {
                         let difference = |(h, more, less, _): &Shown| (more[i] - less[i]) / (2.0 * h);
                         let errors: Vec<f64> = shown.iter().map(|one| (difference(one) - exact[i]).abs()).collect();

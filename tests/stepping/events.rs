@@ -701,9 +701,9 @@ fn the_rate_of_the_power_that_a_changing_density_brings_is_that_of_the_power() {
     );
     fish.set_derivative("density_kg_m3", 1, &[-800.0]).unwrap();
     fish.do_step(0.3).unwrap();
-    let (rate, before) = (fish.rates().unwrap().of(power, 0), power.first(&fish.view()));
+    let (rate, before) = (fish.rates().unwrap().of(power, 0).unwrap(), power.first(&fish.view()));
     fish.do_step(1e-4).unwrap();
-    let (next, after) = (fish.rates().unwrap().of(power, 0), power.first(&fish.view()));
+    let (next, after) = (fish.rates().unwrap().of(power, 0).unwrap(), power.first(&fish.view()));
     println!("{rate:e} {next:e} {:e}", (after - before) / 1e-4);
     near((after - before) / 1e-4, 0.5 * (rate + next), 1e-3, "rate of the power");
 }
@@ -734,7 +734,7 @@ fn what_inputs_that_go_on_by_rates_bring_has_its_derivatives_by_the_others() {
         let before = tail.save();
         for input in inputs {
             let change = tail.directional(|seed| seed.set(variable(input), &[1.0])).unwrap();
-            let exact = change.of(variable("flow_power_w"), 0);
+            let exact = change.of(variable("flow_power_w"), 0).unwrap();
             let now = of(&tail, input);
             let step = 1e-5 * now.abs().max(1e-2);
             let [more, less] = [1.0, -1.0].map(|sign| {
@@ -831,8 +831,11 @@ fn what_a_host_does_wrong_loses_nothing() {
     let mut long =
         common::stepper_of(TAIL, &["head.kind=driven", "head.angle_rad={ amplitude = 0.3, frequency_hz = 5.0 }"]);
     long.do_step(1e-3).unwrap();
-    let rate =
-        long.rates().unwrap().of(caudal::variable::VARIABLES.iter().find(|v| v.name == "pose_spin_rad_s").unwrap(), 0);
+    let rate = long
+        .rates()
+        .unwrap()
+        .of(caudal::variable::VARIABLES.iter().find(|v| v.name == "pose_spin_rad_s").unwrap(), 0)
+        .unwrap();
     let omega = TAU * 5.0;
     near(rate, -0.3 * omega * omega * (omega * 1e-3).sin(), 1e-9, "spin");
     assert!(scene_of(TAIL, &[]).steps().is_none());

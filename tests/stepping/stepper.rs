@@ -256,7 +256,7 @@ fn a_snapshot_of_another_scene_is_refused_and_changes_nothing() {
 }
 
 #[test]
-fn without_a_scene_a_snapshot_of_another_number_of_nodes_is_refused_and_changes_nothing() {
+fn without_a_scene_a_snapshot_of_another_model_is_refused_and_changes_nothing() {
     let made = |nodes: u64| {
         let scene = common::scene_of(SOFT, &[]).with_nodes(nodes);
         let (model, newton) =
@@ -265,7 +265,7 @@ fn without_a_scene_a_snapshot_of_another_number_of_nodes_is_refused_and_changes_
     };
     let (mut nine, five) = (made(9), made(5));
     let before = bits(&nine);
-    assert_eq!(nine.restore(&five.save()), Err(Error::WrongLength { name: "snapshot", expected: 18, found: 10 }));
+    assert!(matches!(nine.restore(&five.save()), Err(Error::Snapshot(_))));
     assert_eq!(bits(&nine), before);
     assert_eq!(nine.restore(&made(9).save()), Ok(()));
 }

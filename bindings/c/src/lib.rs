@@ -411,7 +411,7 @@ pub unsafe extern "C" fn caudal_rate(
             simulation.length(variable, length)?;
             let nodes = variable.entries(simulation.stepper.model());
             let (rates, out) = (simulation.stepper.rates()?, values_mut(out, length)?);
-            out.iter_mut().zip(nodes).for_each(|(out, k)| *out = rates.of(variable, k));
+            out.iter_mut().zip(nodes).for_each(|(out, k)| *out = rates.of(variable, k).unwrap_or(0.0));
             Ok(())
         })
     }

@@ -37,6 +37,7 @@ fn _caudal(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(values::toml, module)?)?;
     module.add_function(wrap_pyfunction!(stepper::units, module)?)?;
     module.add_class::<sweep::SweepAtWork>()?;
+    module.add_function(wrap_pyfunction!(sweep::held_descriptors, module)?)?;
     module.add_function(wrap_pyfunction!(sweep::cases, module)?)?;
     module.add_function(wrap_pyfunction!(study::study, module)?)?;
     module.add_class::<parts::PartsAtWork>()?;

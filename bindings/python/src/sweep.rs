@@ -204,6 +204,16 @@ impl SweepAtWork {
     }
 }
 
+/// The descriptors of the journals that this process holds locked.
+#[pyfunction]
+#[pyo3(name = "_held_descriptors")]
+pub fn held_descriptors() -> Vec<i32> {
+    #[cfg(unix)]
+    return caudal::jobs::held_descriptors();
+    #[cfg(not(unix))]
+    return Vec::new();
+}
+
 /// The sweep that this process ran cases of last, by the parcel that it came in.
 static UNPACKED: Mutex<Option<(Vec<u8>, Arc<Unpacked>)>> = Mutex::new(None);
 

@@ -483,6 +483,55 @@ def test_a_start_that_breaks_a_pool_of_processes_is_among_those_named(tmp_path, 
     assert files_of(tmp_path / "theirs") == files_of(tmp_path / "ours")
 
 
+ORPHANED = """
+import os, sys, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+import caudal
+
+def slow(parcel, indices, fine=caudal._caudal._cases):
+    print(os.getpid(), flush=True)
+    time.sleep(60)
+    return fine(parcel, indices)
+
+caudal._caudal._cases = slow
+with ProcessPoolExecutor(2, mp_context=get_context("fork")) as executor:
+    caudal.sweep("models/glycerol.toml", {"actuation.frequency_hz": [1.0, 2.0]}, set={"solver.duration_s": 0.02}, out=sys.argv[1], executor=executor)
+"""
+
+
+def test_a_sweep_goes_on_beside_the_orphans_of_a_pool_that_was_killed(tmp_path):
+    out = tmp_path / "out"
+    at_work = subprocess.Popen([sys.executable, "-c", ORPHANED, out], stdout=subprocess.PIPE, text=True)
+    child = int(at_work.stdout.readline())
+    again = {"set": {"solver.duration_s": 0.02}, "out": out}
+    with pytest.raises(caudal.errors.JournalError, match=rf"process {at_work.pid} \(.*\) is at work on it"):
+        caudal.sweep("models/glycerol.toml", {"actuation.frequency_hz": [1.0, 2.0]}, **again)
+    at_work.kill()
+    at_work.wait()
+    try:
+        os.kill(child, 0)  # it lives on
+        rows = caudal.sweep("models/glycerol.toml", {"actuation.frequency_hz": [1.0, 2.0]}, **again)
+        assert len(rows) == 2
+    finally:
+        for process in orphans_of(at_work, child):
+            os.kill(process, signal.SIGKILL)
+
+
+def orphans_of(parent, child):
+    """The processes of the pool that `parent` left behind, which share the group of `child`."""
+    group = os.getpgid(child)
+    found = [int(name) for name in os.listdir("/proc") if name.isdigit()]
+    return [pid for pid in found if pid not in (os.getpid(), parent.pid) and is_of(pid, group)]
+
+
+def is_of(pid, group):
+    try:
+        return os.getpgid(pid) == group and ORPHANED.encode() in open(f"/proc/{pid}/cmdline", "rb").read()
+    except OSError:
+        return False
+
+
 STUDIES = {
     "stability": ("models/baseline-smooth.toml", {"points": 2, "range": [1e9, 1e10], "steps": [1e-3, 1e-2]}),
     "flow": ("models/flag.toml", {"vary": "flow", "points": 2}),

@@ -1,7 +1,11 @@
 """The guide: links lead somewhere, every page is in its summary, notebooks run, commands and Python in it exist."""
 
 import json
+import os
 import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -102,6 +106,69 @@ def test_the_other_answers_of_the_gallery():
     assert "at 1.8 m/s it does, its tip 33 mm up and down; at half of that" in gallery()["flag"][1]
     bar = caudal.run(ROOT / "models/spinning-bar.toml", record=[]).summary
     assert abs(bar["net_displacement_m"]) < 1e-13 and "nothing moves its centre" in gallery()["spinning-bar"][1]
+
+
+BLOCK = re.compile(r"^```(sh|toml|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+#: Packages that snippets need and a machine may lack.
+NEEDED = ["fmpy", "jax", "matplotlib", "xarray"]
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if BLOCK.search(page.read_text())], ids=lambda page: page.stem)
+def test_the_snippets_of_a_page_run_as_printed(page, tmp_path, monkeypatch):
+    """In their order, in a folder that has the models, and a swimmer as the first page makes it where that is another."""
+    text = page.read_text()
+    for package in NEEDED:
+        if re.search(rf"import {package}|{package}\(", text):
+            pytest.importorskip(package)
+    command = shutil.which("caudal", path=str(Path(sys.executable).parent))
+    if not command:
+        pytest.skip("the package is installed without its command: pip install ./bindings/python")
+    monkeypatch.setenv("PATH", f"{Path(command).parent}{os.pathsep}{os.environ['PATH']}")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "models").symlink_to(ROOT / "models")
+
+    def run(script):
+        # Standard input is closed: `new` asks nothing.
+        done = subprocess.run(["sh", "-euc", script], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+        assert done.returncode == 0, (script, done.stdout[-1000:], done.stderr[-1000:])
+
+    if page.stem != "first-swim":
+        run("caudal new swimmer.toml")
+    names, done = {}, 0
+    for kind, block in BLOCK.findall(text):
+        if kind == "sh":
+            run(block)
+        elif kind == "python":
+            exec(compile(block, str(page), "exec"), names)
+        elif "[axes]" in block:
+            (tmp_path / "sweep.toml").write_text(block)
+            run("caudal sweep sweep.toml")
+        else:
+            name = re.search(r'^name = "(.+)"$', block, re.MULTILINE)[1]
+            (tmp_path / f"{name}.toml").write_text(block)
+            caudal.load(f"{name}.toml")
+            run(f"caudal check {name}.toml")
+        done += 1
+    assert done > 0
+    if page.stem == "design":
+        assert names["modulus"] == pytest.approx(8.16e7, rel=1e-6)
+
+
+def test_the_scenes_of_the_readme_are_taken_as_printed(tmp_path):
+    text = (ROOT / "README.md").read_text()
+    blocks = [block for kind, block in BLOCK.findall(text) if kind == "toml"]
+    page = text[text.index("## A scene in one page") :]
+    whole = BLOCK.search(page)[2]
+    assert caudal.load(_written(tmp_path / "eel.toml", whole)).name == "eel"
+    layers = next(block for block in blocks if "[medium.beyond]" in block)
+    bare = re.sub(r"^\[medium\](?:.*\n)(?:[^\[\n].*\n|\n)*", "", (ROOT / "models/glycerol.toml").read_text(), flags=re.MULTILINE)
+    assert caudal.load(_written(tmp_path / "layers.toml", bare + "\n" + layers)).parameters["medium.beyond.offset_m"] == 0.06
+
+
+def _written(path, text):
+    path.write_text(text)
+    return path
 
 
 @pytest.mark.parametrize("notebook", sorted((DOCS / "notebooks").glob("*.ipynb")), ids=lambda path: path.stem)

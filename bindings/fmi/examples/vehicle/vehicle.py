@@ -27,6 +27,7 @@ import numpy as np
 from fmpy.fmi3 import FMU3Slave
 
 STEP = 1e-3  # the steps of either between couplings, s
+MOST_PASSES = 60  # in the mean of all steps until then
 
 
 class Scheme(NamedTuple):
@@ -43,6 +44,8 @@ class Scheme(NamedTuple):
     iterate: bool = False
     #: Of the imbalance in H.
     order: int = 2
+    #: How much of its change the force takes over from one pass to the next.
+    relaxation: float = 1.0
 
 
 SCHEMES = [
@@ -242,6 +245,10 @@ def simulate(fmus: dict[str, str], scheme: Scheme, count: int, duration: float) 
             passes += 1
             if not scheme.iterate or np.abs(answer - guess).max() <= 1e-9:
                 break
+            if passes > MOST_PASSES * (len(rows) + 1):
+                tail.close()
+                raise RuntimeError(f"vehicle and tail do not agree at t = {tail.time:.3f} s")
+            answer = guess + scheme.relaxation * (answer - guess)
             tail.roll_back()
         before, reaction = reaction, answer
         record()

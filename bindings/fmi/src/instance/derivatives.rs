@@ -33,7 +33,7 @@ impl Instance {
         let outputs = self.outputs(unknowns)?;
         let rates = self.ready()?.rates()?;
         for (out, output) in out.iter_mut().zip(outputs) {
-            *out = output.map_or(0.0, |(variable, k)| rates.of(variable, k));
+            *out = output.and_then(|(variable, k)| rates.of(variable, k)).unwrap_or(0.0);
         }
         Ok(())
     }
@@ -67,18 +67,19 @@ impl Instance {
         let change = self.ready()?.directional(|inputs| {
             for ((variable, seeds), nodes) in VARIABLES.iter().zip(&seeds).zip(&entries) {
                 if !seeds.is_empty() {
-                    inputs.set(variable, &seeds[nodes.clone()]);
+                    inputs.set(variable, &seeds[nodes.clone()])?;
                 }
             }
+            Ok(())
         })?;
         for (out, output) in out.iter_mut().zip(&outputs) {
-            *out = output.map_or(0.0, |(variable, k)| change.of(variable, k));
+            *out = output.and_then(|(variable, k)| change.of(variable, k)).unwrap_or(0.0);
         }
         self.seeds = seeds;
         if time != 0.0 {
             let rates = self.ready()?.explicit_rates()?;
             for (out, output) in out.iter_mut().zip(&outputs) {
-                *out += output.map_or(0.0, |(variable, k)| time * rates.of(variable, k));
+                *out += time * output.and_then(|(variable, k)| rates.of(variable, k)).unwrap_or(0.0);
             }
         }
         for (place, seed) in parameters {
@@ -109,7 +110,7 @@ impl Instance {
                 let view = stepper.view();
                 outputs
                     .iter()
-                    .map(|output| output.map_or(0.0, |(variable, k)| variable.at(&view, k)))
+                    .map(|output| output.and_then(|(variable, k)| variable.at(&view, k)).unwrap_or(0.0))
                     .collect::<Vec<_>>()
             });
             match view {

@@ -117,7 +117,7 @@ impl Instance {
                 if variable.causality == Causality::Independent {
                     return self.time();
                 }
-                variable.at(&stepper.view(), node)
+                variable.at(&stepper.view(), node).unwrap_or(0.0) // an entry at a node without a joint
             }
             (Target::Variable(..), None) => f64::NAN,
         }

@@ -13,10 +13,11 @@ Examples
 """
 
 import importlib
+import os
 from typing import Any
 
 from . import errors
-from ._caudal import Scene, Snapshot, Stepper, Variable, __version__
+from ._caudal import Scene, Snapshot, Stepper, Variable, __version__, _held_descriptors
 from .designing import Design, design
 from .errors import Error
 from .gradients import Parameter, Simulation, parameters, simulate, value_and_grad
@@ -48,6 +49,20 @@ __all__ = [
     "sweep",
     "value_and_grad",
 ]
+
+
+def _leave_journals() -> None:
+    """In a forked process: lets the journals go that it shares with its parent, which would else stay locked as long as it lives."""
+    held = _held_descriptors()
+    if held:
+        nothing = os.open(os.devnull, os.O_RDWR)
+        for descriptor in held:
+            os.dup2(nothing, descriptor)
+        os.close(nothing)
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_leave_journals)
 
 
 def __getattr__(name: str) -> Any:

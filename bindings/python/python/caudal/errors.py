@@ -429,6 +429,18 @@ class StudyError(Error, ValueError):
     problem: str
 
 
+class DerivativeError(Error, ValueError):
+    """A derivative is asked for that a simulation does not have.
+
+    Attributes
+    ----------
+    problem : str
+        What was asked for, and what is allowed.
+    """
+
+    problem: str
+
+
 class DesignError(Error):
     """There is no design that does what is asked.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import html
 from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple, Optional, Union
@@ -83,6 +84,9 @@ class Simulation:
         Its times, the start's first.
     outputs : dict of str to numpy.ndarray
         What was read: a number per time, of ``x_m``, ``y_m``, ``vx_m_s`` and ``vy_m_s`` a row per time.
+    notes : list of str
+        What `run` says of it too: where the model, the steps and the energy balance leave their ranges. They are found when they are
+        first asked for, by another simulation.
     """
 
     def __init__(self, scene: Scene, content: _Simulation, values: Mapping[str, npt.ArrayLike]) -> None:
@@ -91,6 +95,11 @@ class Simulation:
         self.times_s: Array = content.times
         self.outputs: dict[str, Array] = content.values()
         self._content = content
+
+    @functools.cached_property
+    def notes(self) -> list[str]:
+        """What `run` says of it too: where the model, the steps and the energy balance leave their ranges."""
+        return self._content.notes()
 
     def pull_back(
         self, weights: Mapping[str, npt.ArrayLike], with_respect_to: Union[str, Iterable[str]]
@@ -102,7 +111,7 @@ class Simulation:
         weights : dict of str to array_like
             Weights by output, each of its shape; outputs that are not named have none.
         with_respect_to : str or iterable of str
-            Names of `parameters`. First positions and velocities must have been given.
+            Names of `parameters`. First positions and velocities must have been given; those that are not follow the scene's start.
 
         Returns
         -------
@@ -162,8 +171,19 @@ def simulate(
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
     names = names_of(outputs)
-    given = [(name, np.array(value, dtype=np.float64, order="C")) for name, value in (values or {}).items()]
+    given = arrays_of(values)
     return Simulation(scene, _Simulation(scene, given, names), dict(given))
+
+
+class ValueAndGrad(tuple[float, dict[str, Value]]):
+    """A number and its derivatives by name: a pair, which also has the notes of its simulation."""
+
+    _content: _Simulation
+
+    @functools.cached_property
+    def notes(self) -> list[str]:
+        """What `run` says of the simulation too, see `Simulation`."""
+        return self._content.notes()
 
 
 def value_and_grad(
@@ -171,7 +191,7 @@ def value_and_grad(
     output: str,
     with_respect_to: Union[str, Iterable[str]],
     values: Optional[Mapping[str, npt.ArrayLike]] = None,
-) -> tuple[float, dict[str, Value]]:
+) -> ValueAndGrad:
     """A number that a simulation ends with, and its exact derivatives.
 
     Parameters
@@ -191,7 +211,8 @@ def value_and_grad(
     value : float
         The number.
     gradient : dict of str to float or numpy.ndarray
-        Its derivatives by name.
+        Its derivatives by name. First positions and velocities among them count as given; what of these is neither named nor given
+        starts as the scene says, and moves with its other parameters. The pair of both also has ``notes``, see `Simulation`.
 
     Examples
     --------
@@ -202,21 +223,16 @@ def value_and_grad(
     (7,)
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    names = names_of(with_respect_to)
-    given = dict(values or {})
-    first = ("x_m", "y_m", "vx_m_s", "vy_m_s")
-    if any(name in first for name in names) and not any(name in first for name in given):
-        own = parameters(scene)
-        given.update({name: own[name].value for name in first})
-    if output.startswith("cycle_"):
-        return simulate(scene, (), given)._content.cycle_mean(output, names)
-    simulation = simulate(scene, output, given)
-    values_of = simulation.outputs[output]
-    if values_of.ndim != 1:
-        raise ValueError(f"{output} has a number for every node; take one of them from caudal.simulate(...)")
-    weights = np.zeros_like(values_of)
-    weights[-1] = 1.0
-    return float(values_of[-1]), simulation.pull_back({output: weights}, names)
+    read = [] if output.startswith("cycle_") else [output]
+    content = _Simulation(scene, arrays_of(values), read)
+    found = ValueAndGrad(content.value_and_grad(output, names_of(with_respect_to)))
+    found._content = content
+    return found
+
+
+def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]]) -> list[tuple[str, Array]]:
+    """The values as arrays of their own."""
+    return [(name, np.array(value, dtype=np.float64, order="C")) for name, value in (values or {}).items()]
 
 
 class Recent:

@@ -1,0 +1,615 @@
+//! Simulations by names: outputs, and their derivatives by numbers of the scene and by what has an entry per joint or node.
+
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use super::controls::{Controls, Weights};
+use super::forward::Sensitivities;
+use super::number::{self, Number, Numbers};
+use super::output::Output;
+use super::parameter::Parameter;
+use super::problem::Problem;
+use super::trajectory::Trajectory;
+use crate::cycle::slopes;
+use crate::error::{Error, Result};
+use crate::scene::{Document, Scene};
+
+/// Numbers in rows: one (no dimension), a list, or a row per time.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Array {
+    /// Its dimensions.
+    pub shape: Vec<usize>,
+    /// Its numbers, row by row.
+    pub values: Vec<f64>,
+}
+
+impl From<f64> for Array {
+    fn from(value: f64) -> Self {
+        Self { shape: Vec::new(), values: vec![value] }
+    }
+}
+
+impl From<Vec<f64>> for Array {
+    fn from(values: Vec<f64>) -> Self {
+        Self { shape: vec![values.len()], values }
+    }
+}
+
+impl Array {
+    /// Rows of `width` numbers.
+    fn rows(values: Vec<f64>, width: usize) -> Self {
+        Self { shape: vec![values.len() / width.max(1), width], values }
+    }
+}
+
+/// What a simulation is differentiated by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum By {
+    /// Numbers of the scene, by the place of their key.
+    Scene(usize),
+    Stiffness,
+    Amplitude,
+    PhaseProfile,
+    Phase,
+    Natural,
+    /// Along an axis.
+    Force(usize),
+    /// First positions along an axis.
+    Position(usize),
+    /// First velocities along an axis.
+    Velocity(usize),
+}
+
+/// Name, unit and meaning of what has an entry per joint or node, or is no key of the scene.
+const NAMED: [(By, &str, &str, &str); 11] = [
+    (By::Stiffness, "joint_stiffness_n_m2", "N m^2", "bending stiffness of the joints"),
+    (
+        By::Amplitude,
+        "joint_amplitude_factor",
+        "1",
+        "what the amplitude of the scene's actuation is multiplied by at the joints",
+    ),
+    (
+        By::PhaseProfile,
+        "joint_phase_rad",
+        "rad",
+        "phases subtracted inside the sine of the scene's actuation at the joints",
+    ),
+    (By::Phase, "actuation_phase_rad", "rad", "phase subtracted inside the actuation's sine"),
+    (
+        By::Natural,
+        "natural_curvature_1_m",
+        "1/m",
+        "natural curvature of the joints beside the actuation's; may be given over time",
+    ),
+    (By::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
+    (By::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
+    (By::Position(0), "x_m", "m", "nodes at the start, x"),
+    (By::Position(1), "y_m", "m", "nodes at the start, y"),
+    (By::Velocity(0), "vx_m_s", "m/s", "velocity of the nodes at the start, x"),
+    (By::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
+];
+
+/// Something that a scene's simulation can be differentiated by.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    /// Its name: a key of the scene, or that of what has an entry per joint or node.
+    pub name: String,
+    /// SI unit; `1` where there is none.
+    pub unit: &'static str,
+    /// What it is.
+    pub description: String,
+    /// What it is in the scene.
+    pub value: Array,
+}
+
+/// All that a simulation of `scene` can be differentiated by.
+///
+/// # Errors
+/// Those of [`Problem::of`].
+pub fn parameters(scene: &Scene) -> Result<Vec<Named>> {
+    let (mut problem, known) = (Problem::of(scene)?, Known::of(scene)?);
+    let named = |name: &str| {
+        let (by, unit, description) = known.named(name)?;
+        let values = known.value(by, &mut problem);
+        let shape = if known.is_single(by) { Vec::new() } else { vec![values.len()] };
+        Some(Named { name: name.to_string(), unit, description, value: Array { shape, values } })
+    };
+    Ok(known.names().into_iter().filter_map(named).collect())
+}
+
+/// All that a scene can be differentiated by.
+#[derive(Debug)]
+struct Known {
+    /// The numbers of every key.
+    keys: Vec<Vec<Number>>,
+    driven: bool,
+}
+
+impl Known {
+    fn of(scene: &Scene) -> Result<Self> {
+        let model = scene.model()?;
+        let numbers = Numbers::of(scene, &model);
+        let keys = numbers.keys().into_iter().map(|key| numbers.of_key(key)).collect();
+        Ok(Self { keys, driven: model.actuation.is_some() })
+    }
+
+    fn names(&self) -> Vec<&str> {
+        let keys = self.keys.iter().map(|numbers| &*numbers[0].key);
+        let named = NAMED.iter().map(|named| named.1).filter(|name| self.named(name).is_some());
+        keys.chain(named).collect()
+    }
+
+    /// What `name` says, with unit and meaning.
+    fn named(&self, name: &str) -> Option<(By, &'static str, String)> {
+        if let Some((by, _, unit, meaning)) = NAMED.iter().find(|(_, own, ..)| *own == name) {
+            let wave = matches!(by, By::Amplitude | By::PhaseProfile | By::Phase);
+            return (self.driven || !wave).then(|| (*by, *unit, meaning.to_string()));
+        }
+        let i = self.keys.iter().position(|numbers| numbers[0].key == name)?;
+        let numbers = &self.keys[i];
+        let meanings: Vec<&str> = numbers.iter().map(|number| &*number.description).collect();
+        let meaning = if numbers[0].xi.is_some() { meanings[0].to_string() } else { meanings.join("; ") };
+        Some((By::Scene(i), numbers[0].unit, meaning))
+    }
+
+    /// True where `by` is one number and no list.
+    fn is_single(&self, by: By) -> bool {
+        match by {
+            By::Phase => true,
+            By::Scene(i) => self.keys[i][0].place.is_empty(),
+            _ => false,
+        }
+    }
+
+    /// Its value now.
+    fn value(&self, by: By, problem: &mut Problem) -> Vec<f64> {
+        let (nodes, joints) = (problem.model().rod.nodes, problem.model().rod.joints().len());
+        match by {
+            By::Scene(i) => self.keys[i].iter().map(|number| number.own).collect(),
+            By::Phase => vec![0.0],
+            By::Stiffness => problem.stiffness(),
+            By::Amplitude => vec![1.0; joints],
+            By::PhaseProfile | By::Natural => vec![0.0; joints],
+            By::Force(_) => vec![0.0; nodes],
+            By::Position(i) => along(&problem.first()[0], i),
+            By::Velocity(i) => along(&problem.first()[1], i),
+        }
+    }
+
+    /// The refusal of a derivative by `name`, in a simulation of the scene of this name.
+    fn refuse(&self, scene: &str, name: &str) -> Error {
+        let known = self.names().join(", ");
+        refusal(format!("a simulation of {scene:?} has no derivative by `{name}`; allowed: {known}"))
+    }
+}
+
+/// What is read of a simulation.
+#[derive(Debug, Clone, Copy)]
+enum Read {
+    /// Its place among the outputs.
+    Output(usize),
+    Position(usize),
+    Velocity(usize),
+}
+
+/// Begins the names of means over whole cycles.
+const MEAN: &str = "cycle_";
+
+/// Outputs that a control over time leaves without derivative.
+const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
+
+/// A simulation of a scene whose outputs have derivatives by what is named.
+///
+/// It is simulated when something of it is first asked for.
+#[derive(Debug)]
+pub struct Simulation {
+    problem: Problem,
+    /// The scene, with the numbers that were given.
+    document: Document,
+    scene: Scene,
+    known: Known,
+    outputs: Vec<Output>,
+    reads: Vec<(String, Read)>,
+    /// Stiffness of the joints, where it was given.
+    stiffness: Option<Vec<f64>>,
+    /// Factors and phases of the actuation.
+    factors: Vec<f64>,
+    phases: Vec<f64>,
+    phase: f64,
+    /// What was given over time.
+    over_time: Vec<String>,
+    simulated: Option<(Trajectory, Sensitivities)>,
+}
+
+impl Simulation {
+    /// A simulation of the scene of `document` that reads `outputs`: recorded variables, or `x_m`, `y_m`, `vx_m_s`, `vy_m_s` of the
+    /// nodes. `values` take the place of those of the [`parameters`] of these names.
+    ///
+    /// # Errors
+    /// Those of the scene and of [`Problem::of`]; [`Error::Derivative`], [`Error::WrongLength`] and [`Error::UnknownVariable`].
+    pub fn of(document: &Document, outputs: &[&str], values: &[(&str, Array)]) -> Result<Self> {
+        let mut document = document.clone();
+        let as_is = document.scene()?;
+        let known = Known::of(&as_is)?;
+        for (name, value) in values.iter().filter(|(name, _)| !NAMED.iter().any(|named| named.1 == *name)) {
+            finite(name, value)?;
+            let Some((By::Scene(i), ..)) = known.named(name) else {
+                // The scene says what is near to it, where it knows no such key.
+                document.set(&format!("{name}={:e}", value.values.first().unwrap_or(&0.0)))?;
+                document.scene()?;
+                return Err(known.refuse(&as_is.name, name));
+            };
+            let (own, found) = (&known.keys[i], value.values.len());
+            if own.len() != found {
+                return Err(refusal(format!("{name}: found {found} values; allowed: {}", own.len())));
+            }
+            for (key, value) in number::keys_with(own, &value.values) {
+                document.put("a simulation's values", &key, &value);
+            }
+        }
+        let scene = document.scene()?;
+        let (known, problem) = (Known::of(&scene)?, Problem::of(&scene)?);
+        let joints = problem.model().rod.joints().len();
+        let mut own = Self {
+            problem,
+            document,
+            scene,
+            known,
+            outputs: Vec::new(),
+            reads: Vec::new(),
+            stiffness: None,
+            factors: vec![1.0; joints],
+            phases: vec![0.0; joints],
+            phase: 0.0,
+            over_time: Vec::new(),
+            simulated: None,
+        };
+        own.take_values(values)?;
+        for name in outputs {
+            let read = match *name {
+                "x_m" => Read::Position(0),
+                "y_m" => Read::Position(1),
+                "vx_m_s" => Read::Velocity(0),
+                "vy_m_s" => Read::Velocity(1),
+                _ => {
+                    own.outputs.push(Output::named(name, own.problem.model())?);
+                    Read::Output(own.outputs.len() - 1)
+                }
+            };
+            own.reads.push((name.to_string(), read));
+        }
+        Ok(own)
+    }
+
+    /// Takes those of `values` that are no numbers of the scene.
+    fn take_values(&mut self, values: &[(&str, Array)]) -> Result<()> {
+        let (nodes, joints) = (self.nodes(), self.joints());
+        let times = self.problem.times().len();
+        let (mut natural, mut force) = (None, [None, None]);
+        let mut first = Vec::new();
+        for (name, value) in values {
+            let Some((by, ..)) = self.known.named(name) else { return Err(self.known.refuse(&self.scene.name, name)) };
+            let width = match by {
+                By::Scene(_) => continue, // the scene has it
+                By::Phase => 1,
+                By::Stiffness | By::Amplitude | By::PhaseProfile | By::Natural => joints,
+                By::Force(_) | By::Position(_) | By::Velocity(_) => nodes,
+            };
+            finite(name, value)?;
+            let may_be_timed = matches!(by, By::Natural | By::Force(_));
+            let timed = match value.shape[..] {
+                [] if by == By::Phase => false,
+                [n] if n == width => false,
+                [t, n] if may_be_timed && t == times && n == width => true,
+                _ => {
+                    let rows = if may_be_timed { format!(" or ({times}, {width})") } else { String::new() };
+                    let found = &value.shape;
+                    return Err(refusal(format!("{name}: found the shape {found:?}; allowed: ({width},){rows}")));
+                }
+            };
+            let row = value.values.clone();
+            let spread = |row: Vec<f64>| if timed { row } else { row.repeat(times) };
+            if timed {
+                self.over_time.push(name.to_string());
+            }
+            match by {
+                By::Scene(_) => {}
+                By::Phase => self.phase = row[0],
+                By::Stiffness => {
+                    if let Some(bad) = row.iter().find(|ei| **ei <= 0.0) {
+                        return Err(refusal(format!("{name}: found {bad}; allowed: positive numbers")));
+                    }
+                    self.stiffness = Some(row);
+                }
+                By::Amplitude => self.factors = row,
+                By::PhaseProfile => self.phases = row,
+                By::Natural => natural = Some(spread(row)),
+                By::Force(axis) => force[axis] = Some(spread(row)),
+                By::Position(axis) => first.push((false, axis, row)),
+                By::Velocity(axis) => first.push((true, axis, row)),
+            }
+        }
+        self.set()?;
+        let force = (force != [None, None]).then(|| {
+            let [x, y] = force.map(|part| part.unwrap_or_else(|| vec![0.0; times * nodes]));
+            x.iter().zip(&y).flat_map(|(x, y)| [*x, *y]).collect()
+        });
+        self.problem.set_controls(Controls { natural, force })?;
+        first.into_iter().try_for_each(|(velocities, axis, row)| self.problem.set_first(velocities, axis, row))
+    }
+
+    /// Gives the problem, and it with its numbers moved, what is no number of the scene.
+    fn set(&mut self) -> Result<()> {
+        if let Some(stiffness) = &self.stiffness {
+            self.problem.set_stiffness(stiffness)?;
+        }
+        self.problem.set_phase(self.phase);
+        self.problem.set_actuation(&self.factors, &self.phases)
+    }
+
+    fn nodes(&self) -> usize {
+        self.problem.model().rod.nodes
+    }
+
+    fn joints(&self) -> usize {
+        self.problem.model().rod.joints().len()
+    }
+
+    /// A flag that another thread raises to end what is computed, with [`Error::Interrupted`].
+    pub fn interrupt(&self) -> Arc<AtomicBool> {
+        self.problem.interrupt()
+    }
+
+    /// Times, the start's first, s.
+    pub fn times(&self) -> Vec<f64> {
+        self.problem.times()
+    }
+
+    /// Simulates, unless that is done.
+    ///
+    /// # Errors
+    /// A step that fails; it is not halved.
+    pub fn simulate(&mut self) -> Result<()> {
+        if self.simulated.is_none() {
+            self.simulated = Some(self.problem.simulate_with(&self.outputs)?);
+        }
+        Ok(())
+    }
+
+    /// The outputs over time, in their order: a number per time, of `x_m`, `y_m`, `vx_m_s` and `vy_m_s` a row per time.
+    ///
+    /// # Errors
+    /// Those of [`simulate`](Self::simulate).
+    pub fn outputs(&mut self) -> Result<Vec<(&str, Array)>> {
+        self.simulate()?;
+        let (nodes, Some((trajectory, values))) = (self.nodes(), &self.simulated) else { return Ok(Vec::new()) };
+        let times = 0..trajectory.times.len();
+        let read = |read: Read| match read {
+            Read::Output(o) => times.clone().map(|n| values.value(n, o)).collect::<Vec<f64>>().into(),
+            Read::Position(i) => {
+                Array::rows(times.clone().flat_map(|n| along(trajectory.positions(n), i)).collect(), nodes)
+            }
+            Read::Velocity(i) => {
+                Array::rows(times.clone().flat_map(|n| along(trajectory.velocities(n), i)).collect(), nodes)
+            }
+        };
+        Ok(self.reads.iter().map(|(name, what)| (&**name, read(*what))).collect())
+    }
+
+    /// What a run of the scene says of itself: where its model, its steps and its energy balance leave their ranges.
+    ///
+    /// # Errors
+    /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::check::Assessment).
+    #[cfg(feature = "faer")]
+    pub fn notes(&mut self) -> Result<Vec<String>> {
+        let warnings = crate::check::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
+        let (meter, end) = self.problem.measured()?;
+        Ok(crate::run::notes(&self.scene, self.problem.model(), &meter, &end, self.scene.pace(), &warnings))
+    }
+
+    /// What is named.
+    fn by(&self, names: &[&str]) -> Result<Vec<By>> {
+        let find = |name: &&str| self.known.named(name).map(|named| named.0);
+        names.iter().map(|name| find(name).ok_or_else(|| self.known.refuse(&self.scene.name, name))).collect()
+    }
+
+    /// The parameters behind `by`, in their order, with the problem ready for them.
+    fn parameters(&mut self, by: &[By]) -> Result<Vec<Parameter>> {
+        if by.contains(&By::Amplitude) && self.factors.contains(&0.0) {
+            return Err(refusal("joint_amplitude_factor: no derivative where a factor is 0".to_string()));
+        }
+        let of_scene = |by: &By| if let By::Scene(i) = by { &self.known.keys[*i][..] } else { &[] };
+        let mut numbers: Vec<Number> = by.iter().flat_map(of_scene).cloned().collect();
+        number::count(&mut numbers);
+        let own: Vec<f64> = numbers.iter().map(|number| number.own).collect();
+        self.problem.moved = number::moved(&self.document, &numbers, &own)?;
+        self.set()?;
+        let joints = || self.problem.model().rod.joints();
+        let mut numbers = numbers.into_iter();
+        let of = |by: &By| -> Vec<Parameter> {
+            match by {
+                By::Scene(i) => numbers.by_ref().take(self.known.keys[*i].len()).map(|number| number.by).collect(),
+                By::Phase => vec![Parameter::Phase],
+                By::Stiffness => joints().map(Parameter::Stiffness).collect(),
+                By::Amplitude => joints().map(Parameter::WaveAmplitude).collect(),
+                By::PhaseProfile => joints().map(Parameter::WavePhase).collect(),
+                By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_) => Vec::new(),
+            }
+        };
+        Ok(by.iter().flat_map(of).collect())
+    }
+
+    /// Takes what belongs to `by` from derivatives by its parameters.
+    fn take(&self, by: By, from: &mut impl Iterator<Item = f64>) -> Array {
+        let joints = self.joints();
+        let values: Vec<f64> = match by {
+            By::Scene(i) => from.take(self.known.keys[i].len()).collect(),
+            By::Phase => from.take(1).collect(),
+            By::Stiffness | By::PhaseProfile => from.take(joints).collect(),
+            // The parameter is relative to what it is.
+            By::Amplitude => from.take(joints).zip(&self.factors).map(|(by, factor)| by / factor).collect(),
+            By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_) => Vec::new(),
+        };
+        if self.known.is_single(by) { Array { shape: Vec::new(), values } } else { values.into() }
+    }
+
+    /// The derivatives of Σ w y over all outputs y and times, with `weights` w by output, each of its shape, by what is named.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`] for what there is no derivative of or by, first states that are not given among it;
+    /// [`Error::WrongLength`] for weights of another shape; those of [`simulate`](Self::simulate).
+    pub fn pull_back(&mut self, weights: &[(&str, Array)], names: &[&str]) -> Result<Vec<Array>> {
+        let by = self.by(names)?;
+        for (name, by) in names.iter().zip(&by) {
+            if let Some((velocities, axis)) = of_first(*by)
+                && !self.problem.has_first(velocities, axis)
+            {
+                let problem =
+                    format!("derivatives by the first state need it to be given; give {name}, as it is in the scene");
+                return Err(refusal(problem));
+            }
+        }
+        self.simulate()?;
+        let (times, nodes) = (self.problem.times().len(), self.nodes());
+        let count = self.outputs.len();
+        let mut all = [vec![0.0; times * count], Vec::new(), Vec::new()];
+        for (name, given) in weights {
+            let Some((_, read)) = self.reads.iter().find(|(own, _)| own == name) else {
+                return Err(refusal(format!("`{name}` was not read")));
+            };
+            if let Some(control) = names.iter().zip(&by).find(|(own, by)| {
+                **by == By::Natural && self.over_time.iter().any(|name| name == *own) && NEEDS_RATE.contains(name)
+            }) {
+                let control = control.0;
+                return Err(refusal(format!(
+                    "{name} has no derivative by {control} over time, whose rate is not given"
+                )));
+            }
+            let (list, width, stride, offset) = match read {
+                Read::Output(o) => (&mut all[0], 1, count, *o),
+                Read::Position(i) => (&mut all[1], nodes, 2 * nodes, *i),
+                Read::Velocity(i) => (&mut all[2], nodes, 2 * nodes, *i),
+            };
+            list.resize(times * stride, 0.0);
+            if given.values.len() != times * width {
+                let (expected, found) = (times * width, given.values.len());
+                return Err(Error::WrongLength { name: "weights", expected, found });
+            }
+            for (n, row) in given.values.chunks(width).enumerate() {
+                for (k, weight) in row.iter().enumerate() {
+                    list[n * stride + offset + 2 * k] += weight;
+                }
+            }
+        }
+        let parameters = self.parameters(&by)?;
+        let Some((trajectory, _)) = &self.simulated else { return Ok(Vec::new()) };
+        let weights = Weights { outputs: &all[0], positions: &all[1], velocities: &all[2] };
+        let found = self.problem.pull_back(&parameters, &self.outputs, weights, trajectory)?;
+        let mut parts = found.parameters.iter().copied();
+        let mut result = Vec::with_capacity(by.len());
+        for (name, by) in names.iter().zip(by) {
+            let (rows, width) = match by {
+                By::Natural => (found.natural.clone(), self.joints()),
+                By::Force(i) => (along(&found.force, i), nodes),
+                By::Position(i) => (along(&found.start[0], i), nodes),
+                By::Velocity(i) => (along(&found.start[1], i), nodes),
+                _ => {
+                    result.push(self.take(by, &mut parts));
+                    continue;
+                }
+            };
+            if self.over_time.iter().any(|own| own == name) {
+                result.push(Array::rows(rows, width));
+            } else {
+                let mut sum = vec![0.0; width];
+                rows.chunks(width).for_each(|row| sum.iter_mut().zip(row).for_each(|(sum, x)| *sum += x));
+                result.push(sum.into());
+            }
+        }
+        Ok(result)
+    }
+
+    /// A mean over the last whole cycles, and its derivatives by what is named, which holds over the whole simulation.
+    ///
+    /// # Errors
+    /// [`Error::Derivative`] for what there is no derivative of or by; those of [`simulate`](Self::simulate).
+    pub fn cycle_mean(&mut self, measure: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
+        let by = self.by(names)?;
+        let Some(measure) = slopes::smooth().find(|own| own.key == measure) else {
+            let known: Vec<&str> = slopes::smooth().map(|own| own.key).collect();
+            return Err(refusal(format!("`{measure}` has no derivative; allowed: {}", known.join(", "))));
+        };
+        let other = |by: &By| matches!(by, By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_));
+        if let Some((name, _)) = names.iter().zip(&by).find(|(_, by)| other(by)) {
+            return Err(refusal(format!("means over cycles have no derivative by {name}")));
+        }
+        let parameters = self.parameters(&by)?;
+        let Some((value, slopes)) = self.problem.cycle_mean(&measure, &parameters)? else {
+            let key = measure.key;
+            return Err(refusal(format!("this run has no {key}: no whole cycle, or nothing to average")));
+        };
+        let mut parts = slopes.into_iter();
+        Ok((value, by.into_iter().map(|by| self.take(by, &mut parts)).collect()))
+    }
+
+    /// The value at the end of `output`, which it reads, or the mean over the last whole cycles of that name, with its derivatives by
+    /// what is named; first states among these count as given.
+    ///
+    /// # Errors
+    /// Those of [`pull_back`](Self::pull_back) and [`cycle_mean`](Self::cycle_mean).
+    pub fn value_and_grad(&mut self, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
+        if output.starts_with(MEAN) {
+            return self.cycle_mean(output, names);
+        }
+        for (velocities, axis) in self.by(names)?.into_iter().filter_map(of_first) {
+            if !self.problem.has_first(velocities, axis) {
+                let first = &self.problem.first()[usize::from(velocities)];
+                self.problem.set_first(velocities, axis, along(first, axis))?;
+            }
+        }
+        let values = self.outputs()?.into_iter().find(|(name, _)| *name == output).map(|(_, values)| values);
+        let Some(Array { shape, mut values }) = values else { return Err(refusal(format!("`{output}` was not read"))) };
+        let Some(value) = values.last().copied().filter(|_| shape.len() == 1) else {
+            return Err(refusal(format!("{output} has a number for every node; weigh them in Simulation::pull_back")));
+        };
+        values.fill(0.0);
+        values.last_mut().into_iter().for_each(|last| *last = 1.0);
+        Ok((value, self.pull_back(&[(output, values.into())], names)?))
+    }
+}
+
+/// A number that a simulation of the scene of `document` ends with, and its exact derivatives by what is named, in that order: numbers
+/// of the scene by their keys, and what else the [`parameters`] name. `output` is a recorded variable, whose value at the end counts, or
+/// a mean over the last whole cycles such as `cycle_forward_speed_m_s`. [`Simulation`] takes other values of what is named, and has
+/// derivatives of sums over time.
+///
+/// # Errors
+/// Those of [`Simulation::of`] and [`Simulation::value_and_grad`].
+pub fn value_and_grad(document: &Document, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
+    let read = if output.starts_with(MEAN) { &[][..] } else { &[output] };
+    Simulation::of(document, read, &[])?.value_and_grad(output, names)
+}
+
+/// The part of the first state that `by` is: velocities or positions, along an axis.
+fn of_first(by: By) -> Option<(bool, usize)> {
+    match by {
+        By::Position(axis) => Some((false, axis)),
+        By::Velocity(axis) => Some((true, axis)),
+        _ => None,
+    }
+}
+
+/// Every second entry: those along an axis.
+fn along(values: &[f64], axis: usize) -> Vec<f64> {
+    values.iter().skip(axis).step_by(2).copied().collect()
+}
+
+fn refusal(problem: String) -> Error {
+    Error::Derivative { problem }
+}
+
+fn finite(name: &str, array: &Array) -> Result<()> {
+    let bad = array.values.iter().find(|x| !x.is_finite());
+    bad.map_or(Ok(()), |bad| Err(refusal(format!("{name}: found {bad}; allowed: finite numbers"))))
+}
