@@ -10,7 +10,6 @@ use serde::Serialize;
 use crate::batch::{Batch, WIDTH};
 use crate::cycle::{self, Averages, GRAVITY};
 use crate::error::{Error, Result};
-use crate::fluid::range;
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
@@ -461,9 +460,9 @@ impl Summary {
             notes: (warnings.iter().cloned())
                 .chain(balance_note(meter, rounding(stepper), stepper.pace()))
                 .chain(motion_notes(meter, stepper.pace()))
-                .chain(range::left(&model.forces, &scene.motion(&model.rod, model.fluid, meter.across()), |law| {
-                    scene.without(law)
-                }))
+                .chain(
+                    meter.across().into_iter().flat_map(|across| scene.left_ranges(&model.forces, &model.rod, across)),
+                )
                 .collect(),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: dynamics.towing_force(speed).filter(|_| swims).map(|drag| drag * speed * elapsed / actuation),

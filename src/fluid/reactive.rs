@@ -52,8 +52,11 @@ pub static OMITTED: Published = Published {
     source: "a round free swimmer by cross-flow",
 };
 
+/// The name of the force.
+pub const NAME: &str = "reactive";
+
 /// The range of both.
-const VALIDITY: Validity = Validity {
+pub const VALIDITY: Validity = Validity {
     range: "slender bodies whose depth changes slowly",
     bounds: &[
         Bound::at_most(Scale::Depth, 0.3),
@@ -334,7 +337,7 @@ fn outer(a: Vector2<f64>, b: Vector2<f64>) -> Matrix2<f64> {
 
 impl Force for Reactive {
     fn name(&self) -> &'static str {
-        "reactive"
+        NAME
     }
 
     fn validity(&self) -> Validity {
