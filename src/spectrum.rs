@@ -247,7 +247,9 @@ fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) ->
         }
     }
     let most = lines.iter().map(|line: &Line| line.speed).fold(0.0, f64::max);
-    lines.retain(|line| line.speed >= RESOLVED * most);
+    // Faster than every other row are the bends between them alone.
+    let fastest = 0.5 * (rows.len() - 1) as f64 / (to - from);
+    lines.retain(|line| line.speed >= RESOLVED * most && line.frequency <= fastest);
     lines
 }
 

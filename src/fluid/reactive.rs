@@ -8,7 +8,7 @@
 //!
 //! Sources: M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674 (2011).
 
-use std::f64::consts::FRAC_PI_4;
+use std::f64::consts::{FRAC_PI_4, PI};
 use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
@@ -55,8 +55,11 @@ pub static OMITTED: Published = Published {
 /// The name of the force.
 pub const NAME: &str = "reactive";
 
+/// From where on leaving it out errs by more than it does: the layer that viscosity takes along adds 4/√(πβ) to the added mass, β = fD²/ν.
+pub const COUNTS: Bound = Bound::at_least(Scale::Stokes, 16.0 / PI);
+
 /// The range of both.
-pub const VALIDITY: Validity = Validity {
+const VALIDITY: Validity = Validity {
     range: "slender bodies whose depth changes slowly",
     bounds: &[
         Bound::at_most(Scale::Depth, 0.3),

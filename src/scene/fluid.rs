@@ -26,9 +26,6 @@ use crate::regime::{Across, Regime};
 use crate::rod::{Rod, Shape};
 use crate::spectrum::Spectrum;
 
-/// Stokes number from which on the layer that viscosity takes along adds less to the added mass, 4/√(πβ) of it, than that is itself.
-const LEAST_STOKES: f64 = 16.0 / std::f64::consts::PI;
-
 /// `[medium]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
@@ -607,15 +604,14 @@ impl Scene {
         let Ok(estimates) = self.fluid_estimates() else { return };
         let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok());
         let reactive = self.reactive.is_some();
-        self.taken = FluidChoice::of(&estimates, |law, with| {
-            let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
-            // Where the layer that viscosity takes along is more than all that the theory accelerates, it says nothing.
-            let is_thick = estimates.regime.stokes.is_some_and(|stokes| stokes < LEAST_STOKES);
-            let water = if reactive_left { !(with && is_thick) } else { with == reactive };
-            drag && water && !(with && self.refuses_water())
-        });
         let rod = self.rod_on(NODES[0] as usize);
         let motion = self.motion(&rod, estimates.regime.across);
+        let counts = reactive::COUNTS.left(&motion).is_none();
+        self.taken = FluidChoice::of(&estimates, |law, with| {
+            let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
+            let water = if reactive_left { counts || !with } else { with == reactive };
+            drag && water && !(with && self.refuses_water())
+        });
         let is_below = LAWS.iter().any(|law| law.is_whole() && law.validity.holds(&motion));
         if let Some((law, changes)) = is_below.then(|| self.whole_drag()).flatten()
             && let Some(taken) = &mut self.taken
@@ -655,11 +651,10 @@ impl Scene {
         let (rod, mut found, mut regime) = (self.rod_on(nodes as usize), Vec::new(), None);
         for law in wanted {
             for reactive in [true, false] {
-                let is_thin = |regime: &Regime| regime.stokes.is_none_or(|stokes| stokes >= LEAST_STOKES);
-                let holds = |regime: &Regime| {
-                    law.validity.holds(&self.motion(&rod, regime.across)) && (!reactive || is_thin(regime))
+                let known = |regime: &Regime| {
+                    let holds = law.validity.holds(&self.motion(&rod, regime.across));
+                    law.uncertainty(regime.reynolds, reactive).filter(|_| holds)
                 };
-                let known = |regime: &Regime| law.uncertainty(regime.reynolds, reactive).filter(|_| holds(regime));
                 // Out of its range a law is no candidate.
                 let holds = regime.as_ref().is_none_or(|regime| known(regime).is_some());
                 if !holds && fixed != Some(law) {
@@ -670,7 +665,8 @@ impl Scene {
                 match follow(&model, span) {
                     Ok(Followed { means, motion }) => {
                         let regime = regime.get_or_insert_with(|| Regime::of(&model.rod, strongest, &motion));
-                        found.push((law, reactive, means, dropped, known(regime)));
+                        let counts = !reactive || reactive::COUNTS.left(&self.motion(&rod, regime.across)).is_none();
+                        found.push((law, reactive, means, dropped, known(regime).filter(|_| counts)));
                     }
                     // A law out of its range may fail where the scene's own motion is none of its.
                     Err(_) if !holds => {}

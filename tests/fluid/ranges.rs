@@ -96,7 +96,7 @@ fn every_law_s_own_range_is_judged_by_check_and_by_the_run_s_own_motion() {
         ),
         (&["drag.law=nonlocal", "medium.viscosity_pa_s=1e-3"], "Reynolds number of the length is", ""),
         (
-            &["head_body={ semi_axis_along_m = 0.02, semi_axis_across_m = 0.02 }"],
+            &["head_body={ semi_axis_along_m = 0.02, semi_axis_across_m = 0.02 }", "medium.viscosity_pa_s=0.1"],
             "head-body drag is outside its range: Reynolds number of the head body is",
             "",
         ),

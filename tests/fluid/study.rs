@@ -109,7 +109,8 @@ fn a_swimmer_in_creeping_flow_needs_nonlocal_drag_for_its_power_alone_and_a_fish
     assert!((-0.84..-0.64).contains(&speed) && (-0.85..-0.65).contains(&power), "{speed} {power}");
     assert!(row(&fish, "cox", false).is_none(), "out of its range");
     assert!(fish.tables[1].rows.iter().any(|row| row[0] == "cox"));
-    for (findings, laws) in [(&sperm, 14), (&fish, 2)] {
+    // Around the sperm, at fD²/ν = 1e-5, the water that the theory accelerates is none.
+    for (findings, laws) in [(&sperm, 7), (&fish, 2)] {
         assert_eq!(findings.tables[0].rows.len(), laws, "{:?}", findings.tables[0].rows);
         assert!(findings.answers.last().unwrap().starts_with("Verdict: "));
         assert!(findings.motion.is_some());
@@ -137,7 +138,8 @@ fn the_study_s_speeds_are_those_of_runs() {
 
 #[test]
 fn beside_a_wall_the_highest_law_knows_the_wall() {
-    let found = findings(&scene_of(WORM, &["solver.duration_s=1"]));
+    // Nearer than three radii nonlocal drag is out of its range.
+    let found = findings(&scene_of(WORM, &["solver.duration_s=1", "drag.height_m=1.1e-4"]));
     let reference = found.numbers["reference"].as_str().unwrap();
     let [_, speed, _] = row(&found, "cox", false).unwrap();
     let [_, wall, _] = row(&found, "wall", false).unwrap();

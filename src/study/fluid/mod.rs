@@ -16,8 +16,9 @@ use self::swim::Swim;
 use self::words::Report;
 use super::{Desk, Studied};
 use crate::error::Result;
+use crate::fluid::force::Validity;
 use crate::fluid::laws::{DragLaw, LAWS, Uncertainty, auto};
-use crate::fluid::reactive::VALIDITY;
+use crate::fluid::reactive::COUNTS;
 use crate::jobs;
 use crate::scene::{HeadKind, Scene};
 
@@ -78,8 +79,8 @@ impl Ladder {
             for reactive in [false, true] {
                 let own = own_law == Some(law) && own_reactive == reactive;
                 let name = law.with_reactive(reactive);
-                let ranges = [Some(law.validity), reactive.then_some(VALIDITY)];
-                let left = ranges.into_iter().flatten().find_map(|range| range.beyond(&motion));
+                let water = Validity { bounds: if reactive { const { &[COUNTS] } } else { &[] }, ..law.validity };
+                let left = law.validity.beyond(&motion).or_else(|| water.beyond(&motion));
                 let holds = left.is_none();
                 let (scene, dropped) = match scene.with_fluid(law, reactive) {
                     Ok(other) => other,
