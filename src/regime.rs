@@ -126,6 +126,7 @@ pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive, head: Option<&
         let phase = TAU * f64::from(i) / f64::from(PHASES);
         let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
         actuation.add(wave, &mut natural, &mut zeros.clone());
+        rod.at_joints(&mut natural);
         let mut state = State::zeros(2 * rod.nodes);
         Start::Shaped.place(rod, &natural, &zeros, head, &mut state);
         state

@@ -277,6 +277,7 @@ fn shape_speed(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
         let phase_rate = TAU * drive.frequency;
         let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate };
         actuation.add(wave, &mut natural, &mut rate);
+        [&mut natural, &mut rate].into_iter().for_each(|values| rod.at_joints(values));
         let mut state = State::zeros(2 * rod.nodes);
         Start::Shaped.place(rod, &natural, &rate, Some(&rest), &mut state);
         for k in 0..rod.nodes {

@@ -149,6 +149,18 @@ fn beside_a_wall_the_highest_law_knows_the_wall() {
 }
 
 #[test]
+fn the_verdict_keeps_the_water_that_decides_whether_a_rod_is_stable() {
+    let flag = include_str!("../../models/flag.toml");
+    let found = findings(&scene_of(flag, &["solver.duration_s=0.5"]));
+    let [_, thrust, power] = row(&found, "cross-flow", false).unwrap();
+    println!("{thrust} {power}: {:?}", found.answers.last());
+    // From rest both are the same: what the water does to the rod a motion of half a second does not show.
+    assert!(thrust.abs() < 0.05 && power.abs() < 0.05, "{thrust} {power}");
+    assert_eq!(found.numbers["law_that_suffices"], "cross-flow + reactive", "{:?}", found.answers);
+    assert!(found.answers.last().unwrap().contains("whether the rod is stable"), "{:?}", found.answers);
+}
+
+#[test]
 fn an_interrupted_study_of_laws_goes_on_to_the_same_end() {
     let scene = scene_of(SPERM, &["solver.duration_s=0.05"]);
     let wanted = findings(&scene);
