@@ -8,21 +8,22 @@ use crate::actuation::Wave;
 use crate::error::{Error, Result, bytes};
 use crate::fluid::body;
 use crate::fluid::laws::{self, CREEPING, DragLaw, LAWS, Recipe, SLENDER};
-use crate::fluid::{Force, Forces, range};
-use crate::integrator::Pace;
+use crate::fluid::{Fluid, Force, Forces};
+use crate::head::pose;
+use crate::integrator::{Integrator, Pace, stability_limit};
 use crate::metrics::Energy;
 use crate::model::{Mechanics, Model, chain};
 use crate::modes::{Matrices, Modes};
 use crate::reduced::RUNGS;
 use crate::reduced::fluids::MARGIN;
 use crate::regime::{self, Regime};
-use crate::rod::{Profile, Rod, Shape, bend};
+use crate::rod::{Profile, Rod, Shape, bend, node};
 use crate::scene::value::{Finite, Positive};
 use crate::scene::{Document, Fault, HeadKind, NodesTable, Scene, StartKind};
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
-use crate::words::{signed, significant};
+use crate::words::{signed, significant, two_digits};
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
 const MODES_UP_TO: u64 = 201;
@@ -34,6 +35,8 @@ const SURFACE_TENSION: f64 = 0.072;
 const NEUTRAL: f64 = 0.05;
 /// Fewest steps in a period of the drive.
 const STEPS_A_PERIOD: f64 = 20.0;
+/// Largest kΔL of waves along a passive tail.
+const WAVE: f64 = 0.5;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
 const RESOLVED: f64 = 0.2;
 /// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
@@ -79,7 +82,7 @@ pub struct Fact {
 pub struct Assessment {
     /// First non-rigid natural frequency ω₁ of the scene's own discrete rod with the fluid that it accelerates, rad/s.
     pub first_frequency: f64,
-    /// Half of how far the tip moves, m; without a fluid the largest |y| of the tip in the shape that is prescribed.
+    /// Half of how far the tip moves, m; without a fluid in the shape that is prescribed.
     pub tip_amplitude: Option<f64>,
     /// Re_d = ρ w D/μ of the motion, see [`Regime`].
     pub reynolds: Option<f64>,
@@ -109,7 +112,8 @@ impl Assessment {
         let nodes = model.rod.nodes as u64;
         let coarse = if nodes > MODES_UP_TO { Some(scene.with_nodes(MODES_UP_TO).model()?) } else { None };
         let is_coarse = coarse.is_some();
-        let first_frequency = Modes::of_model(coarse.map_or_else(|| scene.model(), Ok)?)?.lowest();
+        let modes = Modes::of_model(coarse.map_or_else(|| scene.model(), Ok)?)?;
+        let first_frequency = modes.lowest();
         let regime = scene.regime();
         let spectrum = Spectrum::of_model(model);
         let omega = spectrum.strongest().map(|frequency| TAU * frequency);
@@ -117,7 +121,9 @@ impl Assessment {
             Ok(regime) => Some(regime.tip),
             Err(_) => prescribed_tip(model),
         };
-        let across = resistance(scene, model);
+        // Where the rod is, the mean over it.
+        let fluid = regime.as_ref().map_or(model.fluid, |regime| regime.across.fluid);
+        let across = resistance(scene, model, fluid);
         let rod = &model.rod;
         let line_density = match scene.model()? {
             Model { rod, forces, fluid, layers, .. } if forces.are_inertial() => {
@@ -138,6 +144,11 @@ impl Assessment {
             refusal: None,
         };
         assessment.describe(scene, stepper, regime.as_ref(), is_coarse);
+        assessment.warn_of_waves(scene, rod);
+        // Of a coarser mesh it is another.
+        if !is_coarse {
+            assessment.warn_of_limit(&*scene.integrator()?, stepper, modes.highest());
+        }
         assessment.warn(scene, stepper, spectrum.fastest().map(|frequency| TAU * frequency));
         Ok(assessment)
     }
@@ -231,7 +242,7 @@ impl Assessment {
                     let [motion, power] = other.means.differences(&own.means).map(|part| signed(100.0 * part, 1));
                     let named = if estimates.held { "thrust" } else { "speed" };
                     let changes =
-                        if reactive { "left out, the motion" } else { "[reactive] would change it: the motion" };
+                        if reactive { "without it the motion" } else { "[reactive] would change it: the motion" };
                     format!(
                         "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {MARGIN} times such differences); {}",
                         about_water(&regime, rod)
@@ -276,7 +287,8 @@ impl Assessment {
             ),
         );
         if let Some(medium) = &scene.medium {
-            fact("mass over displaced mass", about_weight(rod, medium.density_kg_m3.get(), scene.head.kind));
+            let density = regime.map_or(medium.density_kg_m3.get(), |regime| regime.across.fluid.density);
+            fact("mass over displaced mass", about_weight(rod, density, scene.head.kind));
         }
         let steps = match stepper.pace() {
             Pace::Fixed(step) => {
@@ -324,7 +336,7 @@ impl Assessment {
         let tip = match regime {
             Ok(_) if model.head.is_none() => " m, half of how far the tip moves about the centre of mass",
             Ok(_) => " m, half of how far the tip moves",
-            Err(_) => " m, of the shape that is prescribed",
+            Err(_) => " m, half of how far the tip moves in the shape that is prescribed",
         };
         let numbers = [
             ("tip amplitude", self.tip_amplitude, tip),
@@ -346,12 +358,12 @@ impl Assessment {
 
     /// The forces of the fluid, the flow around the rod, and what other laws would say.
     fn describe_fluid(&mut self, scene: &Scene, model: &Model, regime: Option<&Regime>) {
-        let Model { rod, forces, fluid, .. } = model;
+        let Model { rod, forces, .. } = model;
         let height = scene.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get);
         self.describe_body(model, regime, height);
         let Some(regime) = regime else { return };
-        let motion = scene.motion(rod, *fluid, [regime.speed, regime.reynolds / regime.depth]);
-        self.ranges = range::left(forces, &motion, |law| scene.without(law));
+        let motion = scene.motion(rod, regime.across);
+        self.ranges = scene.left_ranges(forces, rod, regime.across);
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         for force in forces.iter() {
             let validity = force.validity();
@@ -361,12 +373,12 @@ impl Assessment {
             };
             fact("force", format!("{}: holds for {} ({}){takes}", force.name(), validity.in_words(), validity.source));
         }
-        if regime.speed > 0.0 {
+        if regime.across.speed > 0.0 {
             fact(
                 "flow around the rod",
                 format!(
                     "Re_d = {:.3e} by the depth of {:.3e} m and {:.3e} m/s across the rod; length over radius {:.1}",
-                    regime.reynolds, regime.depth, regime.speed, regime.slenderness
+                    regime.reynolds, regime.depth, regime.across.speed, regime.slenderness
                 ),
             );
         }
@@ -383,8 +395,8 @@ impl Assessment {
         self.describe_media(scene, model, regime);
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         // Along and across, at the speeds of the motion.
-        let speed = if regime.speed > 0.0 { regime.speed } else { 1e-9 * rod.length };
-        let coefficients = |forces: &Forces| forces.coefficients(rod, *fluid, speed);
+        let speed = if regime.across.speed > 0.0 { regime.across.speed } else { 1e-9 * rod.length };
+        let coefficients = |forces: &Forces| forces.coefficients(rod, regime.across.fluid, speed);
         let Some([along, across]) = coefficients(forces) else { return };
         fact(
             "drag per length and speed",
@@ -430,13 +442,11 @@ impl Assessment {
             body.along, body.across, rod.mass[0]
         ));
         if forces.iter().any(|force| force.name() == body::DRAG) {
-            let reynolds = regime.map_or(0.0, |regime| {
-                fluid.density * regime.speed * 2.0 * body.along.max(body.across) / fluid.viscosity
-            });
+            let reynolds = regime.map_or(0.0, |regime| regime.across.body * 2.0 * body.along.max(body.across));
             let drag = height.map_or_else(|| body.drag(), |height| body.drag_beside(height));
             let [along, across, turning] = drag.map(|drag| drag * fluid.viscosity);
             fact(format!(
-                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin; Re = {reynolds:.3e} by its length and the speed across the rod"
+                "Stokes drag {along:.4e} N s/m along, {across:.4e} N s/m across, {turning:.4e} N m s of its spin; Re = {reynolds:.3e} by its longest axis and its speed"
             ));
         }
         if forces.iter().any(|force| force.name() == body::INERTIA) {
@@ -479,7 +489,7 @@ impl Assessment {
                     before[1],
                     here[0],
                     here[1],
-                    here[0] * regime.speed * regime.depth / here[1]
+                    here[0] * regime.across.speed * regime.depth / here[1]
                 ),
             );
             before = here;
@@ -498,7 +508,7 @@ impl Assessment {
                 ));
             }
         }
-        if regime.speed > 0.0 {
+        if regime.across.speed > 0.0 {
             // Waves on the interface of two liquids have the gravity that is left of their difference.
             let densities =
                 std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density));
@@ -506,7 +516,7 @@ impl Assessment {
             let reduced = densities.windows(2).map(|pair| gravity * (pair[1] - pair[0]).abs() / pair[0].max(pair[1]));
             let least = reduced.filter(|reduced| *reduced > 0.0).fold(f64::INFINITY, f64::min);
             let froude = least.is_finite().then(|| {
-                let froude = regime.speed / (least * regime.depth).sqrt();
+                let froude = regime.across.speed / (least * regime.depth).sqrt();
                 format!("Froude number w/√(g′D) = {froude:.3e} with g′ = gΔρ/ρ = {least:.3e} m/s^2, ")
             });
             let heaviest = layers.iter().map(|layer| layer.fluid.density).fold(medium.density_kg_m3.get(), f64::max);
@@ -515,7 +525,7 @@ impl Assessment {
                 format!(
                     "{}Weber number ρw²D/σ = {:.3e} with the surface tension of water against air; not modelled: waves (Froude numbers around 1), cavities (well above 1), surface tension (Weber numbers around 1 and below), the cushion of air",
                     froude.unwrap_or_default(),
-                    heaviest * regime.speed.powi(2) * regime.depth / SURFACE_TENSION
+                    heaviest * regime.across.speed.powi(2) * regime.depth / SURFACE_TENSION
                 ),
             );
         }
@@ -530,6 +540,36 @@ impl Assessment {
             std::iter::once(medium.density_kg_m3.get()).chain(layers.iter().map(|layer| layer.fluid.density)).collect();
         if densities.windows(2).any(|pair| (pair[1] - pair[0]) * up < 0.0) {
             self.warnings.push("a denser fluid lies above a lighter one: at rest it would not stay there".to_string());
+        }
+    }
+
+    /// Warns of a passive tail on fewer nodes than the waves need that its head, or the flow, sends along it: with their wavenumber
+    /// k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI its thrust errs by 0.4 (kΔL)² (measured, in oil and in water, for kL of 0.4 to 21).
+    fn warn_of_waves(&mut self, scene: &Scene, rod: &Rod) {
+        let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| scene.actuation.is_none());
+        let Some(waves) = numbers.map(|(sperm, inertia)| sperm * (1.0 + inertia * inertia).powf(0.125)) else { return };
+        let turning = waves * rod.spacing / rod.length;
+        if turning > WAVE {
+            self.warnings.push(format!(
+                "the mesh is coarse for the waves along this passive tail: kΔL = {turning:.2} by their wavenumber k (allowed: up to {WAVE}, where its thrust errs by 10 %); take at least {:.0} nodes for 2.5 %",
+                (2.0 * waves / WAVE).ceil() + 1.0
+            ));
+        }
+    }
+
+    /// Warns of steps that `method` amplifies at the rod's highest natural frequency (rad/s).
+    fn warn_of_limit(&mut self, method: &dyn Integrator, stepper: &Stepper, highest: f64) {
+        if stepper.view().dynamics.mechanics == Mechanics::Full
+            && let Pace::Fixed(step) = stepper.pace()
+            && let Some(limit) = stability_limit(method)
+            && step * highest > limit
+        {
+            self.warnings.push(format!(
+                "the time step is beyond the method's limit of stability: ωΔt = {:.3} at the rod's highest natural frequency, {} Hz (allowed: up to {limit:.3}); take at most solver.time_step_s = {:e}, or an implicit method",
+                step * highest,
+                significant(highest / TAU, 4),
+                rounded_down(limit / highest)
+            ));
         }
     }
 
@@ -662,22 +702,34 @@ fn rounded_down(x: f64) -> f64 {
 fn about_water(regime: &Regime, rod: &Rod) -> String {
     let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
     let slender = regime.depth / rod.length;
-    format!("own frequencies fall by {slows:.1} %; depth over length {slender:.3}")
+    let decides = if regime.water_decides_stability() {
+        format!(
+            "; it decides whether the rod is stable, which a motion from rest need not show (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {})",
+            two_digits(regime.flow_velocity.powi(2)),
+            regime::BECK
+        )
+    } else {
+        String::new()
+    };
+    format!("it lowers the rod's own frequencies by {slows:.1} %; depth over length {slender:.3}{decides}")
 }
 
-/// Largest |y| (m) of the tip in the shape that the actuation prescribes.
+/// Half of how far the tip moves (m) in the shape that the actuation prescribes.
 fn prescribed_tip(model: &Model) -> Option<f64> {
     let (actuation, drive) = model.actuation.as_ref()?;
-    Some(regime::reach(regime::shapes(&model.rod, &**actuation, *drive)))
+    let head = model.head.as_ref().map(|motion| pose(motion, 0.0));
+    let shapes = regime::shapes(&model.rod, &**actuation, *drive, head.as_ref());
+    let tips: Vec<_> = shapes.map(|shape| node(&shape.q, model.rod.nodes - 1)).collect();
+    Some(regime::half_width(&tips))
 }
 
-/// Drag across the rod per length and speed, N s/m²; where that depends on the motion of the whole rod, of the default law.
-fn resistance(scene: &Scene, model: &Model) -> Option<f64> {
-    let Model { rod, forces, fluid, .. } = model;
-    let own = || forces.resistance(rod, *fluid);
+/// Drag across the rod per length and speed in that fluid, N s/m²; where that depends on the motion of the whole rod, of the default law.
+fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
+    let Model { rod, forces, .. } = model;
+    let own = || forces.resistance(rod, fluid);
     let local = || {
         let recipe = Recipe { wavelength: scene.wavelength(), ..Recipe::plain(rod) };
-        Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, *fluid)
+        Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, fluid)
     };
     let [_, across] = if scene.has_whole_drag() { local() } else { own() }?;
     Some(across)

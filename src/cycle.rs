@@ -269,7 +269,7 @@ pub struct Cycle {
     pub from: f64,
     /// When it ended, s.
     pub until: f64,
-    /// Peak-to-peak excursion of the tip across the axis, m.
+    /// Peak-to-peak excursion of the tip across the mean path, see [`STROUHAL`], m.
     pub excursion: f64,
     change: Integrals,
 }
@@ -474,7 +474,7 @@ measure!(
     "strouhal_number",
     "",
     "1",
-    "Strouhal number fA/|U|, A the peak-to-peak excursion of the tip across the head's mean axis of the cycle before",
+    "Strouhal number fA/|U|, A the peak-to-peak excursion of the tip across the mean path through the fluid of the cycle before, seen from what goes on at its mean velocity",
     |c, d| c.way(d).map(|speed| c.excursion / (c.period() * speed))
 );
 measure!(
@@ -645,8 +645,10 @@ pub struct Cycles {
     before: Option<(f64, Integrals)>,
     /// Where the cycle under way began.
     begin: Option<(f64, Integrals)>,
-    /// Across the axis, and the least and largest coordinate of the tip along it in this cycle, m.
+    /// Across the path through the fluid, and velocity (m/s) of what the tip is seen from: those of the last cycle.
     across: Vector2<f64>,
+    drift: Vector2<f64>,
+    /// The least and largest coordinate of the tip there in this cycle, m.
     range: [f64; 2],
     /// Whole cycles in order of time; so many of them are there.
     kept: [Cycle; KEPT],
@@ -661,13 +663,17 @@ impl Cycles {
         let chord = last.tip[0] - node(&state.q, 0);
         let across = Vector2::new(-chord.y, chord.x).try_normalize(0.0).unwrap_or(Vector2::y());
         let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, change: Integrals::zeros() };
+        // What goes with a free rod before its first cycle is the fluid.
+        let drift = if dynamics.model.head.is_some() { Vector2::zeros() } else { vector(&last.rates, place::FLOW) };
+        let range = [(last.tip[0] - drift * last.time).dot(&across); 2];
         Self {
             source,
             start: (last.time, last.integrals),
             before: None,
             begin: last.phase.map(|_| (last.time, last.integrals)),
             across,
-            range: [last.tip[0].dot(&across); 2],
+            drift,
+            range,
             kept: [none; KEPT],
             count: 0,
             last,
@@ -681,7 +687,7 @@ impl Cycles {
         if now.time > self.last.time {
             let middle = middle.map(|(state, reading)| rates(dynamics, state, reading));
             now.sum(&self.last, middle.as_ref(), self.before.as_ref().map(|(time, rates)| (*time, rates)));
-            self.turn(&now);
+            self.turn(dynamics, &now);
             self.before = Some((self.last.time, self.last.rates));
         } else {
             let known = self.last.integrals.fixed_rows::<{ place::WORK - place::FLOW }>(place::FLOW);
@@ -692,14 +698,14 @@ impl Cycles {
     }
 
     /// Ends the cycles that are over by `now`.
-    fn turn(&mut self, now: &Sample) {
+    fn turn(&mut self, dynamics: &Dynamics, now: &Sample) {
         let mut passed = 0.0;
         match (self.last.phase, now.phase) {
             (Some(before), Some(after)) => {
                 for z in ends_in(before, after) {
                     self.reach(now, [passed, z]);
                     let from = &self.last;
-                    self.complete(from.time + z * (now.time - from.time), between(from, now, z)[0]);
+                    self.complete(dynamics, from.time + z * (now.time - from.time), between(from, now, z)[0]);
                     passed = z;
                     self.range = [f64::INFINITY, f64::NEG_INFINITY];
                 }
@@ -715,13 +721,16 @@ impl Cycles {
 
     /// Widens the range by what the tip did over the parts `span` of the step to `now`.
     fn reach(&mut self, now: &Sample, span: [f64; 2]) {
-        let [from, to] = [&self.last, now].map(|sample| sample.tip.map(|tip| tip.dot(&self.across)));
+        let seen = |&Sample { time, tip: [place, velocity], .. }: &Sample| {
+            [place - self.drift * time, velocity - self.drift].map(|tip| tip.dot(&self.across))
+        };
+        let [from, to] = [&self.last, now].map(seen);
         let [least, most] = range([from[0], to[0]], [from[1], to[1]], now.time - self.last.time, span);
         self.range = [self.range[0].min(least), self.range[1].max(most)];
     }
 
     /// The cycle that is over at time `until` (s), with these integrals.
-    fn complete(&mut self, until: f64, integrals: Integrals) {
+    fn complete(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
         let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
         let cycle = Cycle { from, until, excursion: self.range[1] - self.range[0], change: integrals - first };
         if self.count == KEPT {
@@ -730,9 +739,11 @@ impl Cycles {
         }
         self.kept[self.count] = cycle;
         self.count += 1;
-        if let Some(axis) = cycle.axis() {
-            self.across = Vector2::new(-axis.y, axis.x);
+        let path = cycle.way(dynamics).map(|speed| cycle.velocity() / speed);
+        if let Some(along) = path.or_else(|| cycle.axis()) {
+            self.across = Vector2::new(-along.y, along.x);
         }
+        self.drift = cycle.mean_vector(place::POSITION);
     }
 
     /// The last whole cycles at time `t` (s), now or within the last step.

@@ -11,9 +11,10 @@ use crate::error::{Error, Result};
 #[cfg(all(feature = "report", target_arch = "x86_64"))]
 use crate::fluid::Force;
 use crate::fluid::force::{self, Powers};
-use crate::fluid::{Forces, Kinematics, Sink};
+use crate::fluid::{Fluid, Forces, Kinematics, Sink};
 use crate::head::{Row, hermite};
 use crate::model::{Dynamics, Mechanics};
+use crate::regime;
 use crate::rod::sums::{Moving, Sums};
 use crate::rod::{Cell, Edge, bend, node};
 use crate::system::{Link, State, System};
@@ -232,6 +233,12 @@ pub struct Across {
     pub speed: f64,
     /// Of w/ν by the fluid there, 1/m².
     pub per_depth: f64,
+    /// Of |V|/ν of a head body by the fluid there, 1/m².
+    pub body: f64,
+    /// Mean density of the fluid there, kg/m³.
+    pub density: f64,
+    /// Mean viscosity of the fluid there, Pa s.
+    pub viscosity: f64,
 }
 
 impl Across {
@@ -246,15 +253,18 @@ impl Across {
         // A body's neck is no part of the rod.
         let edges = rod.front..tangent.len();
         let share = 1.0 / edges.len() as f64;
+        if rod.body.is_some() {
+            let fluid = dynamics.fluid_at(node(&state.q, 0));
+            sums.body = (node(&state.v, 0) - fluid.flow).norm_squared() * (fluid.density / fluid.viscosity).powi(2);
+        }
         for e in edges {
-            let fluid = match &inputs.layers {
-                None => inputs.fluid,
-                Some(layers) => layers.at(inputs.fluid, layers.height(node(&state.q, e))).fluid,
-            };
+            let fluid = dynamics.fluid_at(node(&state.q, e));
             let velocity = (node(&state.v, e) + node(&state.v, e + 1)) * 0.5 - fluid.flow;
             let square = tangent[e].perp(&velocity).powi(2) * share;
             sums.speed += square;
             sums.per_depth += square * (fluid.density / fluid.viscosity).powi(2);
+            sums.density += fluid.density * share;
+            sums.viscosity += fluid.viscosity * share;
         }
         sums
     }
@@ -262,6 +272,9 @@ impl Across {
     fn add(&mut self, other: &Self, factor: f64) {
         self.speed += factor * other.speed;
         self.per_depth += factor * other.per_depth;
+        self.body += factor * other.body;
+        self.density += factor * other.density;
+        self.viscosity += factor * other.viscosity;
     }
 }
 
@@ -711,11 +724,13 @@ impl Meter {
         self.now.time - self.first.0
     }
 
-    /// Root mean square over rod and time of the velocity (m/s) across the rod against the fluid, and of that over ν, 1/m.
-    pub fn across(&self) -> [f64; 2] {
-        let Across { speed, per_depth } = self.totals.across_time;
-        let elapsed = self.elapsed();
-        if elapsed > 0.0 { [speed, per_depth].map(|sum| (sum / elapsed).sqrt()) } else { [0.0; 2] }
+    /// How fast the rod moved across itself through the fluid since the start; none before the first step.
+    pub fn across(&self) -> Option<regime::Across> {
+        let Across { speed, per_depth, body, density, viscosity } = self.totals.across_time;
+        let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
+        let root = |sum: f64| (sum / elapsed).sqrt();
+        let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };
+        Some(regime::Across { speed: root(speed), per_depth: root(per_depth), body: root(body), fluid })
     }
 
     /// Δx of the centre of mass since the start, m.

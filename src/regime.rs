@@ -1,12 +1,12 @@
 //! Which flow a motion makes around its rod, by its numbers.
 
-use std::borrow::Borrow;
-use std::f64::consts::{FRAC_PI_4, SQRT_2, TAU};
+use std::f64::consts::{FRAC_PI_4, PI, SQRT_2, TAU};
 
 use nalgebra::Vector2;
 
 use crate::actuation::{Actuation, Wave};
 use crate::fluid::Fluid;
+use crate::head::Pose;
 use crate::model::Drive;
 use crate::rod::Rod;
 use crate::start::Start;
@@ -15,27 +15,50 @@ use crate::system::State;
 /// Phases of a period at which the prescribed shape is looked at.
 const PHASES: u32 = 32;
 
+/// Directions in which widths are measured: the largest of them is short by 0.1 % at most.
+const DIRECTIONS: u32 = 36;
+
 /// The part of the velocity along the rod that counts as across it: no rod lies along a flow exactly.
 pub const MISALIGNED: f64 = 0.1;
 
+/// Square of the [dimensionless flow velocity](Regime::flow_velocity) from which on the water's inertia counts for whether the rod is
+/// stable: the compression mU² of the rod is then a twentieth of [`BECK`].
+const STABILITY: f64 = 1.0;
+
+/// The follower force, over EI/L², that makes a clamped rod flutter. M. Beck, Z. angew. Math. Phys. 3 (1952).
+pub const BECK: f64 = 20.05;
+
+/// How fast a rod moves across itself through the fluid, and which fluid that is: root mean squares and means over its length and over
+/// time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Across {
+    /// Velocity w across it, m/s.
+    pub speed: f64,
+    /// ρw/μ where each node is, 1/m.
+    pub per_depth: f64,
+    /// ρ|V|/μ of a head body, of its velocity V in all directions, 1/m.
+    pub body: f64,
+    /// Density and viscosity where the rod is.
+    pub fluid: Fluid,
+}
+
 /// How a rod moves against the fluid: root mean squares over its nodes and over time, the same in every frame.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Motion {
     /// Velocity along the rod, m/s.
     pub along: f64,
-    /// Velocity w across it with [`MISALIGNED`] of that along it, m/s.
-    pub across: f64,
-    /// ρw/μ where each node is, 1/m.
-    pub inertia: f64,
-    /// Half the largest distance between two places of the tip, seen from the centre of mass of a free rod, m.
+    /// Across the rod, with [`MISALIGNED`] of the velocity along it.
+    pub across: Across,
+    /// Half the largest distance between two places of the tip, seen from the centre of mass of a free rod or from where a held head has
+    /// gone on the average, m.
     pub tip: f64,
 }
 
 /// The flow across the rod, by its numbers.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Regime {
-    /// Root mean square of the velocity across the rod, w, m/s.
-    pub speed: f64,
+    /// The motion across the rod, of velocity w.
+    pub across: Across,
     /// Frequency f, Hz; none where nothing moves periodically.
     pub frequency: Option<f64>,
     /// Depth of the rod across the plane of motion, mean over the length, D, m.
@@ -46,7 +69,7 @@ pub struct Regime {
     pub stokes: Option<f64>,
     /// Keulegan–Carpenter number √2 w/(f D): how far the rod moves across itself, in depths.
     pub keulegan_carpenter: Option<f64>,
-    /// Added mass over the rod's own.
+    /// Added mass over the rod's own, without a head body.
     pub mass_ratio: f64,
     /// Dimensionless flow velocity U L √(m/EI), U along the rod and m the added mass per length: what the water's inertia does to the
     /// stiffness of the rod goes with its square, and near 5 and above rods flutter.
@@ -58,40 +81,54 @@ pub struct Regime {
 }
 
 impl Regime {
-    /// The regime of `rod` in `fluid` that `motion` comes to, at this `frequency` (Hz).
-    pub fn of(rod: &Rod, fluid: Fluid, frequency: Option<f64>, motion: &Motion) -> Self {
+    /// The regime of `rod` that `motion` comes to, at this `frequency` (Hz).
+    pub fn of(rod: &Rod, frequency: Option<f64>, motion: &Motion) -> Self {
+        let Across { speed, per_depth, fluid, .. } = motion.across;
         let depth = rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let added = FRAC_PI_4 * fluid.density * rod.sections.mean(0.0, 1.0, |xi| rod.sections.at(xi).added());
         let weakest = rod.joints().map(|k| rod.joint[k]).fold(f64::INFINITY, f64::min) * rod.spacing;
         Self {
-            speed: motion.across,
+            across: motion.across,
             frequency,
             depth,
-            reynolds: motion.inertia * depth,
+            reynolds: per_depth * depth,
             stokes: frequency.map(|frequency| frequency * depth * depth * fluid.density / fluid.viscosity),
-            keulegan_carpenter: frequency.map(|frequency| SQRT_2 * motion.across / (frequency * depth)),
-            mass_ratio: added * rod.length / rod.total_mass(),
+            keulegan_carpenter: frequency.map(|frequency| SQRT_2 * speed / (frequency * depth)),
+            mass_ratio: added * rod.length / rod.mass[rod.front..].iter().sum::<f64>(),
             flow_velocity: motion.along * rod.length * (added / weakest).sqrt(),
             slenderness: rod.length / rod.sections.largest_radius(),
             tip: motion.tip,
         }
     }
+
+    /// True where the water's inertia counts for whether the rod is stable, as a motion from rest may not show.
+    pub fn water_decides_stability(&self) -> bool {
+        self.flow_velocity.powi(2) > STABILITY
+    }
 }
 
-/// Largest |y| of the tip of `shapes`, m.
-pub fn reach(shapes: impl Iterator<Item = impl Borrow<State>>) -> f64 {
-    shapes.fold(0.0, |most, shape| shape.borrow().q.last().map_or(most, |y| y.abs().max(most)))
+/// Half the largest distance between two of `places`, m.
+pub fn half_width(places: &[Vector2<f64>]) -> f64 {
+    let width = |i: u32| {
+        let (sin, cos) = (PI * f64::from(i) / f64::from(DIRECTIONS)).sin_cos();
+        let along = places.iter().map(|place| place.dot(&Vector2::new(cos, sin)));
+        let [low, high] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
+        (high - low).max(0.0)
+    };
+    0.5 * (0..DIRECTIONS).map(width).fold(0.0, f64::max)
 }
 
-/// The shapes that the actuation prescribes over a period, at rest, with the straight rod's centre of mass.
-pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> impl Iterator<Item = State> {
+/// The shapes that the actuation prescribes over a period: of a rod whose head is held as that begins, or which is at rest with the
+/// straight rod's centre of mass.
+pub fn shapes(rod: &Rod, actuation: &dyn Actuation, drive: Drive, head: Option<&Pose>) -> impl Iterator<Item = State> {
     (0..PHASES).map(move |i| {
         let (mut natural, zeros) = (vec![0.0; rod.nodes], vec![0.0; rod.nodes]);
         let phase = TAU * f64::from(i) / f64::from(PHASES);
         let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
         actuation.add(wave, &mut natural, &mut zeros.clone());
+        rod.at_joints(&mut natural);
         let mut state = State::zeros(2 * rod.nodes);
-        Start::Shaped.place(rod, &natural, &zeros, None, &mut state);
+        Start::Shaped.place(rod, &natural, &zeros, head, &mut state);
         state
     })
 }

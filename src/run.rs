@@ -10,7 +10,6 @@ use serde::Serialize;
 use crate::batch::{Batch, WIDTH};
 use crate::cycle::{self, Averages, GRAVITY};
 use crate::error::{Error, Result};
-use crate::fluid::range;
 use crate::integrator::Pace;
 use crate::linear::Choice;
 use crate::metrics::{Meter, Power};
@@ -371,11 +370,11 @@ pub(crate) fn notes(
     pace: Pace,
     warnings: &[String],
 ) -> Vec<String> {
-    let motion = scene.motion(&model.rod, model.fluid, meter.across());
+    let left = meter.across().map(|across| scene.left_ranges(&model.forces, &model.rod, across));
     (warnings.iter().cloned())
         .chain(balance_note(meter, rounding(&model.rod, positions), pace))
         .chain(motion_notes(meter, pace))
-        .chain(range::left(&model.forces, &motion, |law| scene.without(law)))
+        .chain(left.into_iter().flatten())
         .collect()
 }
 

@@ -4,9 +4,12 @@
 //! counts for less: a method of third order follows it as well as the strongest line at steps that are (v/v_max)^⅓ times shorter
 //! than f asks for.
 //!
-//! A table counts as one line with the moments of its rate u, f = √(⟨u̇²⟩/⟨u²⟩)/2π: exact for a sinusoid.
+//! A table counts as the lines of its Fourier transform, each with its part of ⟨u²⟩ of the velocity u; where it has one line, that has the
+//! moments of the table, f = √(⟨u̇²⟩/⟨u²⟩)/2π: exact for a sinusoid.
 
 use std::f64::consts::{FRAC_1_SQRT_2, TAU};
+
+use nalgebra::Complex;
 
 use crate::actuation::{Actuation, Wave};
 use crate::head::{Motion, Row, Signal, hermite};
@@ -26,6 +29,12 @@ const FAINT: f64 = 1e-3;
 
 /// A table's velocity changes if it does so by this part of its size: what is less is rounding of its rows.
 const STEADY: f64 = 1e-6;
+
+/// A line of a table counts if its velocity is this part of the largest: the sides of the window are a fifth of that.
+const RESOLVED: f64 = 0.01;
+
+/// Most times at which a table is looked at for its lines, a power of two.
+const TIMES: usize = 1 << 14;
 
 /// A frequency at which something moves the rod.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -134,7 +143,14 @@ impl Spectrum {
                 };
                 let [first, last] = [rows.first(), rows.last()].map(|row| row.map_or(0.0, |row| row.time));
                 let Some(moments) = Moments::of(rows, [first, last], velocity) else { return };
-                self.add(moments.frequency(), arm * moments.speed());
+                let lines = lines(rows, [first, last], velocity);
+                if lines.len() > 1 {
+                    let all: f64 = lines.iter().map(|line| line.speed * line.speed).sum();
+                    let scale = arm * moments.speed() / all.sqrt();
+                    lines.iter().for_each(|line| self.add(line.frequency, scale * line.speed));
+                } else {
+                    self.add(moments.frequency(), arm * moments.speed());
+                }
                 let quarter = |k: u32| [k, k + 1].map(|k| first + 0.25 * f64::from(k) * (last - first));
                 let quarters = (0..4).map(|k| Moments::of(rows, quarter(k), velocity).map_or(0.0, |m| m.size()));
                 let alike = |size: f64| (size - moments.size()).abs() <= STATIONARY * moments.size();
@@ -191,6 +207,66 @@ impl Moments {
     }
 }
 
+/// The lines of what `velocity` makes of value, rate and second rate of a table, by its Fourier transform; their speeds are right in
+/// proportion.
+fn lines(rows: &[Row], [from, to]: [f64; 2], velocity: impl Fn(f64, f64, f64) -> [f64; 2]) -> Vec<Line> {
+    let count = (2 * rows.len()).next_power_of_two().clamp(64, TIMES);
+    let mut row = 0;
+    let sample = |i: usize| {
+        let time = from + (to - from) * (i as f64 + 0.5) / count as f64;
+        while row + 2 < rows.len() && rows[row + 1].time <= time {
+            row += 1;
+        }
+        let at = hermite(&rows[row], &rows[row + 1], time);
+        velocity(at.value, at.rate, at.acceleration)[0]
+    };
+    let velocities: Vec<f64> = (0..count).map(sample).collect();
+    // Blackman's window: a line is six frequencies wide, and what is beyond that is 0.1 % of it.
+    let window = |i: usize| {
+        let phase = TAU * (i as f64 + 0.5) / count as f64;
+        0.42 - 0.5 * phase.cos() + 0.08 * (2.0 * phase).cos()
+    };
+    // The mean as the window sees it: one of parts of a period is none.
+    let [sum, all] = (0..count).fold([0.0; 2], |[sum, all], i| [sum + window(i) * velocities[i], all + window(i)]);
+    let mean = sum / all;
+    let seen = velocities.iter().enumerate().map(|(i, u)| Complex::from(window(i) * (u - mean)));
+    let squares: Vec<f64> = transform(&seen.collect::<Vec<_>>())[..count / 2].iter().map(Complex::norm_sqr).collect();
+    // From one of the smallest to the next is a line.
+    let ends: Vec<usize> = (2..squares.len() - 1)
+        .filter(|k| squares[k - 1] > squares[*k] && squares[*k] <= squares[k + 1])
+        .chain([squares.len()])
+        .collect();
+    let mut start = 1;
+    let mut lines = Vec::with_capacity(ends.len());
+    for end in ends {
+        let [size, moment] = (start..end)
+            .fold([0.0; 2], |[size, moment], k| [size + squares[k], moment + squares[k] * (k as f64).powi(2)]);
+        start = end;
+        if size > 0.0 {
+            lines.push(Line { frequency: (moment / size).sqrt() / (to - from), speed: size.sqrt() });
+        }
+    }
+    let most = lines.iter().map(|line: &Line| line.speed).fold(0.0, f64::max);
+    // Faster than every other row are the bends between them alone.
+    let fastest = 0.5 * (rows.len() - 1) as f64 / (to - from);
+    lines.retain(|line| line.speed >= RESOLVED * most && line.frequency <= fastest);
+    lines
+}
+
+/// The Fourier transform of `values`, of which there is a power of two.
+fn transform(values: &[Complex<f64>]) -> Vec<Complex<f64>> {
+    if values.len() < 2 {
+        return values.to_vec();
+    }
+    let half = |first: usize| transform(&values.iter().skip(first).step_by(2).copied().collect::<Vec<_>>());
+    let (even, mut odd) = (half(0), half(1));
+    for (k, value) in odd.iter_mut().enumerate() {
+        *value *= Complex::cis(-TAU * k as f64 / values.len() as f64);
+    }
+    let with = |sign: f64| even.iter().zip(&odd).map(move |(a, b)| a + b * sign);
+    with(1.0).chain(with(-1.0)).collect()
+}
+
 /// Root mean square of the velocity (m/s) across itself of a rod that takes the prescribed shape, its head at rest.
 fn shape_speed(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
     let rest = [crate::head::Sample::default(); 3];
@@ -201,6 +277,7 @@ fn shape_speed(rod: &Rod, actuation: &dyn Actuation, drive: Drive) -> f64 {
         let phase_rate = TAU * drive.frequency;
         let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate };
         actuation.add(wave, &mut natural, &mut rate);
+        [&mut natural, &mut rate].into_iter().for_each(|values| rod.at_joints(values));
         let mut state = State::zeros(2 * rod.nodes);
         Start::Shaped.place(rod, &natural, &rate, Some(&rest), &mut state);
         for k in 0..rod.nodes {

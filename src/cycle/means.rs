@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{Cycle, Cycles, FORWARD_SPEED, Measure, SPEED, THRUST};
 use crate::model::Dynamics;
+use crate::reduced::measure::NOISE;
 
 /// A mean is compared with no less than this part of the mean modulus.
 const CANCELLED: f64 = 0.01;
@@ -17,6 +18,8 @@ pub struct Means {
     pub modulus: f64,
     /// Power that goes into the fluid, W.
     pub power: f64,
+    /// What of motion and power is rounding: [`NOISE`] of the length a period, or of the force that the rod's stiffness has over it.
+    pub noise: [f64; 2],
 }
 
 impl Means {
@@ -38,10 +41,14 @@ impl Means {
         let cycles = if whole.is_empty() { all.as_slice() } else { whole };
         let mean = |of: &dyn Fn(&Cycle) -> f64| cycles.iter().map(of).sum::<f64>() / cycles.len() as f64;
         let held = dynamics.model.head.is_some();
+        let rod = &dynamics.model.rod;
+        let speed = NOISE * rod.length / mean(&Cycle::period);
+        let force = NOISE * rod.ei / rod.length.powi(2);
         Some(Self {
             motion: Self::measure(dynamics).mean(cycles, dynamics).filter(|_| !cycles.is_empty())?,
             modulus: mean(&|cycle| if held { cycle.mean_head_force().1 } else { cycle.mean_path_speed() }),
             power: mean(&Cycle::mean_power_into_fluid),
+            noise: [if held { force } else { speed }, force * speed],
         })
     }
 
@@ -49,8 +56,12 @@ impl Means {
     pub fn differences(&self, reference: &Self) -> [f64; 2] {
         let relative = |a: f64, b: f64, scale: f64| if a == b { 0.0 } else { (a - b) / scale };
         [
-            relative(self.motion, reference.motion, reference.motion.abs().max(CANCELLED * reference.modulus)),
-            relative(self.power, reference.power, reference.power.abs()),
+            relative(
+                self.motion,
+                reference.motion,
+                reference.motion.abs().max(CANCELLED * reference.modulus).max(reference.noise[0]),
+            ),
+            relative(self.power, reference.power, reference.power.abs().max(reference.noise[1])),
         ]
     }
 }

@@ -35,6 +35,9 @@ pub const FORM_DRAG_ALONG: Key = "head_body.form_drag_along";
 /// The key of the form drag C across the body.
 pub const FORM_DRAG_ACROSS: Key = "head_body.form_drag_across";
 
+/// Least form drag that counts as one where the flow does not creep: the most streamlined bodies have some 0.02.
+const LEAST_FORM: f64 = 0.01;
+
 /// Up to this e² Λ is summed from its series, where its closed form is a difference of nearly equal numbers.
 const NEARLY_A_SPHERE: f64 = 0.1;
 
@@ -223,7 +226,7 @@ impl Force for BodyDrag {
             &[Bound::at_most(Scale::BodyReynolds, CREEPING), Bound::at_least(Scale::BodyHeight, 1.0)];
         Validity {
             range: "a spheroid; beside a wall it moves parallel to that; form drag is that of its coefficients",
-            bounds: if self.form == [0.0; 2] { CREEPS } else { &CREEPS[1..] },
+            bounds: if self.form.iter().all(|form| *form >= LEAST_FORM) { &CREEPS[1..] } else { CREEPS },
             source: "A. T. Chwang & T. Y.-T. Wu, J. Fluid Mech. 67 (1975); H. Faxén (1923) and G. B. Jeffery (1915) for walls",
         }
     }

@@ -3,12 +3,14 @@
 //! Every force says in its [`Validity`] between which [`Bound`]s it holds. What `check` foresees and what a run has measured are
 //! judged by those same bounds.
 
-use std::f64::consts::TAU;
+use std::f64::consts::{FRAC_PI_2, PI, SQRT_2, TAU};
 use std::fmt;
+
+use nalgebra::Complex;
 
 use super::force::{Forces, Validity};
 use super::laws::{DragLaw, LAWS};
-use super::medium::Fluid;
+use crate::regime::Across;
 use crate::rod::Rod;
 
 /// What the numbers of a motion are made from.
@@ -16,12 +18,8 @@ use crate::rod::Rod;
 pub struct Motion<'a> {
     /// The rod.
     pub rod: &'a Rod,
-    /// The fluid.
-    pub fluid: Fluid,
-    /// Root mean square of the velocity across the rod against the fluid, over rod and time, m/s.
-    pub speed: f64,
-    /// The same over the kinematic viscosity of the fluid there, 1/m.
-    pub per_depth: f64,
+    /// How it moves across itself, and through which fluid.
+    pub across: Across,
     /// Frequency of what drives the rod, Hz.
     pub frequency: Option<f64>,
     /// The wavelength along the rod, m.
@@ -39,6 +37,9 @@ pub enum Scale {
     LengthReynolds,
     /// fD²/ν.
     Stokes,
+    /// What the fluid opposes to small oscillations of a cylinder over the drag of its speed alone, see [`oscillating`]; where the rod
+    /// moves less than its depth.
+    Unsteady,
     /// ωa²/ν by the largest radius.
     Swinging,
     /// Length over the largest radius.
@@ -68,6 +69,7 @@ impl Scale {
             Self::Reynolds => "Reynolds number of the depth",
             Self::LengthReynolds => "Reynolds number of the length",
             Self::Stokes => "fD²/ν",
+            Self::Unsteady => "drag of a cylinder that oscillates so little over that of a steady flow",
             Self::Swinging => "ωa²/ν",
             Self::Slenderness => "length over radius",
             Self::Depth => "depth over length",
@@ -83,13 +85,19 @@ impl Scale {
 
     /// It of a motion; none of one that lacks what it is made from, or is at rest.
     pub fn of(self, motion: &Motion<'_>) -> Option<f64> {
-        let Motion { rod, fluid, frequency, wavelength, height, .. } = *motion;
+        let Motion { rod, across: Across { fluid, .. }, frequency, wavelength, height } = *motion;
         let (length, radius) = (rod.length, rod.sections.largest_radius());
         let depth = || rod.sections.mean(0.0, 1.0, |xi| rod.sections.depth_at(xi));
         let per_nu = fluid.density / fluid.viscosity;
         let longest = rod.body.map(|body| body.along.max(body.across));
-        let moving = |size: f64| Some(motion.per_depth * size).filter(|number| *number > 0.0);
+        let moving = |size: f64| Some(motion.across.per_depth * size).filter(|number| *number > 0.0);
         match self {
+            Self::Unsteady => {
+                let (reynolds, stokes) = (moving(depth())?, Self::Stokes.of(motion)?);
+                let slender = wavelength.map_or(length, |wave| wave.min(length)) / (0.5 * depth());
+                let stroke = SQRT_2 * reynolds / stokes;
+                (stroke < 1.0).then(|| oscillating(stokes) / steady(reynolds, slender))
+            }
             Self::Reynolds => moving(depth()),
             Self::LengthReynolds => moving(length),
             Self::Stokes => frequency.map(|frequency| frequency * depth().powi(2) * per_nu),
@@ -100,7 +108,9 @@ impl Scale {
             Self::WaveInDepths => wavelength.map(|wave| wave / depth()),
             Self::Height => height.map(|height| height / radius),
             Self::HeightInLengths => height.map(|height| height / length),
-            Self::BodyReynolds => longest.and_then(|longest| moving(2.0 * longest)),
+            Self::BodyReynolds => {
+                longest.map(|longest| 2.0 * longest * motion.across.body).filter(|number| *number > 0.0)
+            }
             Self::BodyStokes => {
                 let size = rod.body.map(|body| 2.0 * body.across);
                 frequency.zip(size).map(|(frequency, size)| frequency * size * size * per_nu)
@@ -109,6 +119,42 @@ impl Scale {
         }
     }
 }
+
+/// Drag per length, speed and viscosity of a cylinder that oscillates across itself by much less than its depth, at a Stokes number fD²/ν:
+/// the part of πΩi(1 + 4K₁(k)/(kK₀(k))) in phase with the velocity, k² = iΩ, Ω = ωa²/ν. G. G. Stokes, Trans. Camb. Phil. Soc. 9 (1851);
+/// at large ones that of C.-Y. Wang, J. Fluid Mech. 32 (1968).
+pub fn oscillating(stokes: f64) -> f64 {
+    let omega = FRAC_PI_2 * stokes;
+    let k = (Complex::i() * omega).sqrt();
+    // K_ν(k) e^k = ∫₀^∞ e^(k(1 − cosh t)) cosh νt dt, by the trapezium rule, whose error falls exponentially; the integrand is gone where
+    // |k| cosh t is 40.
+    let end = (1.0 + 40.0 * SQRT_2 / k.norm()).acosh();
+    let part = end / f64::from(PARTS);
+    let [mut zeroth, mut first] = [Complex::new(0.5, 0.0); 2];
+    for i in 1..=PARTS {
+        let cosh = (f64::from(i) * part).cosh();
+        let decay = (k * (1.0 - cosh)).exp();
+        zeroth += decay;
+        first += decay * cosh;
+    }
+    PI * omega * (Complex::i() * 4.0 * first / (k * zeroth)).re
+}
+
+/// The same of a cylinder in a steady flow at a Reynolds number of its depth, with its length over its radius: slender-body theory, boundary
+/// layer and form drag, as `cross-flow` has them.
+fn steady(reynolds: f64, slender: f64) -> f64 {
+    4.0 * PI / (slender.ln() + COX).max(1.0) + 2.0 * reynolds.sqrt() + 0.5 * FORM * reynolds
+}
+
+/// Parts of an integral that is smooth.
+const PARTS: u32 = 200;
+/// R. G. Cox's constant across a rod.
+const COX: f64 = 0.1931;
+/// Form drag of a cylinder.
+const FORM: f64 = 1.1;
+
+/// Up to which [`Scale::Unsteady`] laws of steady drag hold.
+pub const STEADY: Bound = Bound::at_most(Scale::Unsteady, 2.0);
 
 /// Between which values of a number of the motion a force holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -186,6 +232,15 @@ impl Validity {
     pub fn holds(&self, motion: &Motion<'_>) -> bool {
         self.bounds.iter().all(|bound| bound.left(motion).is_none())
     }
+
+    /// The bounds that a motion leaves, in words; none where it leaves none.
+    pub fn beyond(&self, motion: &Motion<'_>) -> Option<String> {
+        let left = self.bounds.iter().filter_map(|bound| Some((bound, bound.left(motion)?)));
+        let in_words = left
+            .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()));
+        let all: Vec<String> = in_words.collect();
+        (!all.is_empty()).then(|| all.join("; "))
+    }
 }
 
 /// What to say of those of `forces` that a motion takes out of their range; once of several that share it. `without` says what else has to
@@ -193,16 +248,9 @@ impl Validity {
 pub fn left(forces: &Forces, motion: &Motion<'_>, without: impl Fn(&'static DragLaw) -> Option<String>) -> Vec<String> {
     let mut said: Vec<(Vec<&str>, String)> = Vec::new();
     for force in forces.iter() {
-        let Validity { bounds, .. } = force.validity();
-        let beyond: Vec<String> = bounds
-            .iter()
-            .filter_map(|bound| Some((bound, bound.left(motion)?)))
-            .map(|(bound, number)| format!("{} is {number:.3e} (allowed: {})", bound.scale.words(), bound.limits()))
-            .collect();
-        if beyond.is_empty() {
-            continue;
-        }
-        let text = format!("{}{}", beyond.join("; "), others(force.name(), bounds, motion, &without));
+        let validity = force.validity();
+        let Some(beyond) = validity.beyond(motion) else { continue };
+        let text = format!("{beyond}{}", others(force.name(), validity.bounds, motion, &without));
         match said.iter_mut().find(|(_, other)| *other == text) {
             Some((names, _)) => names.push(force.name()),
             None => said.push((vec![force.name()], text)),

@@ -8,7 +8,7 @@
 //!
 //! Sources: M. J. Lighthill, Proc. R. Soc. B 179 (1971); F. Candelier, F. Boyer & A. Leroyer, J. Fluid Mech. 674 (2011).
 
-use std::f64::consts::FRAC_PI_4;
+use std::f64::consts::{FRAC_PI_4, PI};
 use std::ops::Range;
 
 use nalgebra::{Matrix2, Vector2};
@@ -51,6 +51,12 @@ pub static OMITTED: Published = Published {
     ],
     source: "a round free swimmer by cross-flow",
 };
+
+/// The name of the force.
+pub const NAME: &str = "reactive";
+
+/// From where on leaving it out errs by more than it does: the layer that viscosity takes along adds 4/√(πβ) to the added mass, β = fD²/ν.
+pub const COUNTS: Bound = Bound::at_least(Scale::Stokes, 16.0 / PI);
 
 /// The range of both.
 const VALIDITY: Validity = Validity {
@@ -334,7 +340,7 @@ fn outer(a: Vector2<f64>, b: Vector2<f64>) -> Matrix2<f64> {
 
 impl Force for Reactive {
     fn name(&self) -> &'static str {
-        "reactive"
+        NAME
     }
 
     fn validity(&self) -> Validity {

@@ -4,7 +4,6 @@
 //! Nothing of the scene is left out but mesh, steps and length: what drives, bends, carries or holds the rod acts as it does in the
 //! run, so flows and heads that change in time are followed as they are.
 
-use std::f64::consts::PI;
 use std::mem::swap;
 use std::sync::Arc;
 
@@ -20,11 +19,11 @@ use crate::linear::Choice as Linear;
 use crate::metrics::{Meter, Reading};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
-use crate::regime::{MISALIGNED, Motion, Regime};
+use crate::regime::{self, Across, MISALIGNED, Motion, Regime};
 use crate::rod::node;
 use crate::spectrum::Spectrum;
 use crate::system::{Form, State};
-use crate::words::{percent, two_digits};
+use crate::words::{percent, signed, two_digits};
 
 /// Periods that are followed after a ramp, steps of each, and steps where nothing repeats itself.
 pub const PERIODS: f64 = 8.0;
@@ -37,9 +36,6 @@ const MOST_STEPS: f64 = 2048.0;
 /// Nodes on a wavelength or, of a longer one, on the rod; and the most of them.
 const NODES_ON_A_WAVE: f64 = 16.0;
 const MOST_NODES: u64 = 49;
-
-/// Directions in which the way of the tip is measured: the largest of their widths is short by 0.1 % at most.
-const DIRECTIONS: u32 = 36;
 
 /// Relative rounding of times.
 const ROUNDING: f64 = 1e-9;
@@ -135,7 +131,8 @@ fn steps_of(model: &Arc<Model>, span: Span, steps: u64) -> Result<Followed> {
     let mut meter = Meter::start(&mut dynamics, &state)?;
     let mut cycles = Cycles::start(&dynamics, &state, &meter);
     let (mut next, mut reading) = (state.clone(), Reading::new(model.rod.nodes));
-    let mut moments = Vec::with_capacity(steps as usize);
+    let mut moments = Vec::with_capacity(steps as usize + 1);
+    moments.push(Moment::of(&dynamics, &state));
     for step in 1..=steps {
         next.t = duration * step as f64 / steps as f64;
         let h = next.t - state.t;
@@ -149,7 +146,7 @@ fn steps_of(model: &Arc<Model>, span: Span, steps: u64) -> Result<Followed> {
     }
     let means = Means::of(&cycles, &dynamics).ok_or_else(nothing)?;
     let from = moments.partition_point(|moment| moment.time <= span.measured_from() + ROUNDING * duration);
-    Ok(Followed { means, motion: motion(&moments[from..]) })
+    Ok(Followed { means, motion: motion(&moments[from.saturating_sub(1)..], model.head.is_some()) })
 }
 
 /// How the rod moves against the fluid at one time: mean squares over its nodes.
@@ -158,8 +155,12 @@ struct Moment {
     along: f64,
     across: f64,
     inertia: f64,
-    /// Place of the tip, seen from the centre of mass of a free rod, m.
+    body: f64,
+    density: f64,
+    viscosity: f64,
     tip: Vector2<f64>,
+    /// Where the tip is seen from: a held head, or the centre of mass of a free rod, m.
+    from: Vector2<f64>,
 }
 
 impl Moment {
@@ -167,8 +168,22 @@ impl Moment {
     fn of(dynamics: &Dynamics, State { t, q, v, .. }: &State) -> Self {
         let rod = &dynamics.model.rod;
         let last = rod.nodes - 1;
-        let centre = if dynamics.model.head.is_some() { Vector2::zeros() } else { rod.mean(q) };
-        let mut moment = Self { time: *t, along: 0.0, across: 0.0, inertia: 0.0, tip: node(q, last) - centre };
+        let from = if dynamics.model.head.is_some() { node(q, 0) } else { rod.mean(q) };
+        let mut moment = Self {
+            time: *t,
+            along: 0.0,
+            across: 0.0,
+            inertia: 0.0,
+            body: 0.0,
+            density: 0.0,
+            viscosity: 0.0,
+            tip: node(q, last),
+            from,
+        };
+        if rod.body.is_some() {
+            let Fluid { density, viscosity, flow, .. } = dynamics.fluid_at(node(q, 0));
+            moment.body = (node(v, 0) - flow).norm_squared() * (density / viscosity).powi(2);
+        }
         let part = 1.0 / (rod.nodes - rod.front) as f64;
         for k in rod.front..rod.nodes {
             let tangent = (node(q, (k + 1).min(last)) - node(q, k.saturating_sub(1).max(rod.front))).normalize();
@@ -179,25 +194,40 @@ impl Moment {
             moment.along += part * along;
             moment.across += part * across;
             moment.inertia += part * across * (density / viscosity).powi(2);
+            moment.density += part * density;
+            moment.viscosity += part * viscosity;
         }
         moment
     }
 }
 
-/// The motion at equally spaced `moments`.
-fn motion(moments: &[Moment]) -> Motion {
-    let mean = |of: fn(&Moment) -> f64| (moments.iter().map(of).sum::<f64>() / moments.len().max(1) as f64).sqrt();
-    let width = |i: u32| {
-        let (sin, cos) = (PI * f64::from(i) / f64::from(DIRECTIONS)).sin_cos();
-        let along = moments.iter().map(|moment| moment.tip.dot(&Vector2::new(cos, sin)));
-        let [low, high] = along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)]);
-        (high - low).max(0.0)
+/// The motion from the first of equally spaced `moments`, which is the start of it, to the last.
+fn motion(moments: &[Moment], held: bool) -> Motion {
+    let later = moments.get(1..).unwrap_or_default();
+    let mean = |of: fn(&Moment) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
+    let root = |of: fn(&Moment) -> f64| mean(of).sqrt();
+    // What carries the head, or the centre of mass, on: all of a free rod's motion, of a held head its mean.
+    let gone = |moment: &Moment| match (moments.first(), moments.last()) {
+        (Some(first), Some(last)) if held && last.time > first.time => {
+            (last.from - first.from) * ((moment.time - first.time) / (last.time - first.time))
+        }
+        _ if held => Vector2::zeros(),
+        _ => moment.from,
     };
+    let tips: Vec<_> = later.iter().map(|moment| moment.tip - gone(moment)).collect();
     Motion {
-        along: mean(|moment| moment.along),
-        across: mean(|moment| moment.across),
-        inertia: mean(|moment| moment.inertia),
-        tip: 0.5 * (0..DIRECTIONS).map(width).fold(0.0, f64::max),
+        along: root(|moment| moment.along),
+        across: Across {
+            speed: root(|moment| moment.across),
+            per_depth: root(|moment| moment.inertia),
+            body: root(|moment| moment.body),
+            fluid: Fluid {
+                density: mean(|moment| moment.density),
+                viscosity: mean(|moment| moment.viscosity),
+                ..Fluid::NONE
+            },
+        },
+        tip: regime::half_width(&tips),
     }
 }
 
@@ -299,19 +329,12 @@ pub struct FluidChoice {
 /// The part of the highest law's own uncertainty that a simpler one may differ from it by.
 const SHARE: f64 = 0.25;
 
-/// Square of the [dimensionless flow velocity](Regime::flow_velocity) from which on the water's inertia counts for whether the rod is
-/// stable: the compression mU² of the rod is then a twentieth of [`BECK`].
-const STABILITY: f64 = 1.0;
-/// The follower force, over EI/L², that makes a clamped rod flutter. M. Beck, Z. angew. Math. Phys. 3 (1952).
-const BECK: f64 = 20.05;
-
 impl FluidChoice {
     /// The cheapest law that is `allowed` and differs little from the highest of those, as seen beside that one's own uncertainty; with the
     /// water's inertia where that counts for the rod's stability, as a motion from rest may not show it.
     pub fn of(estimates: &FluidEstimates, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
         let open = estimates.among(&allowed)?;
-        let stiffness = estimates.regime.flow_velocity.powi(2);
-        let is_kept = stiffness > STABILITY && open.laws.iter().any(|law| law.reactive);
+        let is_kept = estimates.regime.water_decides_stability() && open.laws.iter().any(|law| law.reactive);
         let left_out = is_kept && open.laws.iter().any(|law| !law.reactive);
         let estimates = if is_kept { open.among(|_, reactive| reactive)? } else { open };
         let limits = estimates.uncertainty.map(|uncertain| SHARE * uncertain);
@@ -330,7 +353,7 @@ impl FluidChoice {
                     highest.name(),
                     estimates.in_words(limits)
                 ),
-                None => "the scene leaves no other".to_string(),
+                None => "there is no other law to compare it with".to_string(),
             }
         } else {
             format!(
@@ -343,10 +366,24 @@ impl FluidChoice {
         if left_out {
             reason = format!(
                 "with the water's inertia, which decides whether the rod is stable (¼πρD²U²L²/EI = {}, and a force along the tip makes a clamped rod flutter at {BECK}); {reason}",
-                two_digits(stiffness)
+                two_digits(estimates.regime.flow_velocity.powi(2)),
+                BECK = regime::BECK
             );
         }
-        Some(Self { law: Some(taken.law), reactive: taken.reactive, reason, errors: Some(taken.errors) })
+        let errors = (estimates.laws.len() > 1).then_some(taken.errors);
+        Some(Self { law: Some(taken.law), reactive: taken.reactive, reason, errors })
+    }
+
+    /// Counts what `law`, which holds and is above all that it chose from, would change of motion and power.
+    pub fn count(&mut self, law: &DragLaw, changes: [f64; 2], held: bool) {
+        let [motion, power] = changes.map(|part| signed(100.0 * part, 1));
+        let named = if held { "thrust" } else { "speed" };
+        self.reason += &format!(
+            "; {} holds here and is above these, but is not run: the motion would have {motion} % {named} and take {power} % power",
+            law.name
+        );
+        let known = self.errors.unwrap_or_default();
+        self.errors = Some([0, 1].map(|i| known[i].max(MARGIN * changes[i].abs()).max(FLOOR)));
     }
 
     /// What is taken, in words.

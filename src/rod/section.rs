@@ -276,6 +276,12 @@ impl Profile {
         self.0.iter().map(|p| p[0])
     }
 
+    /// Those of them between `from` and `to`, both left out.
+    fn places_between(&self, from: f64, to: f64) -> impl Iterator<Item = f64> {
+        let [first, last] = [self.0.partition_point(|p| p[0] <= from), self.0.partition_point(|p| p[0] < to)];
+        self.0[first.min(last)..last].iter().map(|p| p[0])
+    }
+
     /// True where the value is the same everywhere.
     pub fn is_even(&self) -> bool {
         self.0.iter().all(|p| p[1] == self.0[0][1])
@@ -401,7 +407,7 @@ impl Sections {
             return quantity(from);
         }
         let mut ends = vec![from, to];
-        ends.extend(self.profiles().flat_map(|p| &p.0).map(|p| p[0]).filter(|xi| *xi > from && *xi < to));
+        ends.extend(self.profiles().flat_map(|profile| profile.places_between(from, to)));
         ends.sort_by(f64::total_cmp);
         let piece = |ends: &[f64]| {
             let span = ends[1] - ends[0];

@@ -16,13 +16,13 @@ use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
 use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes, Uncertainty};
-use crate::fluid::range::Motion;
-use crate::fluid::reactive::Wake;
+use crate::fluid::range::{self, Motion};
+use crate::fluid::reactive::{self, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
 use crate::reduced::fluids::{Followed, Span, follow, nodes};
 use crate::reduced::{FluidChoice, FluidEstimates};
-use crate::regime::Regime;
+use crate::regime::{Across, Regime};
 use crate::rod::{Rod, Shape};
 use crate::spectrum::Spectrum;
 
@@ -543,7 +543,7 @@ impl Scene {
         let model = self.clone().named_model().with_nodes(nodes).model().map_err(|error| error.to_string())?;
         let (model, strongest) = (Arc::new(model), self.spectrum().strongest());
         let Followed { means, motion } = follow(&model, span).map_err(|error| error.to_string())?;
-        Ok((means, Regime::of(&model.rod, model.fluid, strongest, &motion)))
+        Ok((means, Regime::of(&model.rod, strongest, &motion)))
     }
 
     /// The flow around its rod, by its own motion, which is followed coarsely.
@@ -557,13 +557,11 @@ impl Scene {
         Ok(self.followed()?.1)
     }
 
-    /// What says whether forces hold on `rod`, which moves across itself at `speed` (m/s), and at that over ν, `per_depth` (1/m).
-    pub fn motion<'a>(&self, rod: &'a Rod, fluid: Fluid, [speed, per_depth]: [f64; 2]) -> Motion<'a> {
+    /// What says whether forces hold on `rod`, which moves so across itself.
+    pub fn motion<'a>(&self, rod: &'a Rod, across: Across) -> Motion<'a> {
         Motion {
             rod,
-            fluid,
-            speed,
-            per_depth,
+            across,
             frequency: self.spectrum().strongest().filter(|frequency| *frequency > 0.0),
             wavelength: self.wavelength(),
             height: self.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get),
@@ -606,10 +604,32 @@ impl Scene {
         let Ok(estimates) = self.fluid_estimates() else { return };
         let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok());
         let reactive = self.reactive.is_some();
+        let rod = self.rod_on(NODES[0] as usize);
+        let motion = self.motion(&rod, estimates.regime.across);
+        let counts = reactive::COUNTS.left(&motion).is_none();
         self.taken = FluidChoice::of(&estimates, |law, with| {
             let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
-            drag && (reactive_left || with == reactive) && !(with && self.refuses_water())
+            let water = if reactive_left { counts || !with } else { with == reactive };
+            drag && water && !(with && self.refuses_water())
         });
+        let is_below = LAWS.iter().any(|law| law.is_whole() && law.validity.holds(&motion));
+        if let Some((law, changes)) = is_below.then(|| self.whole_drag()).flatten()
+            && let Some(taken) = &mut self.taken
+        {
+            taken.count(law, changes, estimates.held);
+        }
+    }
+
+    /// What to say of those of `forces` on `rod`, its own, that a motion takes out of their range.
+    pub fn left_ranges(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
+        let mut left = range::left(forces, &self.motion(rod, across), |law| self.without(law));
+        if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
+            let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));
+            of_water.for_each(|note| {
+                *note += "; reactive = \"auto\" takes it all the same, as leaving it out errs by more"
+            });
+        }
+        left
     }
 
     /// What it comes to under the laws that `auto` takes one of, and under its own, each with the water that the rod accelerates and
@@ -628,10 +648,13 @@ impl Scene {
         // The highest first, whose motion says which of the others hold.
         let mut wanted: Vec<_> = laws::auto::CANDIDATES.iter().rev().copied().collect();
         wanted.extend(fixed.filter(|law| !laws::auto::CANDIDATES.contains(law)));
-        let (mut found, mut regime) = (Vec::new(), None);
+        let (rod, mut found, mut regime) = (self.rod_on(nodes as usize), Vec::new(), None);
         for law in wanted {
             for reactive in [true, false] {
-                let known = |regime: &Regime| law.uncertainty(regime.reynolds, reactive);
+                let known = |regime: &Regime| {
+                    let holds = law.validity.holds(&self.motion(&rod, regime.across));
+                    law.uncertainty(regime.reynolds, reactive).filter(|_| holds)
+                };
                 // Out of its range a law is no candidate.
                 let holds = regime.as_ref().is_none_or(|regime| known(regime).is_some());
                 if !holds && fixed != Some(law) {
@@ -641,9 +664,9 @@ impl Scene {
                 let model = Arc::new(scene.with_nodes(nodes).model().map_err(|error| error.to_string())?);
                 match follow(&model, span) {
                     Ok(Followed { means, motion }) => {
-                        let regime =
-                            regime.get_or_insert_with(|| Regime::of(&model.rod, model.fluid, strongest, &motion));
-                        found.push((law, reactive, means, dropped, known(regime)));
+                        let regime = regime.get_or_insert_with(|| Regime::of(&model.rod, strongest, &motion));
+                        let counts = !reactive || reactive::COUNTS.left(&self.motion(&rod, regime.across)).is_none();
+                        found.push((law, reactive, means, dropped, known(regime).filter(|_| counts)));
                     }
                     // A law out of its range may fail where the scene's own motion is none of its.
                     Err(_) if !holds => {}
@@ -680,7 +703,7 @@ impl Scene {
         let coarse = self.with_nodes(MOST_NODES_OF_WHOLE.min(self.rod.nodes.get() as u64));
         let (own, regime) = coarse.followed().ok()?;
         let rod = coarse.rod_on(coarse.rod.nodes.get());
-        let motion = coarse.motion(&rod, coarse.fluid().ok()?.0, [regime.speed, regime.reynolds / regime.depth]);
+        let motion = coarse.motion(&rod, regime.across);
         let law = LAWS.iter().copied().find(|law| law.is_whole() && law.validity.holds(&motion))?;
         let (means, _) = coarse.with_fluid(law, reactive).ok()?.0.followed().ok()?;
         Some((law, means.differences(&own)))

@@ -117,6 +117,17 @@ impl RodTable {
                 let at = if depth.is_even() { "no depth".to_string() } else { format!("no depth at xi = {xi}") };
                 return fault("depth_m", value::refused(at, "a positive depth, 0 at the ends only"));
             }
+            // A fin may vanish at an end.
+            let is_hidden = |xi: &f64| depth.at(*xi) < 2.0 * sections.outer.at(*xi) * (1.0 - 1e-9);
+            let places = depth.places().chain(sections.outer.places()).filter(inside);
+            if sections.shape == Shape::Round
+                && let Some(xi) = places.into_iter().find(is_hidden)
+            {
+                let found =
+                    format!("{} at xi = {xi}, less than the core's {}", depth.at(xi), 2.0 * sections.outer.at(xi));
+                let allowed = "a membrane that is deeper than its core, or section = \"ellipse\"";
+                return fault("depth_m", value::refused(found, allowed));
+            }
         }
         if self.mass_profile.is_some() && sections.mass_factor.at(0.5) <= 0.0 {
             return fault("mass_profile", value::refused("no mass in the middle", "positive factors"));

@@ -398,12 +398,14 @@ impl Scene {
         self.solver.newton_tolerance.is_none()
     }
 
-    /// The size of its steps, s; where they are adaptive, about what is usual: a fiftieth of a period or of the run.
+    /// The size of its steps, s; where they are adaptive, about what is usual: a fiftieth of the fastest period of what drives it, or of the run.
     pub fn typical_step(&self) -> f64 {
-        let period = self.actuation.as_ref().map_or(f64::INFINITY, |actuation| 1.0 / actuation.frequency_hz.get());
         match self.pace() {
             Pace::Fixed(step) => step,
-            Pace::Adaptive(_) => period.min(self.solver.duration_s.get()) / 50.0,
+            Pace::Adaptive(_) => {
+                let period = self.spectrum().fastest().map_or(f64::INFINITY, f64::recip);
+                period.min(self.solver.duration_s.get()) / 50.0
+            }
         }
     }
 

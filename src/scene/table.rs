@@ -38,6 +38,10 @@ pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration:
         return Err(refuse(first_line, format!("found {width} columns; allowed: {allowed}")));
     }
     let names: Vec<String> = header.iter().map(str::to_lowercase).collect();
+    if let Some((i, unit)) = names.iter().enumerate().find_map(|(i, name)| Some((i, other_unit(name)?))) {
+        let found = format!("found {:?} as column {}, in {unit}", &header[i], i + 1);
+        return Err(refuse(first_line, format!("{found}; allowed: seconds, metres and radians, and their rates")));
+    }
     if let Some((i, wanted)) = misplaced(&names, columns) {
         let found = format!("found {:?} as column {}", &header[i], i + 1);
         return Err(refuse(
@@ -84,6 +88,15 @@ pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration:
     }
     let points: Vec<[f64; 2]> = rows.iter().map(|row| [row.time, row.value]).collect();
     Ok(Signal::table_without_rates(&points))
+}
+
+/// What a name says of its unit that is none of seconds, metres, radians and their rates. A name that says nothing is taken for SI.
+fn other_unit(name: &str) -> Option<&str> {
+    const OTHERS: [&str; 14] =
+        ["ms", "us", "ns", "min", "mm", "cm", "um", "µs", "µm", "km", "deg", "degrees", "°", "rev"];
+    // As in `x_mm_s`, a unit follows the quantity; as in `x [mm]`, too.
+    let words = name.split(|c: char| !c.is_alphanumeric() && c != '°' && c != 'µ').skip(1);
+    words.into_iter().find(|word| OTHERS.contains(word))
 }
 
 /// The first column whose name says that it is another one, and what belongs there: time is first, x before y, values before

@@ -173,6 +173,8 @@ struct Column {
 struct Tail {
     /// Direction of the flow.
     direction: [f64; 2],
+    /// The flow comes against the free end.
+    is_reversed: bool,
     /// Mass of the rod and of the water that goes with it across, kg.
     masses: [f64; 2],
     /// √(EI/m_a)/L, m/s.
@@ -211,6 +213,7 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Un
     let alike = |values: &[f64]| values.iter().all(|value| (value / values[0] - 1.0).abs() < STRAIGHT);
     let inner = 1..rod.nodes - 1;
     let uniform = alike(&rod.joint[inner.clone()]) && alike(&rod.mass[inner.clone()]) && alike(&added[inner]);
+    let is_reversed = direction[0] * along[0] + direction[1] * along[1] < 0.0;
     let aligned = (direction[0] - along[0]).hypot(direction[1] - along[1]) < 1e-9;
     let load: f64 = (0..rod.nodes).map(|k| steady.load(k).dot(&nalgebra::Vector2::from(along)).abs()).sum();
     let tensioned = load * rod.length * rod.length > STRAIGHT * rod.ei || bend > STRAIGHT * rod.length;
@@ -220,7 +223,7 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<Tail, Un
         (.., true) => Err("it is for a straight rod without loads along it"),
         _ => Ok(reactive.shedding.get()),
     };
-    Ok(Tail { direction, masses, unit, theory })
+    Ok(Tail { direction, is_reversed, masses, unit, theory })
 }
 
 /// The tail in a flow of that speed (m/s), with that factor on its density.
@@ -252,8 +255,11 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
         let problem = "the head is free, and the rod goes with the flow; allowed: a held head".to_string();
         return Err(refused(Unsteady { key: "head.kind", problem }));
     }
+    // Which speed needs the water is what the study asks: a scene that leaves the water to the program has it at all of them.
+    let left = scene.reactive.as_ref().is_some_and(|reactive| reactive.auto);
+    let own = if left { scene.with_reactive(true) } else { scene.clone() };
     let nodes = scene.rod.nodes.get();
-    let coarse = if nodes > NODES { scene.with_nodes(NODES as u64) } else { scene.clone() };
+    let coarse = if nodes > NODES { own.with_nodes(NODES as u64) } else { own };
     let model = coarse.model()?;
     let own_speed = model.fluid.flow.norm();
     let mut steady = SteadyState::of(model).map_err(refused)?;
@@ -340,24 +346,24 @@ impl Report<'_> {
         let own_theory = theory(own.share);
         findings.answers.push(match own_column.critical {
             Some((0.0, outcome, _)) => format!(
-                "With the water's share {:.4} in the inertia the tail does not stay at rest in still fluid already: {}.",
+                "With the water's share {:.4} in the inertia the tail does not stay at rest in still fluid already: {} of small motions about it.",
                 own.share,
                 outcome.category().label
             ),
             Some((speed, outcome, frequency)) => {
                 let how = match outcome {
-                    Outcome::Divergence => "it diverges".to_string(),
+                    Outcome::Divergence => "small motions about that rest diverge".to_string(),
                     Outcome::NoRest => "no rest is found".to_string(),
-                    _ => format!("it flutters, at {:.4} Hz", frequency / TAU),
+                    _ => format!("small motions about that rest flutter, at {:.4} Hz", frequency / TAU),
                 };
                 format!(
-                    "With the water's share {:.4} in the inertia the tail stays at rest in flows of up to {speed:.4} m/s (u = {:.4}); beyond {how}.",
+                    "With the water's share {:.4} in the inertia the tail stays at rest in flows of up to {speed:.4} m/s (u = {:.4}); beyond, {how}.",
                     own.share,
                     speed / tail.unit
                 )
             }
             None => format!(
-                "With the water's share {:.4} in the inertia the tail stays at rest in flows of up to {highest:.4} m/s.",
+                "With the water's share {:.4} in the inertia the tail stays at rest at all speeds that were looked at, the highest {highest:.4} m/s.",
                 own.share
             ),
         });
@@ -366,19 +372,29 @@ impl Report<'_> {
                 format!("Theory of a beam without drag says {speed:.4} m/s (u = {:.4}).", speed / tail.unit)
             }
             (Ok(_), None) => {
-                format!("Theory of a beam without drag says that it stays at rest up to {highest:.4} m/s.")
+                format!("Theory of a beam without drag has it stay at rest at all speeds up to {highest:.4} m/s.")
             }
             (Err(why), _) => format!("Theory's line is left out: {why}."),
         });
         if let Some((flow, point)) = &self.own {
             let omega = point.leading[1];
             let says = match point.outcome {
-                Outcome::Stable => "small motions about its rest die out".to_string(),
-                Outcome::Flutter => format!("it flutters, at {:.4} Hz: the run will not come to rest", omega / TAU),
-                Outcome::Divergence => "it diverges: the run will not come to rest there".to_string(),
+                Outcome::Stable => "they die out".to_string(),
+                Outcome::Flutter => {
+                    format!("they grow as flutter, at {:.4} Hz: the run will not stay there", omega / TAU)
+                }
+                Outcome::Divergence => "they diverge: the run will not stay there".to_string(),
                 Outcome::NoRest => "no rest is found".to_string(),
             };
-            findings.answers.push(format!("In the scene's own flow of {flow:.4} m/s {says}."));
+            findings
+                .answers
+                .push(format!("In the scene's own flow of {flow:.4} m/s, of small motions about the rest: {says}."));
+        }
+        if tail.is_reversed {
+            findings.answers.push(
+                "The flow comes against the free end, and a tail that leaves this rest may fold back and come to another one: what a run comes to, small motions do not say."
+                    .into(),
+            );
         }
         if scene.actuation.is_some() || scene.head.kind == HeadKind::Driven {
             findings

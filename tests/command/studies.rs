@@ -132,6 +132,30 @@ fn a_narrow_window_of_flutter_is_not_stepped_over() {
 }
 
 #[test]
+fn the_map_over_the_flow_has_the_water_at_every_speed_and_says_what_it_is_about() {
+    let text = include_str!("../../models/flag.toml")
+        .replace("[reactive]\n", "")
+        .replace("name =", "reactive = \"auto\"\nname =");
+    let of = |flow: &str| {
+        let asked = Stability { vary: Vary::Flow, points: 2, ..Stability::default() };
+        let scene = scene_of(&text, &["rod.nodes=17", flow, "loads.point=[]"]);
+        (scene.reactive_on().is_some(), complete(made(&Study::Stability(asked), &scene)))
+    };
+    // So slow a flow needs no water, and the study of all speeds does.
+    let (water, slow) = of("medium.flow_m_s=[0.02, 0.0]");
+    assert!(!water && slow.numbers["critical_speed_m_s"].as_f64().is_some(), "{:?}", slow.answers);
+    let reversed = |findings: &Findings| findings.answers.iter().any(|answer| answer.contains("against the free end"));
+    let (_, against) = of("medium.flow_m_s=[-1.8, 0.0]");
+    println!("{:#?}\n{:#?}", slow.answers, against.answers);
+    assert!(reversed(&against) && !reversed(&slow), "{:?}", against.answers);
+    assert!(
+        against.answers.iter().any(|answer| answer.contains("small motions about the rest")),
+        "{:?}",
+        against.answers
+    );
+}
+
+#[test]
 fn scaling_names_the_meshes_that_fail() {
     let text = include_str!("../../models/baseline-smooth.toml");
     let wild = scene_of(text, &["actuation.kappa_amp=1e5", "solver.time_step_s=0.05"]);

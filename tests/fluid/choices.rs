@@ -4,9 +4,11 @@ use crate::common;
 
 use std::ops::ControlFlow;
 
+use caudal::check::Assessment;
 use caudal::cycle::Means;
+use caudal::fluid::range::oscillating;
 use caudal::head::Signal;
-use caudal::run::Verification;
+use caudal::run::{Summary, Verification};
 use caudal::scene::Scene;
 use caudal::spectrum::Spectrum;
 use caudal::stepper::Stepper;
@@ -437,8 +439,8 @@ fn the_regime_that_is_said_is_that_of_the_run() {
             println!("{name}: {:?}", scene.regime());
             continue;
         };
-        let part = regime.speed / speed_across(scene) - 1.0;
-        println!("{name}: w = {:e} m/s, {:+.1} % of the run's", regime.speed, 100.0 * part);
+        let part = regime.across.speed / speed_across(scene) - 1.0;
+        println!("{name}: w = {:e} m/s, {:+.1} % of the run's", regime.across.speed, 100.0 * part);
         if part.abs() > 0.2 {
             far.push((name, part));
         }
@@ -508,4 +510,335 @@ fn numbers_in_words_have_no_minus_zero() {
     assert_eq!([-0.0, 0.0, -0.049, 0.05, -12.34].map(|x| signed(x, 1)), ["0.0", "0.0", "0.0", "+0.1", "-12.3"]);
     let numbers = [-0.0, 0.14743, 139.881, 4.2e-7, 123_456.0].map(|x| significant(x, 5));
     assert_eq!(numbers, ["0", "0.14743", "139.88", "4.2000e-7", "1.2346e5"]);
+}
+
+#[test]
+fn a_table_of_two_frequencies_has_a_line_at_each() {
+    let [slow, fast] = [(0.5, 0.02), (7.3, 0.004)].map(|(frequency, amplitude)| Signal::Sinusoid {
+        amplitude,
+        frequency,
+        phase: 0.4,
+        offset: 0.0,
+    });
+    let rows: Vec<[f64; 2]> =
+        (0..=2000).map(|k| f64::from(k) * 0.01).map(|t| [t, slow.at(t).value + fast.at(t).value + 0.3 * t]).collect();
+    let found = spectrum_of(Signal::table_without_rates(&rows), &[]);
+    let expected = [slow, fast].map(|signal| spectrum_of(signal, &[]).lines()[0]);
+    println!("{found:?} for {expected:?}");
+    assert_eq!(found.lines().len(), 2, "{found:?}");
+    for (line, expected) in found.lines().iter().zip(expected) {
+        // Measured: 2.3e-3 and 1.1e-5 of the frequency, 4.7e-4 and 8e-5 of the speed.
+        assert!((line.frequency / expected.frequency - 1.0).abs() < 5e-3, "{line:?} {expected:?}");
+        assert!((line.speed / expected.speed - 1.0).abs() < 5e-3, "{line:?} {expected:?}");
+    }
+    assert_eq!(found.slowest(), Some(found.lines()[0].frequency));
+}
+
+/// Notes that its run has of `scene`.
+fn notes(scene: &Scene) -> Vec<String> {
+    let mut stepper = Stepper::of(scene).unwrap();
+    let outcome = caudal::run::run(scene, &mut stepper, |_| Ok(ControlFlow::Continue(())));
+    Summary::of(scene, &stepper, &outcome, &[]).notes
+}
+
+/// The mean of a measure over the last cycles of the run of `scene`.
+fn mean(scene: &Scene, measure: &caudal::cycle::Measure) -> f64 {
+    let stepper = common::run(scene);
+    stepper.cycles().averages(stepper.view().dynamics).mean(measure).unwrap()
+}
+
+/// Notes that `check` has of `scene`.
+fn warnings(scene: &Scene) -> Vec<String> {
+    let assessment = Assessment::of(scene, &Stepper::of(scene).unwrap()).unwrap();
+    assessment.all_warnings().cloned().collect()
+}
+
+#[test]
+fn the_fluid_that_counts_is_the_one_where_the_rod_is() {
+    // Water, written as the medium or as what lies beyond an interface that the rod never comes to.
+    let oil = "medium={viscosity_pa_s=2.0, density_kg_m3=900.0, flow_m_s=[1.8, 0.0], beyond={normal=[0.0, -1.0], offset_m=-1.0, thickness_m=0.2, viscosity_pa_s=1e-3, density_kg_m3=1000.0}}";
+    let flag = include_str!("../../models/flag.toml")
+        .replace("[reactive]\n", "")
+        .replace("name = \"flag\"", "reactive = \"auto\"");
+    let [here, beyond] = ["drag.law=auto", oil].map(|change| scene_of(&flag, &["drag.law=auto", change]));
+    assert_eq!(here.fluid_choice().unwrap().name(), beyond.fluid_choice().unwrap().name());
+    let [a, b] = [&here, &beyond].map(|scene| scene.regime().unwrap());
+    println!("{a:?}\n{b:?}");
+    for (a, b) in [
+        (a.reynolds, b.reynolds),
+        (a.flow_velocity, b.flow_velocity),
+        (a.mass_ratio, b.mass_ratio),
+        (a.across.fluid.density, b.across.fluid.density),
+        (a.across.fluid.viscosity, b.across.fluid.viscosity),
+    ] {
+        assert!((a / b - 1.0).abs() < 1e-9, "{a} {b}");
+    }
+    // Coefficients and the sperm number that `check` prints, of a tail that is turned to and fro.
+    let numbers = |change: &str| {
+        let head = "head={kind=\"driven\", angle_rad={amplitude=0.3, frequency_hz=2.0}}";
+        let scene = scene_of(TAIL, &[change, head, "drag.law=cross-flow"]);
+        let assessment = Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap();
+        let drag = assessment.facts.iter().find(|fact| fact.name == "drag per length and speed").unwrap();
+        (drag.text.clone(), assessment.sperm_number.unwrap(), assessment.inertia_ratio.unwrap())
+    };
+    let [a, b] = ["drag.law=cross-flow", &oil.replace("[1.8, 0.0]", "[0.0, 0.0]")].map(numbers);
+    assert!(a.0 == b.0 && (a.1 / b.1 - 1.0).abs() < 1e-9 && (a.2 / b.2 - 1.0).abs() < 1e-9, "{a:?} {b:?}");
+}
+
+#[test]
+fn oscillations_that_steady_drag_knows_nothing_of_are_told() {
+    let scene = |amplitude: f64, frequency: f64, law: &str| {
+        let head =
+            format!("head={{kind=\"driven\", position_m=[0.0, {{amplitude={amplitude}, frequency_hz={frequency}}}]}}");
+        let duration = format!("solver.duration_s={}", 4.0 / frequency);
+        let step = format!("solver.time_step_s={}", 0.02 / frequency);
+        let stiff = ["rod.youngs_modulus_pa=1e13", "rod.outer_radius_m=0.005", "rod.length_m=0.3"];
+        scene_of(TAIL, &[&stiff[..], &[&head, &duration, &step, &format!("drag.law={law}")]].concat())
+    };
+    let told = |scene: &Scene| warnings(scene).iter().any(|note| note.contains("oscillates so little"));
+    // KC 3e-3 and β 1000: Stokes has 50 times the drag.
+    let little = scene(5e-6, 10.0, "cross-flow");
+    assert!(told(&little), "{:?}", warnings(&little));
+    let regime = little.regime().unwrap();
+    println!("KC {:?}, β {:?}", regime.keulegan_carpenter, regime.stokes);
+    let notes = notes(&little);
+    assert!(notes.iter().any(|note| note.contains("oscillates so little")), "{notes:?}");
+    // Nothing is published of such drag, so nothing is claimed of its errors.
+    assert!(little.fluid_estimates().is_err());
+    assert!(!told(&scene(0.03, 1.0, "cross-flow")) && !told(&scene(0.01, 10.0, "cross-flow")));
+    // G. G. Stokes' drag at small and large Stokes numbers: that of slender rods 0.926 √(ν/ω) long, and C.-Y. Wang's.
+    use std::f64::consts::{FRAC_PI_2, PI};
+    let slender = |stokes: f64| {
+        let log = (0.926 / (FRAC_PI_2 * stokes).sqrt()).ln() + 0.1931;
+        4.0 * PI * log / (log * log + PI * PI / 16.0)
+    };
+    let wang = |stokes: f64| {
+        let root = (PI * stokes).sqrt().recip();
+        2.0 * PI * PI * stokes * (root + root * root - 0.25 * root.powi(3))
+    };
+    for (stokes, expected, most) in
+        [(1e-5, slender(1e-5), 1e-3), (1e-3, slender(1e-3), 5e-3), (1e2, wang(1e2), 1e-4), (1e4, wang(1e4), 1e-6)]
+    {
+        let found = oscillating(stokes);
+        println!("{stokes:e}: {found} for {expected}, {:+.1e}", found / expected - 1.0);
+        // Measured 5e-5, 3e-4, 6e-6, 8e-10.
+        assert!((found / expected - 1.0).abs() < most, "{stokes}: {found} for {expected}");
+    }
+}
+
+#[test]
+fn a_head_body_is_judged_by_its_own_speed_and_needs_a_form_drag_that_is_one() {
+    // It is pulled along itself: nothing moves across the rod.
+    let body = |more: &str| {
+        let body = format!("head_body={{semi_axis_along_m=0.01, semi_axis_across_m=0.01{more}}}");
+        scene_of(TAIL, &[&body, "loads.point=[{node=0, force_n=[-0.002, 0.0]}]", "drag.law=cross-flow"])
+    };
+    let told = |more: &str| warnings(&body(more)).iter().any(|note| note.contains("Reynolds number of the head body"));
+    let bare = ", form_drag_along=0.0, form_drag_across=0.0";
+    assert!(told(bare) && told(", form_drag_along=1e-9, form_drag_across=1e-9"));
+    assert!(!told(", form_drag_along=0.4, form_drag_across=0.4"));
+    let scene = body(bare);
+    let notes = notes(&scene);
+    assert!(notes.iter().any(|note| note.contains("Reynolds number of the head body")), "{notes:?}");
+    // The added mass is compared with the rod's own: by that of a tail without a body, here of the density of water.
+    let ratio = scene.regime().unwrap().mass_ratio;
+    assert!((ratio - 1.0).abs() < 1e-6, "{ratio}");
+}
+
+#[test]
+fn friction_along_a_rod_that_is_thick_in_the_plane_goes_by_its_thickness() {
+    // A plate that moves along itself has Blasius' friction however deep it is: per perimeter the same.
+    let force = |depth: f64| {
+        let depth = format!("rod.depth_m={depth}");
+        let scene =
+            scene_of(TAIL, &["rod.section=rectangle", &depth, "drag.law=cross-flow", "medium.viscosity_pa_s=1e-3"]);
+        let model = scene.model().unwrap();
+        let [along, _] = model.forces.coefficients(&model.rod, model.fluid, 0.3).unwrap();
+        along
+    };
+    let [thin, thinner] = [4e-6, 4e-8].map(force);
+    println!("{thin} {thinner}");
+    // With the depth alone it grows tenfold; measured 1.0e-3.
+    assert!((thinner / thin - 1.0).abs() < 0.01, "{thin} {thinner}");
+}
+
+#[test]
+fn the_tip_s_excursion_is_that_across_the_way_in_every_stream() {
+    let strouhal = |flow: &str| {
+        let wave = "actuation={kind=\"travelling-wave\", kappa_amp=20.0, frequency_hz=2.0, wavelength_m=0.1, envelope=[0.2, 0.8]}";
+        let scene = scene_of(
+            TAIL,
+            &[
+                wave,
+                flow,
+                "drag.law=cross-flow",
+                "medium.viscosity_pa_s=0.05",
+                "rod.youngs_modulus_pa=1e9",
+                "solver.duration_s=4.0",
+            ],
+        );
+        mean(&scene, &caudal::cycle::STROUHAL)
+    };
+    let still = strouhal("medium.flow_m_s=[0.0, 0.0]");
+    for flow in ["[0.2, 0.0]", "[0.0, 0.2]", "[-0.3, 0.4]"] {
+        let found = strouhal(&format!("medium.flow_m_s={flow}"));
+        println!("{flow}: {found} for {still}");
+        // Measured: 3e-12.
+        assert!((found / still - 1.0).abs() < 1e-9, "{flow}: {found} for {still}");
+    }
+}
+
+#[test]
+fn where_there_is_nothing_to_compare_with_no_error_is_claimed() {
+    let flag = include_str!("../../models/flag.toml")
+        .replace("[reactive]\n", "")
+        .replace("name = \"flag\"", "reactive = \"auto\"");
+    let choice = scene_of(&flag, &["drag.law=auto"]).fluid_choice().unwrap().clone();
+    println!("{}", choice.reason);
+    assert!(choice.errors.is_none() && choice.reason.contains("no other law"), "{choice:?}");
+}
+
+#[test]
+fn the_errors_of_auto_know_the_drag_of_the_whole_rod() {
+    let scene = scene_of(include_str!("../../models/sperm.toml"), &["drag.law=auto"]);
+    let [_, power] = scene.fluid_choice().unwrap().errors.unwrap();
+    let (_, [_, truth]) = scene.whole_drag().unwrap();
+    println!("{power} for {truth}: {}", scene.fluid_choice().unwrap().reason);
+    assert!(power >= truth.abs() && scene.fluid_choice().unwrap().reason.contains("nonlocal"));
+}
+
+#[test]
+fn auto_leaves_the_water_out_where_viscosity_takes_along_more() {
+    let text = format!("reactive = \"auto\"\n{TAIL}");
+    let head = "head={kind=\"driven\", position_m=[0.0, {amplitude=0.02, frequency_hz=2.0}]}";
+    // At β = 32 it makes 71 % of the thrust and is kept.
+    for (viscosity, taken, out) in [(1e-4, true, false), (1e-3, true, true), (3e-2, false, false)] {
+        let scene = scene_of(&text, &[head, &format!("medium.viscosity_pa_s={viscosity}")]);
+        let (stokes, choice) = (scene.regime().unwrap().stokes.unwrap(), scene.fluid_choice().unwrap());
+        println!("β = {stokes}: {} {}", choice.name(), choice.reason);
+        assert_eq!(choice.reactive, taken, "{stokes}");
+        let warnings = warnings(&scene);
+        let said: Vec<_> = warnings.iter().filter(|note| note.starts_with("reactive")).collect();
+        assert_eq!(said.len(), usize::from(out), "{said:?}");
+        assert!(said.iter().all(|note| note.contains("takes it all the same")), "{said:?}");
+    }
+}
+
+#[test]
+fn a_motion_of_rounding_has_no_relative_errors() {
+    let rest = scene_of(TAIL, &["drag.law=auto", "head.kind=clamped"]);
+    let estimates = rest.fluid_estimates().unwrap();
+    println!("{:?}", estimates.laws);
+    assert!(estimates.laws.iter().all(|law| law.errors.iter().all(|error| *error <= 0.005)), "{estimates:?}");
+}
+
+#[test]
+fn a_head_that_travels_does_not_add_its_way_to_the_tip_s() {
+    let tip = |speed: f64| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("head.csv");
+        let row = |k: u32| {
+            let t = f64::from(k) * 0.01;
+            format!("{t},{},{}\n", speed * t, 0.01 * (std::f64::consts::TAU * 2.0 * t).sin())
+        };
+        std::fs::write(&path, "time_s,x_m,y_m\n".to_string() + &(0..=200).map(row).collect::<String>()).unwrap();
+        let head = format!("head={{kind=\"driven\", position_m={{table={path:?}}}}}");
+        scene_of(TAIL, &[&head, "rod.youngs_modulus_pa=1e11"]).regime().unwrap().tip
+    };
+    let [still, towed] = [0.0, 1.0].map(tip);
+    println!("{still} {towed}");
+    // The rod is stiff: its tip heaves with its head; measured 2.5e-2 and 1e-10.
+    assert!((still / 0.01 - 1.0).abs() < 0.03 && (towed / still - 1.0).abs() < 0.05, "{still} {towed}");
+}
+
+#[test]
+fn an_explicit_step_beyond_its_limit_is_told() {
+    let told = |step: f64| {
+        let scene = scene_of(
+            TAIL,
+            &["solver.integrator=symplectic-euler", &format!("solver.time_step_s={step}"), "solver.duration_s=0.01"],
+        );
+        warnings(&scene).iter().any(|note| note.contains("limit of stability"))
+    };
+    assert!(told(1e-3) && !told(1e-7));
+}
+
+#[test]
+fn a_membrane_that_its_core_hides_is_refused() {
+    let mut document = caudal::scene::Document::new("membrane.toml", TAIL);
+    for change in ["rod.section=round", "rod.depth_m=0.003"] {
+        document.set(change).unwrap();
+    }
+    let error = document.scene().unwrap_err().to_string();
+    assert!(error.contains("rod.depth_m") && error.contains("ellipse"), "{error}");
+    document.set("rod.depth_m=0.004").unwrap();
+    document.scene().unwrap();
+}
+
+#[test]
+fn columns_in_other_units_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("head.csv");
+    for (header, refused) in [
+        ("time_s,x_mm,y_mm", true),
+        ("time_ms,x_m,y_m", true),
+        ("t,x [cm],y [cm]", true),
+        ("time_s,x_m,y_m", false),
+        ("t,x,y", false),
+    ] {
+        std::fs::write(&path, format!("{header}\n0,0,0\n3,0,0\n")).unwrap();
+        let mut document = caudal::scene::Document::new("table.toml", TAIL);
+        document.set(&format!("head={{kind=\"driven\", position_m={{table={path:?}}}}}")).unwrap();
+        let found = document.scene().and_then(|scene| scene.model());
+        assert_eq!(found.is_err(), refused, "{header}: {:?}", found.err().map(|error| error.to_string()));
+    }
+}
+
+#[test]
+fn a_passive_tail_on_few_nodes_is_told() {
+    let scene = |nodes: &str, modulus: &str| {
+        let head = "head={kind=\"driven\", angle_rad={amplitude=0.3, frequency_hz=1.0}}";
+        scene_of(TAIL, &[head, nodes, modulus, "medium.viscosity_pa_s=1.0", "drag.law=cox", "solver.duration_s=8.0"])
+    };
+    let told = |scene: &Scene| warnings(scene).iter().any(|note| note.contains("waves along this passive tail"));
+    let thrust = |scene: &Scene| mean(scene, &caudal::cycle::THRUST);
+    for modulus in ["rod.youngs_modulus_pa=1e6", "rod.youngs_modulus_pa=1e5"] {
+        let fine = thrust(&scene("rod.nodes=65", modulus));
+        for nodes in [3, 9, 17, 33] {
+            let scene = scene(&format!("rod.nodes={nodes}"), modulus);
+            let error = thrust(&scene) / fine - 1.0;
+            println!("{modulus}, {nodes} nodes: {:+.1} %, told: {}", 100.0 * error, told(&scene));
+            assert!(told(&scene) == (error.abs() > 0.1), "{modulus}, {nodes} nodes: {error}");
+        }
+    }
+}
+
+#[test]
+fn the_tip_s_amplitude_without_a_medium_is_that_of_the_head_as_it_is_held() {
+    let vacuum = TAIL.replace("[medium]\nviscosity_pa_s = 1e-3\ndensity_kg_m3 = 1000.0\n[drag]\nlaw = \"auto\"\n", "");
+    let wave =
+        "actuation={kind=\"travelling-wave\", kappa_amp=5.0, frequency_hz=0.5, wavelength_m=0.1, envelope=[0.2, 0.8]}";
+    let tip = |head: &str| {
+        let scene = scene_of(&vacuum, &[wave, head, "rod.youngs_modulus_pa=1e11"]);
+        Assessment::of(&scene, &Stepper::of(&scene).unwrap()).unwrap().tip_amplitude.unwrap()
+    };
+    let [free, held, turned] =
+        ["head.kind=free", "head.kind=clamped", "head={kind=\"driven\", angle_rad=1.0}"].map(tip);
+    println!("{free} {held} {turned}");
+    // The same wave of a held rod, integrated twice from its head: A = |∬ κ| over a period.
+    let mut most = [f64::INFINITY, f64::NEG_INFINITY];
+    for phase in (0..64).map(|k| f64::from(k) * std::f64::consts::TAU / 64.0) {
+        let (mut y, mut angle, count) = (0.0, 0.0, 2000);
+        for k in 0..count {
+            let xi = (f64::from(k) + 0.5) / f64::from(count);
+            let curvature = 5.0 * (0.2 + 0.8 * xi) * (std::f64::consts::TAU * xi - phase).sin();
+            angle += curvature * 0.1 / f64::from(count);
+            y += angle * 0.1 / f64::from(count);
+        }
+        most = [most[0].min(y), most[1].max(y)];
+    }
+    let expected = 0.5 * (most[1] - most[0]);
+    println!("{expected}");
+    assert!((held / expected - 1.0).abs() < 0.05 && (turned / held - 1.0).abs() < 2e-3, "{held} {turned} {expected}");
+    assert!((free / held - 1.0).abs() > 0.2, "{free} {held}");
 }

@@ -74,6 +74,7 @@ fn every_measure_is_what_its_formula_makes_of_a_cycle() {
     // Steps that divide the period, looked at where the last cycle begins and ends.
     let scene = scene_of(SOFT, &["solver.integrator=newmark", "actuation.frequency_hz=2.0"]);
     let (mut tail, period) = (Stepper::of(&scene).unwrap(), 0.5);
+    let start = tail.meter().now.com;
     tail.do_step(0.5).unwrap();
     let (before, work, energy) = (tail.meter().now.com, tail.meter().totals.work, tail.meter().now.energy.total());
     let first = tail.cycles().whole(0.5)[0].excursion;
@@ -96,9 +97,10 @@ fn every_measure_is_what_its_formula_makes_of_a_cycle() {
     let power = (now.actuation - work.actuation) / period;
     let stored = tail.meter().now.energy.total() - energy;
     let towed = tail.model().forces.towing(rod, tail.model().fluid, speed);
-    // The axis is that of the cycle before, and the tip goes on between the steps: measured 2e-3.
-    let across = nalgebra::Vector2::new(-axis.y, axis.x);
-    let sides = tips.iter().map(|tip| tip.dot(&across));
+    // The path is that of the cycle before, and the tip goes on between the steps: measured 2e-3.
+    let path = (before - start) / period;
+    let across = nalgebra::Vector2::new(-path.y, path.x).normalize();
+    let sides = tips.iter().zip(1..).map(|(tip, i)| (tip - path * (f64::from(i) * 2e-3)).dot(&across));
     let excursion = sides.clone().fold(f64::NEG_INFINITY, f64::max) - sides.fold(f64::INFINITY, f64::min);
     assert!((cycle[0].excursion / excursion - 1.0).abs() < 2e-2, "{} {excursion}", cycle[0].excursion);
     let expected = [

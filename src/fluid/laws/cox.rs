@@ -6,7 +6,7 @@ use std::f64::consts::{LN_2, PI};
 use super::resistance::Resistance;
 use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::range::{Bound, STEADY, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -15,7 +15,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory's drag of a cylinder",
     validity: Validity {
         range: "creeping flow; within 10 % in speed for radius over length up to 0.01",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Slenderness, 10.0)],
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Slenderness, 10.0), STEADY],
         source: "R. G. Cox, J. Fluid Mech. 44 (1970); G. K. Batchelor, J. Fluid Mech. 44 (1970)",
     },
     reynolds: CREEPING,

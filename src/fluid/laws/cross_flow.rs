@@ -1,10 +1,11 @@
 //! Drag from creeping flow to Reynolds numbers of 10⁵: viscous, boundary layer and form drag.
 //!
-//! With u = V·t, w = V·n, depth D, perimeter P and form drag C_d of the section, ν = μ/ρ:
+//! With u = V·t, w = V·n, depth D, larger side B, perimeter P and form drag C_d of the section, ν = μ/ρ:
 //! f⊥ = [ξ⊥ + 2ρD(ν/D)^½ |w|^½ + ½ρD C_d |w|] w, and
-//! f∥ = [ξ∥ + ½·3.5 ρ(P/π)(ν/D)^½ (τ²w² + (1.42 D u/L)²)^¼ + ½ρP C_f |u|] u.
+//! f∥ = [ξ∥ + ½·3.5 ρ(P/π)(ν/B)^½ (τ²w² + (1.42 B u/L)²)^¼ + ½ρP C_f |u|] u.
 //! The normal part is Taylor's, where u drops out; the tangential one is the heat that a cylinder loses, with the friction of
-//! Blasius' plate where nothing flows across.
+//! Blasius' plate where nothing flows across. The larger side is the depth of a body that is flat across the plane of motion; along one that
+//! is thick in it the boundary layer grows over the thickness.
 
 use std::f64::consts::PI;
 
@@ -14,7 +15,7 @@ use super::{Causes, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::{Force, Validity};
 use crate::fluid::local::{Law, LocalDrag, Traction, TractionSlopes, both};
 use crate::fluid::medium::{DENSITY, Fluid, Key, VISCOSITY};
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::range::{Bound, STEADY, Scale};
 use crate::linear::{Number, Pair, Real};
 use crate::rod::{Half, Section};
 
@@ -24,7 +25,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "viscous drag, a boundary layer's friction and form drag",
     validity: Validity {
         range: "no lift, vortex shedding or history",
-        bounds: &[Bound::between(Scale::Reynolds, 1e-3, 1e5)],
+        bounds: &[Bound::at_most(Scale::Reynolds, 1e5), STEADY],
         source: "G. I. Taylor, Proc. R. Soc. A 214 (1952); U. Ehrenstein & C. Eloy, J. Fluid Mech. 718 (2013); S. F. Hoerner (1965)",
     },
     reynolds: 1e5,
@@ -88,7 +89,7 @@ pub(crate) struct Coefficients<P = f64x2> {
     form: P,
     /// The same for C_d = 1.
     form_unit: P,
-    /// ½·3.5 (P/π)/√D, m^½: times √(ρμ).
+    /// ½·3.5 (P/π)/√B, m^½: times √(ρμ).
     layer_along: P,
     /// The same for a factor of 1 in place of 3.5.
     layer_along_unit: P,
@@ -96,7 +97,7 @@ pub(crate) struct Coefficients<P = f64x2> {
     turbulent: P,
     /// τ².
     thinning: P,
-    /// (1.42 D/L)².
+    /// (1.42 B/L)².
     blasius: P,
 }
 
@@ -105,11 +106,12 @@ impl Coefficients {
         let of = |quantity: fn(&Section) -> f64| both(halves, |half| quantity(&half.section()));
         let (depth, perimeter, slim) = (of(|section| section.depth), of(Section::perimeter), of(Section::slim));
         let form_unit = depth * 0.5;
-        let layer_along_unit = perimeter * 0.5 / (depth.sqrt() * PI);
+        let side = of(|section| section.depth.max(2.0 * section.outer));
+        let layer_along_unit = perimeter * 0.5 / (side.sqrt() * PI);
         let viscous =
             recipe.viscous.resistance.map_or([[0.0; 2]; 2], |of| halves.each_ref().map(|half| of(recipe, half)));
         let thinning = recipe.thinning.map_or(slim, f64x2::from);
-        let sweeping = depth * (BLASIUS / recipe.rod.length);
+        let sweeping = side * (BLASIUS / recipe.rod.length);
         Self {
             viscous: [both(&viscous, |xi| xi[0]), both(&viscous, |xi| xi[1])],
             layer_across: depth.sqrt() * 2.0,
@@ -141,7 +143,7 @@ impl Coefficients {
 }
 
 impl<P: Number> Coefficients<P> {
-    /// (τ²w² + (1.42 D u/L)²), and its fourth root.
+    /// (τ²w² + (1.42 B u/L)²), and its fourth root.
     #[inline(always)]
     fn sweep(&self, u: P, w: P) -> [P; 2] {
         let square = self.thinning * w * w + self.blasius * u * u;
@@ -165,7 +167,7 @@ impl<P: Number> Coefficients<P> {
             (viscosity * self.viscous[1], root * self.layer_across * speed.sqrt(), density * self.form * speed);
         let layer_along = root * self.layer_along * sweep;
         let (viscous_along, turbulent) = (viscosity * self.viscous[0], density * self.turbulent * u.abs());
-        // d(sweep)/sweep = ½ (τ²w dw + (1.42 D/L)²u du)/square, which vanishes with the velocity.
+        // d(sweep)/sweep = ½ (τ²w dw + (1.42 B/L)²u du)/square, which vanishes with the velocity.
         let per_square = layer_along * (u * u.like(0.5) / square.larger(u.like(f64::MIN_POSITIVE)));
         let along = viscous_along + layer_along + turbulent;
         (

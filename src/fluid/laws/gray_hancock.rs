@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use super::resistance::Resistance;
 use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::range::{Bound, STEADY, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -14,7 +14,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag of a wave of given length, twice as large across as along",
     validity: Validity {
         range: "creeping flow, waves of small amplitude; 20 to 160 % too fast for bodies of radius over length above 0.01",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING)],
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), STEADY],
         source: "J. Gray & G. J. Hancock, J. Exp. Biol. 32 (1955)",
     },
     reynolds: CREEPING,

@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 use super::resistance::Resistance;
 use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::range::{Bound, STEADY, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -15,7 +15,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "the drag of a wave without load",
     validity: Validity {
         range: "creeping flow, a wave without load",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Wave, 30.0)],
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), Bound::at_least(Scale::Wave, 30.0), STEADY],
         source: "M. J. Lighthill, SIAM Review 18 (1976)",
     },
     reynolds: CREEPING,

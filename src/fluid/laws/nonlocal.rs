@@ -3,7 +3,7 @@
 use super::{DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
 use crate::fluid::nonlocal::{Nonlocal, least_spacing};
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::range::{Bound, STEADY, Scale};
 
 /// Least height over radius beside a wall: of a long cylinder beside a plane, 2πμ/acosh(h/a) along and twice that across, drag is 1.2 and
 /// 3.2 % low there, 5 and 9 % at 2, 31 and 36 % at 1.2.
@@ -16,7 +16,7 @@ pub static LAW: DragLaw = DragLaw {
     validity: Validity {
         range: "steady creeping flow over the whole length, nodes at least half a blob of 1.65 radii apart; drag of a straight \
             cylinder within 2 % for length over radius of at least 100, and within 4 % of that beside a wall",
-        bounds: &[Bound::at_most(Scale::LengthReynolds, 1.0), Bound::at_least(Scale::Height, NEAREST)],
+        bounds: &[Bound::at_most(Scale::LengthReynolds, 1.0), Bound::at_least(Scale::Height, NEAREST), STEADY],
         source: "R. Cortez, J. Comput. Phys. 375 (2018); J. R. Blake, Proc. Camb. Phil. Soc. 70 (1971)",
     },
     reynolds: 0.5,

@@ -5,7 +5,7 @@ use std::f64::consts::PI;
 use super::resistance::Resistance;
 use super::{CREEPING, DragLaw, Published, Reach, Recipe, Takes, Uncertainty};
 use crate::fluid::force::Validity;
-use crate::fluid::range::{Bound, Scale};
+use crate::fluid::range::{Bound, STEADY, Scale};
 use crate::rod::Half;
 
 /// What is known of it.
@@ -14,7 +14,7 @@ pub static LAW: DragLaw = DragLaw {
     meaning: "slender-body theory's drag of a prolate spheroid, its local part",
     validity: Validity {
         range: "creeping flow, thin spheroids",
-        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING)],
+        bounds: &[Bound::at_most(Scale::Reynolds, CREEPING), STEADY],
         source: "J. B. Keller & S. I. Rubinow, J. Fluid Mech. 75 (1976); R. E. Johnson, J. Fluid Mech. 99 (1980)",
     },
     reynolds: CREEPING,

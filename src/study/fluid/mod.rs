@@ -16,7 +16,9 @@ use self::swim::Swim;
 use self::words::Report;
 use super::{Desk, Studied};
 use crate::error::Result;
+use crate::fluid::force::Validity;
 use crate::fluid::laws::{DragLaw, LAWS, Uncertainty, auto};
+use crate::fluid::reactive::COUNTS;
 use crate::jobs;
 use crate::scene::{HeadKind, Scene};
 
@@ -32,7 +34,7 @@ struct Rung {
     reactive: bool,
     /// It is the scene's own.
     own: bool,
-    /// The Reynolds number of the scene is in the law's range.
+    /// The scene's motion is in its range.
     holds: bool,
     /// What is published of it.
     uncertainty: Option<Uncertainty>,
@@ -58,6 +60,8 @@ struct Ladder {
     rungs: Vec<Rung>,
     refused: Vec<(String, String)>,
     reynolds: f64,
+    /// The water's inertia counts for whether the rod is stable.
+    water_decides: bool,
 }
 
 impl Ladder {
@@ -66,14 +70,18 @@ impl Ladder {
         if scene.medium.is_none() {
             return Err(scene.error("medium", "missing; without a fluid there is no law of it to compare".to_string()));
         }
-        let reynolds = scene.regime().map_err(|reason| scene.error("", reason))?.reynolds;
+        let regime = scene.regime().map_err(|reason| scene.error("", reason))?;
+        let reynolds = regime.reynolds;
+        let motion = scene.motion(&model.rod, regime.across);
         let (own_law, own_reactive) = scene.fluid_model(&model.rod);
         let (mut rungs, mut refused) = (Vec::new(), Vec::new());
         for law in LAWS.iter().filter(|law| law.name != auto::LAW.name) {
             for reactive in [false, true] {
                 let own = own_law == Some(law) && own_reactive == reactive;
                 let name = law.with_reactive(reactive);
-                let holds = reynolds <= law.reynolds;
+                let water = Validity { bounds: if reactive { const { &[COUNTS] } } else { &[] }, ..law.validity };
+                let left = law.validity.beyond(&motion).or_else(|| water.beyond(&motion));
+                let holds = left.is_none();
                 let (scene, dropped) = match scene.with_fluid(law, reactive) {
                     Ok(other) => other,
                     Err(reason) => {
@@ -81,16 +89,15 @@ impl Ladder {
                         continue;
                     }
                 };
-                if !holds && !own {
-                    let most = law.reynolds;
-                    refused.push((name, format!("out of its range: Re_d = {reynolds:.2e}, above {most:e}")));
+                if let Some(left) = left.filter(|_| !own) {
+                    refused.push((name, format!("out of its range: {left}")));
                     continue;
                 }
-                let uncertainty = law.uncertainty(reynolds, reactive);
+                let uncertainty = law.uncertainty(reynolds, reactive).filter(|_| holds);
                 rungs.push(Rung { law, reactive, own, holds, uncertainty, dropped, scene });
             }
         }
-        Ok(Self { rungs, refused, reynolds })
+        Ok(Self { rungs, refused, reynolds, water_decides: regime.water_decides_stability() })
     }
 }
 

@@ -98,7 +98,7 @@ impl<'a> Report<'a> {
         let seconds = reference.swim.trial.processor_s;
         for row in rows.iter().filter(|row| !row.is_reference) {
             let own = if row.rung.own { ", the scene's own," } else { "" };
-            let range = if row.rung.holds { "" } else { ", out of its range of Reynolds numbers" };
+            let range = if row.rung.holds { "" } else { ", out of its range" };
             findings.answers.push(match row.differences {
                 Some([of_motion, of_power]) => format!(
                     "{}{own} {} in {motion}, {} in power, at {} times the processor time{range}.",
@@ -123,8 +123,10 @@ impl<'a> Report<'a> {
 
     /// Which rung the scene needs: the simplest one whose differences are within what the reference is uncertain by.
     fn verdict(&self, rows: &[Row<'_>], reference: &Row<'_>, limits: [f64; 2]) -> (String, String) {
+        let keeps_water = self.ladder.water_decides && reference.rung.reactive;
         let within = |row: &&Row<'_>| {
-            row.rung.dropped == reference.rung.dropped
+            (row.rung.reactive || !keeps_water)
+                && row.rung.dropped == reference.rung.dropped
                 && row.differences.is_some_and(|both| both.iter().zip(limits).all(|(x, limit)| x.abs() <= limit))
         };
         let uncertain =
@@ -141,9 +143,14 @@ impl<'a> Report<'a> {
         };
         let taken = rows.iter().filter(|row| row.rung.holds).filter(within).min_by(order).unwrap_or(reference);
         let motion = self.motion();
+        let water = if keeps_water {
+            " The water's inertia decides whether the rod is stable, which a motion from rest need not show: laws without it are left out."
+        } else {
+            ""
+        };
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
-                "Verdict: {} is good to {} in {motion} and {} in power here, within what {} itself is uncertain by; more than that this scene does not need.",
+                "Verdict: {} is good to {} in {motion} and {} in power here, within what {} itself is uncertain by; more than that this scene does not need.{water}",
                 taken.rung,
                 percent(of_motion.abs()),
                 percent(of_power.abs()),
@@ -152,7 +159,7 @@ impl<'a> Report<'a> {
             _ => {
                 let nearest = rows
                     .iter()
-                    .filter(|row| !row.is_reference && row.rung.holds)
+                    .filter(|row| !row.is_reference && row.rung.holds && (row.rung.reactive || !keeps_water))
                     .filter_map(|row| Some((row, row.differences?)));
                 let excess =
                     |both: &[f64; 2]| both.iter().zip(limits).map(|(x, limit)| x.abs() / limit).fold(0.0, f64::max);
@@ -165,7 +172,7 @@ impl<'a> Report<'a> {
                         percent(of_power.abs())
                     )
                 });
-                format!("Verdict: {} is needed here: {why}.", reference.rung)
+                format!("Verdict: {} is needed here: {why}.{water}", reference.rung)
             }
         };
         (text, taken.rung.to_string())
