@@ -102,6 +102,10 @@ const AGAIN: usize = 3;
 /// A tracked tip's step that is damped by more goes nowhere.
 const MOST_DAMPED: f64 = 1e12;
 
+/// A fit whose next step, of full length, promises less than this part of what one standard deviation of an unknown costs has come to its end:
+/// what goes on then are unknowns that the data do not know.
+const SETTLED: f64 = 1e-4;
+
 /// Why a search ends that has used all its iterations.
 pub(super) const EXHAUSTED: &str = "its iterations are used up";
 
@@ -210,8 +214,13 @@ impl Objective {
             Some(markers) if fits => {
                 let rows = markers.times.iter().zip(&markers.positions);
                 let sample = |(time, row): (&f64, &Vec<f64>)| {
-                    let off =
-                        || Error::Design { reason: format!("the sample at t = {time} s is at no step of the scene") };
+                    let off = || Error::Design {
+                        reason: format!(
+                            "the sample at t = {time} s is at no step of the scene, which are {} s long; try a solver.time_step_s \
+                             that divides the times of all samples",
+                            times[1]
+                        ),
+                    };
                     Ok((step(*time).ok_or_else(off)?, row[row.len() - width..].to_vec()))
                 };
                 rows.map(sample).collect::<Result<Vec<_>>>()?
@@ -427,7 +436,7 @@ pub struct Found {
     pub objective: f64,
     /// Its stationarity.
     pub stationarity: f64,
-    /// True where that is below the limit, or the tip is met.
+    /// True where that is below the limit, the tip is met, or a fit has no more to win than noise hides.
     pub converged: bool,
     /// Why its search ended.
     pub why: String,
@@ -512,6 +521,8 @@ struct End {
     /// Why it ended, in words.
     why: String,
     interrupted: bool,
+    /// True of a fit that has no more to win than noise hides.
+    settled: bool,
 }
 
 /// The search of a design.
@@ -799,7 +810,7 @@ impl<'a> Search<'a> {
 
     fn has_converged(&self, end: &End) -> bool {
         let met = self.objective.is_met(end.point.value.f);
-        end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met)
+        end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met || end.settled)
     }
 
     /// Which optimum each of `ends` is at.
@@ -844,7 +855,7 @@ impl<'a> Search<'a> {
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
         let mut why = EXHAUSTED.to_string();
-        let (mut here_again, mut again) = (false, 0);
+        let (mut here_again, mut again, mut settled) = (false, 0, false);
         for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
@@ -948,6 +959,10 @@ impl<'a> Search<'a> {
             let worst = solution.x[n + limited..].iter().sum::<f64>();
             let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
+            settled = here.value.residuals.as_ref().is_some_and(|(residuals, _)| {
+                let free = residuals.len().saturating_sub(n).max(1) as f64;
+                self.objective.goal == Goal::Identify && damping < DAMPING && promised < SETTLED / free
+            });
             let ends = if self.objective.is_met(here.value.f) {
                 Some("the target is met")
             } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)]
@@ -1067,7 +1082,7 @@ impl<'a> Search<'a> {
             }
         }
         let (stationarity, active, interrupted) = end;
-        Ok(End { point: here, stationarity, active, why, interrupted })
+        Ok(End { point: here, stationarity, active, why, interrupted, settled })
     }
 
     /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of

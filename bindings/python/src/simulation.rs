@@ -226,6 +226,7 @@ impl Inner {
         names: Vec<String>,
     ) -> PyResult<Self> {
         let mut document = scene.document.clone();
+        document.keep_fluid_of(&scene.scene);
         let numbers = values.iter().filter(|(name, _)| !NAMED.iter().any(|named| named.1 == name));
         let refuse = |name: &str, known: &Known| {
             let known = known.names().join(", ");
