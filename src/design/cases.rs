@@ -71,7 +71,7 @@ impl Case {
     /// The scene of `document`, in which the `table` of a scene with `rod` is to be met.
     fn of(name: String, document: &Document, rod: &Rod, table: &Table) -> Result<Self> {
         let scene = document.scene()?;
-        let document = pinned(document, &scene, table)?;
+        let document = pinned(document, &scene);
         let own = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let by = |table: &Table| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
         if by(&own) != by(table) {

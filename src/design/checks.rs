@@ -40,8 +40,7 @@ impl<'a> Checks<'a> {
         target: Option<&'a Markers>,
         profile: &Profile,
     ) -> Self {
-        let before =
-            Problem::of(scene).ok().map(|problem| Profile::before(table, &problem.stiffness(), problem.model().rod.ei));
+        let before = Problem::of(scene).ok().map(|problem| Profile::before(table, &problem.stiffness()));
         let allowed = |(_, changes): &(String, Vec<String>)| {
             changed(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
         };

@@ -64,7 +64,7 @@ impl Elsewhere {
             let parts = (0..count).map(|start| (format!("of {count}"), Memory::start(start))).collect();
             return Ok(Some(Self { document: document.clone(), table, memory, journal, task: Task::Starts, parts }));
         }
-        let pinned = pinned(document, &scene, &table)?;
+        let pinned = pinned(document, &scene);
         let (objective, problem) = aim(&pinned, &scene, &table, None)?;
         let mut search = Search::new(&table, &objective, problem);
         search.cases = cases(document, &scene, &table)?;
@@ -140,7 +140,7 @@ pub fn simulate(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
     let (asked, task) = Parcel::read(parcel)?.scene()?;
     let scene = asked.scene()?;
     let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
-    let document = pinned(&asked, &scene, &table)?;
+    let document = pinned(&asked, &scene);
     let refused = |what: &str| Error::Parcel { problem: format!("{what} {index}") };
     let mut memory = Memory::recorded();
     match task {

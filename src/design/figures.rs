@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use super::identify::Verdict;
 use super::outline;
-use super::report::{Answer, Compared, Design, InCase, distances, gain_percent, objective_label};
+use super::report::{Answer, BEFORE, Compared, Design, InCase, distances, gain_percent, objective_label};
 use super::search::FoundNumber;
 use super::table::{Goal, Variable};
 use crate::cycle::MEASURES;
@@ -81,11 +81,6 @@ impl Design {
         Chart::new(format!("{}: {title}", self.scene.name), x, y, scale, series)
     }
 
-    fn before(&self) -> &'static str {
-        let even = self.table.goal.is_dynamic() && self.table.variables.contains(&Variable::Stiffness);
-        if even { "even stiffness" } else { "the scene's own" }
-    }
-
     fn after(&self) -> &'static str {
         if self.table.goal == Goal::Identify { "identified" } else { "design" }
     }
@@ -114,7 +109,7 @@ impl Design {
             others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
         );
         if others.is_empty() {
-            series.push(Series::new("the scene's own", line(&own), Mark::Line));
+            series.push(Series::new(BEFORE, line(&own), Mark::Line));
         }
         for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
             if bound <= 3.0 * highest {
@@ -140,9 +135,7 @@ impl Design {
         let deepest = [rod, &after].into_iter().flat_map(|rod| places.iter().map(|xi| depth(rod, *xi)));
         let apart = 1.5 * deepest.fold(0.0, f64::max);
         let mut series = Vec::new();
-        for (name, rod, stiffness, y) in
-            [("the scene's own", rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)]
-        {
+        for (name, rod, stiffness, y) in [(BEFORE, rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)] {
             for (k, ei) in rod.joints().zip(stiffness) {
                 let (x, size) = (rod.xi(k) * rod.length, depth(rod, rod.xi(k)) * ei / stiffest);
                 series.push(Series::new("", vec![(x, y - size), (x, y + size)], Mark::Ghost));
@@ -185,7 +178,7 @@ impl Design {
                 let own = if variable == Variable::Amplitude { 1.0 } else { 0.0 };
                 let series = vec![
                     Series::new(self.after(), line(values), Mark::Dotted),
-                    Series::new("the scene's own", line(&vec![own; values.len()]), Mark::Line),
+                    Series::new(BEFORE, line(&vec![own; values.len()]), Mark::Line),
                 ];
                 figures.push((file, self.chart(title, "s/L", y, Scale::Linear, series)));
             }
@@ -212,7 +205,7 @@ impl Design {
             series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots));
         }
         let ends = [0.5, 0.5 + found.numbers.len() as f64];
-        series.push(Series::new("the scene's own", ends.map(|x| (x, 1.0)).into(), Mark::Line));
+        series.push(Series::new(BEFORE, ends.map(|x| (x, 1.0)).into(), Mark::Line));
         series.push(Series::new("", vec![(ends[0], 0.0)], Mark::Unseen));
         Some((
             "numbers.svg",
@@ -245,7 +238,7 @@ impl Design {
             values.collect::<Vec<_>>()
         };
         let series = vec![
-            Series::new(self.before(), bars(|case| case.before), Mark::Line),
+            Series::new(BEFORE, bars(|case| case.before), Mark::Line),
             Series::new(self.after(), bars(|case| case.designed), Mark::Line),
         ];
         let numbers = (1..=cases.len()).map(|number| number.to_string()).collect();
@@ -263,7 +256,7 @@ impl Design {
             figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
-        let named = [(self.before(), before), (self.after(), after)];
+        let named = [(BEFORE, before), (self.after(), after)];
         if let (Goal::TrackTip | Goal::Identify, Some(target)) = (self.table.goal, target) {
             for (axis, file, title, y) in
                 [(0, "tip_x.svg", "the tip, x", "x of the tip (m)"), (1, "tip_y.svg", "the tip, y", "y of the tip (m)")]
@@ -332,8 +325,7 @@ impl Design {
         let all = [self.shapes(before), self.shapes(after)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
         let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
-        let files =
-            [("before.svg", format!("{what}, {}", self.before())), ("after.svg", format!("{what}, {}", self.after()))];
+        let files = [("before.svg", format!("{what}, {BEFORE}")), ("after.svg", format!("{what}, {}", self.after()))];
         let figure = |((file, title), mut series): ((&'static str, String), Vec<Series>)| {
             series.push(Series::new("", extent.clone(), Mark::Unseen));
             (file, self.chart(&title, "x (m)", "y (m)", Scale::Equal, series))
@@ -622,8 +614,7 @@ impl Design {
             };
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
-        let before_is = self.before();
-        let shown = format!("In grey: the same with {before_is}.");
+        let shown = format!("In grey: the same with {BEFORE}.");
         Some((Motion::of(&frames(after)).beside("", &frames(before)), shown))
     }
 }

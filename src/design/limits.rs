@@ -9,47 +9,57 @@ use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::rod::Shape;
-use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
+use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
-/// Steps of a search go along the norm of this order of all values instead of the largest of them, which has kinks. It is above that
-/// by a few per cent, so that it is over its own value where a step begins that it limits the largest.
-const ORDER: i32 = 100;
+/// A load has a constraint for each of its peaks in time, so that its largest may become another one without a kink: the largest of every
+/// stretch of so many samples. Samples of even and of odd number have one each, or it would have a kink where the peak goes from one to the next.
+const STRETCH: usize = 8;
 
-/// A load with a smaller logarithm over its limit is out of reach of a step, which is not told its derivatives.
+/// A peak with a smaller logarithm, over the limit or over the largest beyond it, is out of reach of a step.
 const FAR: f64 = -0.5;
 
-/// A share below this in a derivative is none.
-const LEAST: f64 = 1e-14;
+/// The number of a load that has no peak nearer than that.
+const NONE_NEAR: usize = usize::MAX;
 
 /// A limit, at a point of the search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Limited {
     /// In words; what is limited together, one after the other, has the same.
     pub name: String,
+    /// Which load, and which of its peaks. A peak has the same at other points, where it may be missing, as it is far there.
+    pub of: [usize; 2],
     /// The logarithm of the value over the limit; the other way round where the value is to be large. It is to be 0 at most. In
     /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
-    /// What is between it and the smooth function that `by` is of: for steps from another point that of the point counts.
-    pub rounding: f64,
     /// Its derivatives, by the parameters, later by the unknowns.
     pub by: Vec<f64>,
 }
 
 impl Limited {
-    /// What it is beyond the limit for a step from where it is `from`.
-    pub fn after(&self, from: &Self) -> f64 {
-        self.excess + self.rounding - from.rounding
+    /// The same in `others`, at another point.
+    pub fn among<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
+        others.iter().find(|other| other.of == self.of && other.name == self.name)
     }
 }
 
-/// Numbers the limits that `limits` are of.
-pub(super) fn groups(limits: &[Limited]) -> Vec<usize> {
-    let new = |i: usize| usize::from(i > 0 && limits[i].name != limits[i - 1].name);
-    let count = |group: &mut usize, i: usize| {
-        *group += new(i);
-        Some(*group)
-    };
-    (0..limits.len()).scan(0, count).collect()
+/// What has one price for being passed: all that is limited together, or each load alone.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Priced {
+    Together,
+    Alone,
+}
+
+impl Priced {
+    /// The number of the price that each of `limits` has.
+    pub fn groups(self, limits: &[Limited]) -> Vec<usize> {
+        let same = |[a, b]: [&Limited; 2]| a.name == b.name && (self == Self::Together || a.of[0] == b.of[0]);
+        let new = |i: usize| usize::from(i > 0 && !same([&limits[i], &limits[i - 1]]));
+        let count = |group: &mut usize, i: usize| {
+            *group += new(i);
+            Some(*group)
+        };
+        (0..limits.len()).scan(0, count).collect()
+    }
 }
 
 /// The sum over `groups` of what the largest of each, by `excess`, is beyond its limit.
@@ -57,6 +67,27 @@ pub(super) fn beyond(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
     let mut worst = vec![0.0_f64; groups.last().map_or(0, |last| last + 1)];
     groups.iter().enumerate().for_each(|(i, group)| worst[*group] = worst[*group].max(excess(i)));
     worst.iter().sum()
+}
+
+/// The samples of `values` that limit them: the largest of even and of odd number in each stretch of a peak above `least`, and of those beside
+/// it, to which the peak may go; each with the number of its constraint. Where there is none, the largest.
+fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
+    let largest = |samples: &mut dyn Iterator<Item = usize>| samples.max_by(|a, b| values[*a].total_cmp(&values[*b]));
+    let stretches = values.len().div_ceil(STRETCH);
+    let inside = |w: usize| w * STRETCH..((w + 1) * STRETCH).min(values.len());
+    let height = |w: usize| largest(&mut inside(w)).map_or(0.0, |n| values[n]);
+    let heights: Vec<f64> = (0..stretches).map(height).collect();
+    let is_peak = |w: usize| {
+        let before = w == 0 || heights[w - 1] < heights[w];
+        before && (w + 1 == stretches || heights[w + 1] <= heights[w]) && heights[w] > least
+    };
+    let near = |w: &usize| (w.saturating_sub(1)..=(w + 1).min(stretches - 1)).any(is_peak);
+    let of = |w: usize| [0, 1].map(|odd| Some((2 * w + odd, largest(&mut inside(w).filter(|n| n % 2 == odd))?)));
+    let mut found: Vec<(usize, usize)> = (0..stretches).filter(near).flat_map(of).flatten().collect();
+    if found.is_empty() {
+        found.extend(largest(&mut (0..values.len())).map(|n| (NONE_NEAR, n)));
+    }
+    found
 }
 
 /// A limit in words, and how much of it is used.
@@ -170,37 +201,9 @@ impl Limits {
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(Limited { name: name.clone(), excess: own.ln(), rounding: 0.0, by });
+            all.push(Limited { name: name.clone(), of: [0, 0], excess: own.ln(), by });
         }
-        if !self.load.is_empty() {
-            let mut trajectory = Trajectory::default();
-            let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, ..)| outputs.iter().cloned()).collect();
-            let found = problem.forward(&[], &outputs, 1, |state| trajectory.push(state)).ok()?;
-            let loads = self.load.iter().flat_map(|load| load.1.iter().map(move |output| (load, output)));
-            for (o, ((name, _, most, signed), output)) in loads.enumerate() {
-                // Each joint and each way by itself: where the largest of all is another one there is a kink.
-                for way in [1.0, -1.0].into_iter().take(if *signed { 1 } else { 2 }) {
-                    let value = |n: usize| (way * found.value(n, o)).max(0.0);
-                    let values: Vec<f64> = (0..found.times.len()).map(value).collect();
-                    let largest = values.iter().fold(f64::MIN_POSITIVE, |max, x| max.max(*x));
-                    let sum: f64 = values.iter().map(|x| (x / largest).powi(ORDER)).sum();
-                    let norm = sum.powf(1.0 / f64::from(ORDER));
-                    let excess = (largest / most).ln();
-                    // What is far from the largest does not count, and costs nothing.
-                    let weight = |x: &f64| {
-                        let part = (x / largest / norm).powi(ORDER - 1);
-                        if part < LEAST { 0.0 } else { way * part / (largest * norm) }
-                    };
-                    let by = if excess < FAR || parameters.is_empty() {
-                        vec![0.0; parameters.len()]
-                    } else {
-                        let weights: Vec<f64> = values.iter().map(weight).collect();
-                        problem.adjoint(parameters, std::slice::from_ref(output), &weights, &trajectory).ok()?
-                    };
-                    all.push(Limited { name: name.clone(), excess, rounding: norm.ln(), by });
-                }
-            }
-        }
+        self.add_loads(problem, parameters, &mut all)?;
         for (name, objective, floor, size) in &self.means {
             let (value, by) = objective.derivatives(problem, profile, parameters)?;
             let (excess, slope) = match size {
@@ -209,9 +212,54 @@ impl Limits {
                 None => below(value / floor, 1.0 / floor),
             };
             let by = by.into_iter().map(|by| slope * by).collect();
-            all.push(Limited { name: name.clone(), excess, rounding: 0.0, by });
+            all.push(Limited { name: name.clone(), of: [0, 0], excess, by });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
+    }
+
+    /// Adds the peaks of all loads at the point that `problem` was set to.
+    fn add_loads(&self, problem: &mut Problem, parameters: &[Parameter], all: &mut Vec<Limited>) -> Option<()> {
+        let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, ..)| outputs.iter().cloned()).collect();
+        if outputs.is_empty() {
+            return Some(());
+        }
+        let found = problem.forward(&[], &outputs, 1, |_| {}).ok()?;
+        // What is near, by output and sample, with its sign, in all of the list.
+        let mut near: Vec<(usize, usize, f64, usize)> = Vec::new();
+        let mut first = 0;
+        for (name, of_limit, most, signed) in &self.load {
+            let own = first..first + of_limit.len();
+            first = own.end;
+            let ways: &[f64] = if *signed { &[1.0] } else { &[1.0, -1.0] };
+            let loads = own.flat_map(|o| ways.iter().map(move |way| (o, *way)));
+            let series = |(o, way): (usize, f64)| {
+                let value = |n: usize| (way * found.value(n, o)).max(f64::MIN_POSITIVE) / most;
+                (o, way, (0..found.times.len()).map(value).collect::<Vec<f64>>())
+            };
+            let loads: Vec<(usize, f64, Vec<f64>)> = loads.map(series).collect();
+            let largest = loads.iter().flat_map(|load| &load.2).fold(1.0, |max: f64, x| max.max(*x));
+            let least = largest * FAR.exp();
+            for (load, (o, way, values)) in loads.iter().enumerate() {
+                for (peak, n) in peaks(values, least) {
+                    if values[n] > least {
+                        near.push((*o, n, way / (most * values[n]), all.len()));
+                    }
+                    let by = vec![0.0; parameters.len()];
+                    all.push(Limited { name: name.clone(), of: [load, peak], excess: values[n].ln(), by });
+                }
+            }
+        }
+        if !parameters.is_empty() && !near.is_empty() {
+            let mut wanted: Vec<usize> = near.iter().map(|(o, ..)| *o).collect();
+            wanted.dedup();
+            let some: Vec<Output> = wanted.iter().map(|o| outputs[*o].clone()).collect();
+            let found = problem.forward(parameters, &some, 1, |_| {}).ok()?;
+            for (o, n, slope, at) in near {
+                let row = found.row(n, wanted.partition_point(|other| *other < o));
+                all[at].by = row.iter().map(|by| slope * by).collect();
+            }
+        }
+        Some(())
     }
 
     /// Leaves out what the motion is limited by, and keeps what the body is.

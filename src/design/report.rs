@@ -24,7 +24,6 @@ use super::trust::{LOOSE, Tolerance, Trust};
 use super::unknowns::Profile;
 use crate::check::Assessment;
 use crate::error::{Error, Result};
-use crate::fluid::laws;
 use crate::integrator::Pace;
 use crate::linear_stability::{RESTED, SteadyState, come_to_rest, grows};
 use crate::model::Dynamics;
@@ -39,6 +38,12 @@ use crate::system::System;
 
 /// A limit that is passed by a smaller part is kept.
 const PASSED: f64 = 1e-6;
+
+/// What a design is compared with, everywhere.
+pub(super) const BEFORE: &str = "the scene's own";
+
+/// A stiffness that is off by a smaller part is the same.
+const ALIKE: f64 = 1e-9;
 
 /// Steps of a period, and of a duration without one, where a scene gives none.
 const STEPS: [f64; 2] = [200.0, 1000.0];
@@ -133,7 +138,7 @@ pub(super) struct Check {
     pub simulation: String,
     /// Of the design; none where the simulation fails.
     pub designed: Option<f64>,
-    /// Of what was before: even stiffness of the same mean, the scene's own in identification.
+    /// Of what was before, the scene's own.
     pub before: Option<f64>,
     /// Gain over it, %.
     pub gain_percent: Option<f64>,
@@ -184,7 +189,7 @@ impl Design {
         let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let asked = document;
-        let document = &pinned(document, &scene, &table)?;
+        let document = &pinned(document, &scene);
         let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
             Some(file) => {
@@ -674,18 +679,11 @@ fn in_cases(search: &mut Search<'_>, before: &Profile, profile: &Profile) -> Vec
     search.cases.iter().zip(before).zip(designed).map(row).collect()
 }
 
-/// `document`, in which the numbers of `table` shall change nothing but what they are: with the law that its scene takes by itself
-/// by name, where there are any.
-pub(super) fn pinned(document: &Document, scene: &Scene, table: &Table) -> Result<Document> {
+/// `document`, whose scenes with other numbers all keep the fluid that `scene` takes.
+pub(super) fn pinned(document: &Document, scene: &Scene) -> Document {
     let mut document = document.clone();
-    let auto = scene.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
-    if auto
-        && !table.numbers.is_empty()
-        && let (Some(law), _) = scene.fluid_model(&scene.model()?.rod)
-    {
-        document.put("the design", "drag.law", &toml::Value::String(law.name.to_string()));
-    }
-    Ok(document)
+    document.keep_fluid_of(scene);
+    document
 }
 
 /// How much better `value` is than `other`, %.
@@ -712,9 +710,10 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
     numbers
 }
 
-/// The even profile, the study's gradient and the best linear one of the same mean, and the design, with their objectives.
+/// The scene's own profile, the even one, the study's gradient and the best linear one of the same mean, and the design, with their
+/// objectives.
 fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compared> {
-    let before = Profile::before(table, &search.own_stiffness, search.reference);
+    let before = Profile::before(table, &search.own_stiffness);
     let rod = &search.problem.model().rod;
     let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
     let reference = search.reference;
@@ -730,16 +729,18 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
         let objective = search.value(&profile);
         profiles.push(Compared { name: name.to_string(), profile, objective });
     };
+    let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < ALIKE);
+    add(BEFORE, before, search);
     if table.variables.contains(&Variable::Stiffness) {
-        add("even stiffness", before, search);
+        if !alike {
+            add("even stiffness", of(vec![even; xi.len()]), search);
+        }
         if table.goal != Goal::TrackTip && !found.interrupted {
             add("the study's gradient", of(xi.iter().map(|xi| even * (2.0 - xi) / (2.0 - centre)).collect()), search);
             if let Some((slope, _)) = search.best_linear() {
                 add(&format!("best linear profile (slope {slope:.3})"), linear(slope), search);
             }
         }
-    } else {
-        add("the scene's own", before, search);
     }
     let designed = Compared { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
     profiles.push(designed);
@@ -929,6 +930,18 @@ fn designed(document: &Document, scene: &Scene, numbers: &[Number], profile: &Pr
     let mut table: toml::Table = document.read_as()?;
     table.remove("design");
     table.insert("name".to_string(), toml::Value::String(format!("{}-designed", scene.name)));
+    // It names the fluid that it was designed in.
+    let (law, reactive) = scene.fluid_model(&scene.model()?.rod);
+    if let (Some(toml::Value::Table(drag)), Some(law)) = (table.get_mut("drag"), law) {
+        drag.insert("law".to_string(), toml::Value::String(law.name.to_string()));
+    }
+    if let Some(own) = scene.reactive.as_ref().filter(|reactive| reactive.auto) {
+        table.remove("reactive");
+        if reactive {
+            let shedding = toml::Value::Float(own.shedding.get());
+            table.insert("reactive".to_string(), toml::Table::from_iter([("shedding".to_string(), shedding)]).into());
+        }
+    }
     if let Some(toml::Value::Table(head)) = table.get_mut("head") {
         for (_, value) in head.iter_mut() {
             if let Some(toml::Value::String(file)) = value.get_mut("table") {

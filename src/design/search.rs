@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 
 use super::cases::{Case, each};
 use super::identify::Verdict;
-use super::limits::{Limited, Limits, Used, beyond, groups};
+use super::limits::{Limited, Limits, Priced, Used, beyond};
 use super::markers::Markers;
 use super::memory::Memory;
 use super::qp::{Constraint, Quadratic};
@@ -101,6 +101,10 @@ const AGAIN: usize = 3;
 
 /// A tracked tip's step that is damped by more goes nowhere.
 const MOST_DAMPED: f64 = 1e12;
+
+/// A fit whose next step, of full length, promises less than this part of what one standard deviation of an unknown costs has come to its end:
+/// what goes on then are unknowns that the data do not know.
+const SETTLED: f64 = 1e-4;
 
 /// Why a search ends that has used all its iterations.
 pub(super) const EXHAUSTED: &str = "its iterations are used up";
@@ -210,8 +214,13 @@ impl Objective {
             Some(markers) if fits => {
                 let rows = markers.times.iter().zip(&markers.positions);
                 let sample = |(time, row): (&f64, &Vec<f64>)| {
-                    let off =
-                        || Error::Design { reason: format!("the sample at t = {time} s is at no step of the scene") };
+                    let off = || Error::Design {
+                        reason: format!(
+                            "the sample at t = {time} s is at no step of the scene, which are {} s long; try a solver.time_step_s \
+                             that divides the times of all samples",
+                            times[1]
+                        ),
+                    };
                     Ok((step(*time).ok_or_else(off)?, row[row.len() - width..].to_vec()))
                 };
                 rows.map(sample).collect::<Result<Vec<_>>>()?
@@ -427,7 +436,7 @@ pub struct Found {
     pub objective: f64,
     /// Its stationarity.
     pub stationarity: f64,
-    /// True where that is below the limit, or the tip is met.
+    /// True where that is below the limit, the tip is met, or a fit has no more to win than noise hides.
     pub converged: bool,
     /// Why its search ended.
     pub why: String,
@@ -494,13 +503,13 @@ struct Point {
 
 impl Point {
     /// The sum of what is beyond the limits.
-    fn violation(&self) -> f64 {
-        self.violation_from(self, &groups(&self.limits))
+    fn violation(&self, priced: Priced) -> f64 {
+        beyond(&priced.groups(&self.limits), |i| self.limits[i].excess)
     }
 
-    /// The same as a step from `here` sees it that limits these `groups` together.
-    fn violation_from(&self, here: &Self, groups: &[usize]) -> f64 {
-        beyond(groups, |i| self.limits[i].after(&here.limits[i]))
+    /// True where it keeps its limits.
+    fn is_kept(&self) -> bool {
+        self.violation(Priced::Together) <= VIOLATED
     }
 }
 
@@ -512,6 +521,8 @@ struct End {
     /// Why it ended, in words.
     why: String,
     interrupted: bool,
+    /// True of a fit that has no more to win than noise hides.
+    settled: bool,
 }
 
 /// The search of a design.
@@ -665,12 +676,12 @@ impl<'a> Search<'a> {
             };
             // What is limited together has one price. Where that ends at a least of its largest that is beyond the limit, a price for each
             // leads another way.
-            let groups = groups(&first.limits);
-            let each: Vec<usize> = (0..groups.len()).collect();
-            let mut end = self.descend((&unknowns, &limits, &groups), rough, first.clone(), &mut told)?;
-            if end.point.violation() > VIOLATED && !end.interrupted && each != groups {
-                let other = self.descend((&unknowns, &limits, &each), rough, first, &mut told)?;
-                if other.interrupted || other.point.violation() < end.point.violation() {
+            let [together, alone] = [Priced::Together, Priced::Alone];
+            let several = together.groups(&first.limits) != alone.groups(&first.limits);
+            let mut end = self.descend((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
+            if !end.point.is_kept() && !end.interrupted && several {
+                let other = self.descend((&unknowns, &limits, alone), rough, first, &mut told)?;
+                if other.interrupted || other.point.violation(together) < end.point.violation(together) {
                     end = other;
                 }
             }
@@ -685,10 +696,10 @@ impl<'a> Search<'a> {
         let merit = |end: &End| {
             let x = &end.point.x;
             // What keeps its limits comes first.
-            let beyond = if end.point.violation() > VIOLATED {
-                1e6 * end.point.value.f.abs() * end.point.violation()
-            } else {
+            let beyond = if end.point.is_kept() {
                 0.0
+            } else {
+                1e6 * end.point.value.f.abs() * end.point.violation(Priced::Together)
             };
             beyond + end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
@@ -697,7 +708,7 @@ impl<'a> Search<'a> {
             return Err(Error::Design { reason });
         };
         let converged = self.has_converged(&best);
-        let (why, kept) = (best.why.clone(), best.point.violation() <= VIOLATED);
+        let (why, kept) = (best.why.clone(), best.point.is_kept());
         let limits = best.point.limits.iter();
         let limits = limits.fold(Vec::new(), |mut all: Vec<Used>, limit| {
             let (name, used) = (&limit.name, limit.excess.exp());
@@ -799,7 +810,7 @@ impl<'a> Search<'a> {
 
     fn has_converged(&self, end: &End) -> bool {
         let met = self.objective.is_met(end.point.value.f);
-        end.point.violation() <= VIOLATED && (end.stationarity <= STATIONARY[1] || met)
+        end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met || end.settled)
     }
 
     /// Which optimum each of `ends` is at.
@@ -823,10 +834,10 @@ impl<'a> Search<'a> {
         optima
     }
 
-    /// Goes down from `first`; limits of the same of the `groups` have one price. All of a step's programme is in units of the objective.
+    /// Goes down from `first`, with limits `priced` together or alone. All of a step's programme is in units of the objective.
     fn descend(
         &mut self,
-        (unknowns, limits, groups): (&Unknowns, &Limits, &[usize]),
+        (unknowns, limits, priced): (&Unknowns, &Limits, Priced),
         rough: &DMatrix<f64>,
         first: Point,
         mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
@@ -839,12 +850,12 @@ impl<'a> Search<'a> {
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
         let mut here = first;
         let mut hessian: Option<DMatrix<f64>> = None;
-        let (all, cases) = (groups.len(), here.value.cases.len());
+        let cases = here.value.cases.len();
         let (mut price, mut updates) = (PRICE[0], 0);
         let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
         let mut why = EXHAUSTED.to_string();
-        let (mut here_again, mut again) = (false, 0);
+        let (mut here_again, mut again, mut settled) = (false, 0, false);
         for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
@@ -861,6 +872,7 @@ impl<'a> Search<'a> {
                     }
                 };
             // Unknowns of a step: it, how far each limit is passed, and the worst case.
+            let groups = priced.groups(&here.limits);
             let limited = groups.last().map_or(0, |last| last + 1);
             let width = n + limited + usize::from(cases > 0);
             let mut programme = Quadratic::new(width);
@@ -870,12 +882,13 @@ impl<'a> Search<'a> {
                 (0..n).for_each(|j| programme.hessian[i * width + j] = damped[(i, j)]);
             }
             // How far each limit is passed has a price.
-            for (i, limit) in here.limits.iter().enumerate() {
-                let passed = n + groups[i];
+            for passed in n..n + limited {
                 programme.gradient[passed] = price;
                 programme.constraints.push(Constraint::at_most(TRUST, vec![(passed, -1.0)], 0.0));
+            }
+            for (limit, group) in here.limits.iter().zip(&groups) {
                 let row = limit.by.iter().copied().enumerate().filter(|(_, by)| *by != 0.0);
-                let row = row.chain([(passed, -1.0)]).collect();
+                let row = row.chain([(n + group, -1.0)]).collect();
                 programme.constraints.push(Constraint::at_most(limit.name.clone(), row, -limit.excess));
             }
             for (i, (f, by)) in here.value.cases.iter().enumerate() {
@@ -929,10 +942,11 @@ impl<'a> Search<'a> {
             if here_again && end.0 < stationarity {
                 (stationarity, active) = (end.0, end.1);
             }
-            let of_limits: Vec<f64> = (0..all).map(|i| solution.duals[2 * i + 1]).collect();
-            let of_cases = solution.duals[2 * all..2 * all + cases].to_vec();
+            let after_limits = limited + here.limits.len();
+            let of_limits = solution.duals[limited..after_limits].to_vec();
+            let of_cases = solution.duals[after_limits..after_limits + cases].to_vec();
             let mut dear = vec![0.0; limited];
-            of_limits.iter().zip(groups).for_each(|(dual, group)| dear[*group] += dual);
+            of_limits.iter().zip(&groups).for_each(|(dual, group)| dear[*group] += dual);
             let dearest = dear.into_iter().fold(0.0, f64::max);
             if dearest > 0.5 * price {
                 price = (4.0 * price).min(PRICE[1]);
@@ -941,14 +955,19 @@ impl<'a> Search<'a> {
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
             let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
-            let kept =
-                here.violation_from(&here, groups) - solution.x[n..n + limited].iter().map(|x| x.max(0.0)).sum::<f64>();
+            let kept = here.violation(priced) - solution.x[n..n + limited].iter().map(|x| x.max(0.0)).sum::<f64>();
             let worst = solution.x[n + limited..].iter().sum::<f64>();
             let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
             end = (stationarity, active, false);
+            settled = here.value.residuals.as_ref().is_some_and(|(residuals, _)| {
+                let free = residuals.len().saturating_sub(n).max(1) as f64;
+                self.objective.goal == Goal::Identify && damping < DAMPING && promised < SETTLED / free
+            });
             let ends = if self.objective.is_met(here.value.f) {
                 Some("the target is met")
-            } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)] && here.violation() <= 0.1 * VIOLATED {
+            } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)]
+                && here.violation(Priced::Together) <= 0.1 * VIOLATED
+            {
                 Some("it is stationary")
             } else if promised < ROUNDING {
                 Some("no step promises more than rounding")
@@ -958,7 +977,7 @@ impl<'a> Search<'a> {
                 None
             };
             // What still passes a limit tries once more from there, at a higher price.
-            if ends.is_some() && here.violation() > VIOLATED && again < AGAIN && !squares {
+            if ends.is_some() && !here.is_kept() && again < AGAIN && !squares {
                 again += 1;
                 price = (100.0 * price).min(PRICE[1]);
                 (radius, hessian, here_again) = (RADIUS[0], None, false);
@@ -977,24 +996,27 @@ impl<'a> Search<'a> {
             let won = |next: &Point| {
                 if promised >= JUDGED_BY_GRADIENTS || squares || cases > 0 {
                     return (merit(&here) - merit(next)) / unit
-                        + price * (here.violation_from(&here, groups) - next.violation_from(&here, groups));
+                        + price * (here.violation(priced) - next.violation(priced));
                 }
                 let moved = &next.x - &here.x;
                 let after = |i: usize| {
-                    let (from, to) = (&here.limits[i], &next.limits[i]);
+                    let from = &here.limits[i];
+                    let to = from.among(&next.limits).unwrap_or(from);
                     let by = from.by.iter().zip(&to.by).zip(&moved).map(|((from, to), d)| 0.5 * (from + to) * d);
                     from.excess + by.sum::<f64>()
                 };
-                let kept = here.violation_from(&here, groups) - beyond(groups, after);
+                let kept = here.violation(priced) - beyond(&groups, after);
                 price * kept - 0.5 * (slope(&here) + slope(next)).dot(&moved) / unit
             };
             let mut ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
-            if let Some(tried) = next.as_ref().filter(|_| all > 0 && ratio < POOR) {
+            if let Some(tried) = next.as_ref().filter(|_| limited > 0 && ratio < POOR) {
                 // A limit that bends away from its tangent: the same step, with the limits as they are at its end.
                 let moved = &tried.x - &here.x;
-                for (i, (limit, tried)) in here.limits.iter().zip(&tried.limits).enumerate() {
-                    let linear: f64 = limit.by.iter().zip(&moved).map(|(by, d)| by * d).sum();
-                    programme.constraints[2 * i + 1].bound = linear - tried.after(limit);
+                for (constraint, limit) in programme.constraints[limited..].iter_mut().zip(&here.limits) {
+                    if let Some(tried) = limit.among(&tried.limits) {
+                        let linear: f64 = limit.by.iter().zip(&moved).map(|(by, d)| by * d).sum();
+                        constraint.bound = linear - tried.excess;
+                    }
                 }
                 let corrected = programme.solve().ok().and_then(|solution| {
                     let step = DVector::from_column_slice(&solution.x[..n]);
@@ -1025,7 +1047,10 @@ impl<'a> Search<'a> {
                     let duals = &solution.duals[solution.duals.len() - unknowns.means(here.x.as_slice()).len()..];
                     let curved = |point: &Point| {
                         let means = unknowns.means(point.x.as_slice());
-                        let limited = point.limits.iter().zip(&of_limits).map(|(limit, dual)| (&limit.by, dual));
+                        // A peak that is far by now is as it was.
+                        let limited = here.limits.iter().zip(&of_limits).filter(|(_, dual)| **dual > 0.0);
+                        let limited =
+                            limited.map(|(limit, dual)| (&limit.among(&point.limits).unwrap_or(limit).by, dual));
                         let mut own = point.value.common(n);
                         for ((_, by), dual) in point.value.cases.iter().zip(&of_cases) {
                             own += DVector::from_column_slice(by) * *dual;
@@ -1057,7 +1082,7 @@ impl<'a> Search<'a> {
             }
         }
         let (stationarity, active, interrupted) = end;
-        Ok(End { point: here, stationarity, active, why, interrupted })
+        Ok(End { point: here, stationarity, active, why, interrupted, settled })
     }
 
     /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of

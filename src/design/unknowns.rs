@@ -35,13 +35,10 @@ impl Profile {
         Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
-    /// What a design of `table` is compared with: even stiffness of the same mean where that is among the variables, else the scene as
-    /// it is, whose joints have the stiffness `own` (N m²) and whose EI before its profile is `reference`.
-    pub fn before(table: &Table, own: &[f64], reference: f64) -> Self {
+    /// What a design of `table` is compared with: the scene as it is, whose joints have the stiffness `own` (N m²).
+    pub fn before(table: &Table, own: &[f64]) -> Self {
         let mut before = Self { numbers: table.own_numbers(), ..Self::of(own.to_vec()) };
-        if table.variables.contains(&Variable::Stiffness) {
-            before.stiffness_n_m2.fill(reference * table.mean.unwrap_or(1.0));
-        } else if !table.numbers.is_empty() {
+        if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
             before.stiffness_n_m2.clear(); // it follows from the scene
         }
         before

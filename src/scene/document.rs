@@ -13,6 +13,7 @@ use super::value::{SIGNAL_KEYS, refused};
 use super::{Scene, Unchecked};
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::integrator::{METHODS, Method};
+use crate::reduced::FluidChoice;
 
 /// A larger file is no scene.
 const LARGEST: u64 = 16 << 20;
@@ -43,6 +44,8 @@ pub struct Document {
     layers: Vec<usize>,
     /// That of the next one.
     layer: usize,
+    /// What its scenes take of the fluid that they leave to the program; where it is absent, what their own motion says.
+    fluid: Option<FluidChoice>,
 }
 
 /// The files of a packed scene.
@@ -86,7 +89,14 @@ impl Document {
             makers: Vec::new(),
             layers: Vec::new(),
             layer: 1,
+            fluid: None,
         }
+    }
+
+    /// Its scenes with other numbers take the law of the fluid, and the water that the rod accelerates, as `scene` does, where they leave
+    /// that to the program: what follows them from number to number would jump else.
+    pub fn keep_fluid_of(&mut self, scene: &Scene) {
+        self.fluid = scene.taken_fluid();
     }
 
     /// Reads a scene that was packed into a folder by [`packed`](Self::packed).
@@ -336,7 +346,10 @@ impl Document {
         scene.file.clone_from(&self.path);
         scene.contents = contents(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
-        scene.choose_fluid();
+        match &self.fluid {
+            Some(fluid) => scene.take_fluid(fluid.clone()),
+            None => scene.choose_fluid(),
+        }
         Ok(scene)
     }
 

@@ -595,6 +595,19 @@ impl Scene {
         self.taken.as_ref()
     }
 
+    /// What it takes of the fluid, by estimates or by its Reynolds number.
+    pub(super) fn taken_fluid(&self) -> Option<FluidChoice> {
+        self.taken.clone().or_else(|| {
+            let (law, reactive) = self.fluid_model(&self.model().ok()?.rod);
+            Some(FluidChoice { law, reactive, reason: "by its Reynolds number".to_string(), errors: None })
+        })
+    }
+
+    /// Takes `fluid`, where it leaves that to the program.
+    pub(super) fn take_fluid(&mut self, fluid: FluidChoice) {
+        self.taken = Some(fluid).filter(|_| self.leaves_fluid().contains(&true));
+    }
+
     /// Takes a law of the fluid by estimates, where it leaves that to the program and they can be made.
     pub(super) fn choose_fluid(&mut self) {
         let [law_left, reactive_left] = self.leaves_fluid();

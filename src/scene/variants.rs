@@ -6,7 +6,7 @@ use super::solver::{DEFAULT_INTEGRATORS, full};
 use super::value::{Finite, Positive, Tolerance, Whole};
 use super::{Scene, SolverTable};
 use crate::integrator::{Method, Pace};
-use crate::reduced::{Choice, FluidChoice, Rung};
+use crate::reduced::{Choice, Rung};
 
 /// The tolerance of [`Scene::whole`], and its Newton's method's: forces of stiff rods are differences of tiny stretches.
 const WHOLE_TOLERANCE: f64 = 1e-6;
@@ -95,12 +95,11 @@ impl Scene {
     /// The same scene with the law of the fluid, and with or without the water that the rod accelerates, as `other`, which hardly
     /// differs, takes them where both leave that to the program.
     pub fn with_fluid_of(&self, other: &Self) -> Self {
-        let taken = other.fluid_choice().cloned().or_else(|| {
-            let (law, reactive) = other.fluid_model(&other.model().ok()?.rod);
-            Some(FluidChoice { law, reactive, reason: "by its Reynolds number".to_string(), errors: None })
-        });
         let mut scene = self.clone();
-        scene.taken = taken.filter(|_| scene.leaves_fluid().contains(&true));
+        scene.taken = None;
+        if let Some(fluid) = other.taken_fluid() {
+            scene.take_fluid(fluid);
+        }
         scene
     }
 

@@ -231,6 +231,7 @@ impl Simulation {
     pub fn of(document: &Document, outputs: &[&str], values: &[(&str, Array)]) -> Result<Self> {
         let mut document = document.clone();
         let as_is = document.scene()?;
+        document.keep_fluid_of(&as_is);
         let known = Known::of(&as_is)?;
         for (name, value) in values.iter().filter(|(name, _)| !NAMED.iter().any(|named| named.1 == *name)) {
             finite(name, value)?;

@@ -29,13 +29,13 @@ const FASTEST: &str = r#"goal = "cycle_forward_speed_m_s", variables = ["rod.out
 
 #[test]
 fn limits_are_kept_and_their_duals_are_what_more_room_is_worth() {
-    // The slope of a largest load is that of a norm of order 100 over its samples. Power has several peaks of nearly the same height here, each
-    // with a slope of its own, so its dual is off by more. Measured, of 0.1 % more room: 0.006, 0.005, 0.012 and 0.077.
+    // Power has several peaks of nearly the same height here, each with a slope of its own. Measured, of 0.1 % more room: 0.006,
+    // 0.005, 0.012 and 0.005; with one slope for all peaks of power 0.077.
     for (key, words, tolerance) in [
         ("largest_mass_kg", "total mass", 0.02),
         ("largest_moment_n_m", "moment", 0.02),
         ("largest_strain", "strain", 0.04),
-        ("largest_power_w", "power", 0.12),
+        ("largest_power_w", "power", 0.02),
     ] {
         // What the fastest takes of it.
         let free = found(&format!("{FASTEST}, {key} = 1e3"));

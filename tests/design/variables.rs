@@ -3,7 +3,9 @@
 
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
-use caudal::design::{Objective, Profile, Table};
+use std::ops::ControlFlow;
+
+use caudal::design::{Design, Objective, Profile, Table};
 use caudal::fluid::laws::{LAWS, Reach};
 use caudal::scene::{Document, Scene};
 use caudal::sensitivity::Problem;
@@ -176,4 +178,58 @@ fn derivatives_by_the_shape_of_a_wave_are_those_of_differences() {
         println!("{wave} {error:.1e} over {numbers}, worst {which}");
         assert!(error <= 1e-8, "{wave}: {error:e} {which}"); // measured: 5.3e-10
     }
+}
+
+/// A design's scenes keep the fluid that its own scene takes, whatever its numbers are, and the designed scene names it.
+#[test]
+fn a_design_keeps_the_fluid_that_its_scene_takes() {
+    let wanted = r#"design={goal="cycle_actuation_power_w",better="smaller",variables=["medium.viscosity_pa_s"],number_bounds=[0.001,1000.0],starts=1,iterations=1}"#;
+    let mut document = Document::read("models/eel.toml".as_ref()).unwrap();
+    for change in
+        ["rod.nodes=9", "solver.time_step_s=0.01", "solver.duration_s=1.1", "drag.law=auto", "reactive=auto", wanted]
+    {
+        document.set(change).unwrap();
+    }
+    let taken = |scene: &Scene| {
+        let (law, reactive) = scene.fluid_model(&scene.model().unwrap().rod);
+        (law.unwrap().name, reactive)
+    };
+    let own = document.scene().unwrap();
+    let (law, reactive) = taken(&own);
+    // With so thick a fluid it takes another by itself.
+    let mut thick = document.clone();
+    thick.set("medium.viscosity_pa_s=1.0").unwrap();
+    assert_ne!(taken(&thick.scene().unwrap()), (law, reactive));
+    thick.keep_fluid_of(&own);
+    assert_eq!(taken(&thick.scene().unwrap()), (law, reactive));
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let files = design.write(folder.path()).unwrap().complete().unwrap();
+    let path = files.iter().find(|path| path.ends_with("eel-designed.toml")).unwrap();
+    let text = std::fs::read_to_string(path).unwrap();
+    assert!(text.contains(&format!("law = \"{law}\"")) && !text.contains("\"auto\""), "{text}");
+    assert_eq!(text.contains("[reactive]"), reactive, "{text}");
+}
+
+/// What a design is compared with is the scene as it is, on every line; even stiffness of its mean is another profile, by its name.
+#[test]
+fn before_is_the_scenes_own_everywhere() {
+    let mut document = Document::read("models/design-silicone-eel.toml".as_ref()).unwrap();
+    let wanted =
+        r#"design={goal="distance",direction="-x",knots=[0.1,0.9],mean=0.5,bounds=[0.2,2.0],starts=1,iterations=3}"#;
+    for change in
+        ["rod.nodes=5", "solver.duration_s=2.0", "solver.time_step_s=0.01", "rod.stiffness_gradient=0.5", wanted]
+    {
+        document.set(change).unwrap();
+    }
+    let design = Design::of(&document, |_| ControlFlow::Continue(())).unwrap();
+    let own = Problem::of(&document.scene().unwrap()).unwrap().stiffness();
+    let numbers = design.numbers().unwrap();
+    let compared = numbers["compared"].as_array().unwrap();
+    assert_eq!(compared[0]["name"], "the scene's own");
+    assert!(compared.iter().any(|profile| profile["name"] == "even stiffness"));
+    let stiffness: Vec<f64> = serde_json::from_value(compared[0]["profile"]["stiffness_n_m2"].clone()).unwrap();
+    assert!(stiffness.iter().zip(&own).all(|(a, b)| (a / b - 1.0).abs() < 1e-12), "{stiffness:?} {own:?}");
+    let before = numbers["checks"][0]["before"].as_f64().unwrap();
+    assert!((before / compared[0]["objective"].as_f64().unwrap() - 1.0).abs() < 1e-9, "{before}");
 }
