@@ -117,7 +117,7 @@ impl Clock {
 impl Stepper {
     /// Prepares a run of `model` at time zero with internal steps of that `pace`, solved by `newton`.
     ///
-    /// Its snapshots are those of this `model` at this `pace`.
+    /// Its snapshots are those of this `model` by this method in this form, whatever its `pace`.
     ///
     /// # Errors
     /// Whatever is wrong with the first state.
@@ -128,7 +128,7 @@ impl Stepper {
         pace: impl Into<Pace>,
     ) -> Result<Self> {
         let (model, mover, pace) = (model.into(), mover.into(), pace.into());
-        let scene = model.fingerprint(&(&mover, newton.form(), pace));
+        let scene = model.fingerprint(&(&mover, newton.form()));
         Ok(Self { scene, ..Self::begin(model, mover, newton, pace)? })
     }
 

@@ -21,7 +21,6 @@ use crate::newton::Newton;
 use crate::system::State;
 pub use estimate::{Estimate, Estimates};
 pub use fluids::{FluidChoice, FluidEstimates};
-#[cfg(feature = "report")]
 pub(crate) use full::RUNG as FULL;
 pub use measure::{Differences, Measure};
 

@@ -113,7 +113,7 @@ impl Film {
         let [from, until] = self.window;
         let (begin, end) = (first, last);
         let (first, last) = (first.max(from), last.min(until));
-        if !(first < last) {
+        if first.partial_cmp(&last) != Some(std::cmp::Ordering::Less) {
             return Err(refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s")));
         }
         let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);

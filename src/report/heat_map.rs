@@ -221,12 +221,12 @@ mod tests {
     fn every_cell_is_drawn_inside_and_what_is_largest_and_least_is_named() {
         let cells = vec![(0, 0, 1e-3, 0), (1, 0, 0.5, 1), (2, 0, 0.25, 2), (0, 1, f64::NAN, 3), (2, 1, 7e-4, 5)];
         let svg = map(cells).svg();
-        assert!(svg.contains("largest: 0.5 (case 1)") && svg.contains("least: 0.0007 (case 5)"), "{svg}");
+        assert!(svg.contains("largest: 0.5000 (case 1)") && svg.contains("least: 7.000e-4 (case 5)"), "{svg}");
         let fields = svg.split("<path d=\"").skip(1).filter_map(|path| path.split('"').next());
         assert_eq!(fields.map(|path| path.matches('M').count()).sum::<usize>(), 4, "the failed one has a cross");
         assert!(!svg.contains("NaN"));
         // Nothing at all, and one number.
         assert!(!map(Vec::new()).svg().contains("NaN"));
-        assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest: -2 (case 9)"));
+        assert!(map(vec![(1, 1, -2.0, 9)]).svg().contains("largest: -2.000 (case 9)"));
     }
 }

@@ -68,6 +68,7 @@ impl Problem {
     }
 
     /// Simulates, and measures as a run does; with the positions at the end.
+    #[cfg(feature = "faer")]
     pub(super) fn measured(&mut self) -> Result<(Meter, Vec<f64>)> {
         let (trajectory, .., meter) = self.follow()?;
         Ok((meter, trajectory.positions(trajectory.times.len() - 1).to_vec()))

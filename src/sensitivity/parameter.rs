@@ -6,7 +6,8 @@ use std::ops::Range;
 use super::output::{At, Gradient};
 use crate::actuation::Wave;
 use crate::error::{Error, Result, did_you_mean, nearest};
-use crate::fluid::{DENSITY, Key, VISCOSITY};
+use crate::fluid::Key;
+use crate::fluid::medium::by_key;
 use crate::model::{Dynamics, Model};
 use crate::rod::Rod;
 
@@ -133,7 +134,8 @@ impl Parameter {
             Self::OfForces(key) => {
                 let own = model.forces.iter().flat_map(|force| force.parameters().to_vec());
                 // Those of every medium, whether a force follows them or not.
-                let mut keys: Vec<Key> = own.chain([VISCOSITY, DENSITY]).collect();
+                let media = by_key(&model.fluid, model.layers.as_ref()).map(|(key, _)| key);
+                let mut keys: Vec<Key> = own.chain(media).collect();
                 keys.sort_unstable();
                 keys.dedup();
                 if keys.contains(&key) {
