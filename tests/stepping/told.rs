@@ -256,7 +256,7 @@ fn readings_between_steps_are_of_one_motion_too() {
             let whole: f64 = masses.iter().sum();
             for part in [0.37, 0.81] {
                 let time = stepper.time() - (1.0 - part) * STEP;
-                let row = stepper.at(time, |view| row_of(view)).unwrap();
+                let row = stepper.at(time, row_of).unwrap();
                 let one =
                     |row: &BTreeMap<&'static str, Vec<f64>>, name: &str| row.get(name).map_or(0.0, |values| values[0]);
                 let sum = |row: &BTreeMap<&'static str, Vec<f64>>, parts: &[&str], unit: &str| {
