@@ -155,15 +155,17 @@ class Sweep(list[dict[str, Any]]):
             values[cell] = np.nan if number is None else number
         figure = Figure(figsize=(7, 5), layout="constrained")
         axes = figure.subplots()
-        signed = np.nanmin(values) < 0 < np.nanmax(values) if np.isfinite(values).any() else False
-        most = np.nanmax(np.abs(values)) if signed else None
-        colours: dict[str, Any] = {"cmap": "RdBu_r", "vmin": -most, "vmax": most} if signed else {"cmap": "viridis"}
+        known = values[np.isfinite(values)]
+        colours: dict[str, Any] = {"cmap": "viridis"}
+        if known.size and known.min() < 0 < known.max():
+            most = np.abs(known).max()
+            colours = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
         image = axes.imshow(values, origin="lower", aspect="auto", **colours)
         figure.colorbar(image, label=name)
         for axis, set_ticks in ((across, axes.set_xticks), (up, axes.set_yticks)):
             every = -(-len(self.axes[axis]) // 12)
             set_ticks(range(0, len(self.axes[axis]), every), [str(_level(level)) for level in self.axes[axis][::every]])
-        if np.isfinite(values).any():
+        if known.size:
             for label, marker, place in (("largest", "o", np.nanargmax(values)), ("least", "s", np.nanargmin(values))):
                 y, x = np.unravel_index(place, values.shape)
                 axes.plot(x, y, marker, color="k", markeredgecolor="w", label=f"{label}: {values[y, x]:.4g}", linestyle="none")
