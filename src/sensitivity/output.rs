@@ -207,7 +207,7 @@ impl Output {
     /// The output of this name in the table of variables: every recorded one but time.
     ///
     /// # Errors
-    /// [`Error::UnknownVariable`](crate::Error::UnknownVariable).
+    /// [`Error::UnknownVariable`].
     pub fn named(name: &str, model: &Model) -> Result<Self> {
         use Quantity as Q;
         let (mid, tip) = ((model.rod.nodes - 1) / 2, model.rod.nodes - 1);
