@@ -128,37 +128,38 @@ fn error(word: Word, steps: Steps, h: f64, changes: &[&str]) -> f64 {
     worst.iter().zip(most).map(|(worst, most)| worst / most).fold(0.0, f64::max)
 }
 
-/// A host's practice: its words, its steps, where it means the end of a step, and its errors at steps of 10 ms and of 1 ms.
+/// A host's practice: its words, its steps, where it means the end of a step, and its measured errors at steps of 10 ms and of
+/// 1 ms, the table of docs/src/co-simulation.md.
 type Practice = (Word, Steps, bool, [f64; 2]);
 
 #[rustfmt::skip]
 const PRACTICES: [Practice; 16] = [
-    (Word::Inputs(0), Steps::Fixed, false, [1e-2, 2e-4]),
-    (Word::Inputs(0), Steps::Variable, false, [1e-2, 2e-4]),
-    (Word::Inputs(0), Steps::Shrinking, false, [1e-2, 2e-4]),
-    (Word::Inputs(0), Steps::Remainders, false, [1e-2, 2e-4]),
-    (Word::Inputs(0), Steps::Controlled, false, [1e-2, 2e-4]),
-    (Word::Inputs(1), Steps::Fixed, false, [1e-2, 2e-4]),
-    (Word::Inputs(1), Steps::Variable, false, [1e-2, 2e-4]),
-    (Word::Inputs(1), Steps::Shrinking, false, [1e-2, 2e-4]),
-    (Word::Inputs(1), Steps::Controlled, false, [1e-2, 2e-4]),
-    (Word::Inputs(2), Steps::Fixed, false, [1e-2, 2e-4]),
-    (Word::Inputs(2), Steps::Variable, false, [1e-2, 2e-4]),
-    (Word::Derivatives(3), Steps::Fixed, false, [1e-2, 2e-4]),
-    (Word::Derivatives(3), Steps::Controlled, false, [1e-2, 2e-4]),
-    (Word::Inputs(0), Steps::Fixed, true, [1e-2, 2e-4]),
-    (Word::Inputs(1), Steps::Variable, true, [1e-2, 2e-4]),
-    (Word::Inputs(1), Steps::Shrinking, true, [1e-2, 2e-4]),
+    (Word::Inputs(0), Steps::Fixed, false, [9.7e-6, 3.3e-8]),
+    (Word::Inputs(0), Steps::Variable, false, [5.7e-6, 3.4e-8]),
+    (Word::Inputs(0), Steps::Shrinking, false, [1.1e-5, 3.3e-8]),
+    (Word::Inputs(0), Steps::Remainders, false, [9.7e-6, 3.3e-8]),
+    (Word::Inputs(0), Steps::Controlled, false, [2.2e-7, 7.3e-9]),
+    (Word::Inputs(1), Steps::Fixed, false, [1.3e-6, 1.2e-8]),
+    (Word::Inputs(1), Steps::Variable, false, [4.8e-7, 1e-8]),
+    (Word::Inputs(1), Steps::Shrinking, false, [2.6e-6, 1.2e-8]),
+    (Word::Inputs(1), Steps::Controlled, false, [1.7e-8, 1.4e-9]),
+    (Word::Inputs(2), Steps::Fixed, false, [2.7e-7, 1.7e-8]),
+    (Word::Inputs(2), Steps::Variable, false, [1.6e-7, 4.3e-8]),
+    (Word::Derivatives(3), Steps::Fixed, false, [1.4e-7, 1.4e-8]),
+    (Word::Derivatives(3), Steps::Controlled, false, [2.6e-9, 1.2e-9]),
+    (Word::Inputs(0), Steps::Fixed, true, [5.3e-7, 8.8e-9]),
+    (Word::Inputs(1), Steps::Variable, true, [2.8e-9, 4.1e-9]),
+    (Word::Inputs(1), Steps::Shrinking, true, [8.8e-9, 1.6e-9]),
 ];
 
 #[test]
 fn the_reaction_is_that_of_the_scene_s_own_motion_whatever_the_host_s_practice() {
-    for (word, steps, at_end, most) in PRACTICES {
+    for (word, steps, at_end, measured) in PRACTICES {
         let changes: &[&str] = if at_end { &["head.input=at-end"] } else { &[] };
         let errors = [1e-2, 1e-3].map(|h| error(word, steps, h, changes));
         let input = if at_end { "at the end" } else { "now" };
         println!("| {word:?} | {steps:?} | {input} | {:.1e} | {:.1e} |", errors[0], errors[1]);
-        assert!(errors.iter().zip(most).all(|(error, most)| *error < most), "{word:?} {steps:?} {errors:?}");
+        assert!(errors.iter().zip(measured).all(|(error, own)| *error < 3.0 * own), "{word:?} {steps:?} {errors:?}");
     }
 }
 
