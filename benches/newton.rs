@@ -70,9 +70,9 @@ fn newton(criterion: &mut Criterion) {
         });
 
         // Step after step of the run; what a step needs varies over the period, so the mean is what counts.
-        let before = (stepper.meter().totals.steps, stepper.work().newton_iterations);
+        let before = (stepper.metrics().totals.steps, stepper.work().newton_iterations);
         group.bench_function(id("step"), |b| b.iter(|| stepper.do_step(black_box(H)).unwrap()));
-        let steps = stepper.meter().totals.steps - before.0;
+        let steps = stepper.metrics().totals.steps - before.0;
         let iterations = stepper.work().newton_iterations - before.1;
         println!("newton/step/{nodes}: {:.2} iterations per step, {steps} steps", iterations as f64 / steps as f64);
     }

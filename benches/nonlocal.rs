@@ -28,7 +28,7 @@ fn step(criterion: &mut Criterion) {
         for _ in 0..STEPS {
             stepper.do_step(H).unwrap();
         }
-        let work = |stepper: &Stepper| (stepper.meter().totals.steps, stepper.work().newton_iterations);
+        let work = |stepper: &Stepper| (stepper.metrics().totals.steps, stepper.work().newton_iterations);
         let before = work(&stepper);
         group.bench_function(BenchmarkId::new("step", nodes), |b| b.iter(|| stepper.do_step(black_box(H)).unwrap()));
         let after = work(&stepper);

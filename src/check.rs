@@ -14,12 +14,12 @@ use crate::integrator::{Integrator, Pace, stability_limit};
 use crate::metrics::Energy;
 use crate::model::{Mechanics, Model, chain};
 use crate::modes::{Matrices, Modes};
-use crate::reduced::RUNGS;
-use crate::reduced::fluids::MARGIN;
+use crate::reduced::MODELS;
+use crate::reduced::fluids::SAFETY_FACTOR;
 use crate::regime::{self, Regime};
 use crate::rod::{Profile, Rod, Shape, bend, node};
 use crate::scene::value::{Finite, Positive};
-use crate::scene::{Document, Fault, HeadKind, NodesTable, Scene, StartKind};
+use crate::scene::{Document, HeadKind, KeyError, NodesTable, Scene, StartKind};
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::system::Form;
@@ -99,7 +99,7 @@ pub struct Assessment {
     /// Which forces leave their range in the motion that is foreseen; a run judges its own.
     pub ranges: Vec<String>,
     /// Why a run would be meaningless.
-    pub refusal: Option<Fault>,
+    pub refusal: Option<KeyError>,
 }
 
 impl Assessment {
@@ -171,17 +171,17 @@ impl Assessment {
         let known = stepper.choice().and_then(|choice| choice.estimates.clone());
         let estimates = known.map_or_else(|| scene.estimates(), Ok)?;
         let mut facts = Vec::new();
-        for rung in RUNGS.iter().filter(|rung| scene.drag.is_some() || !rung.needs_drag) {
-            let text = match rung.estimate.map(|estimate| estimate(&estimates)) {
+        for kind in MODELS.iter().filter(|kind| scene.drag.is_some() || !kind.needs_drag) {
+            let text = match kind.estimate.map(|estimate| estimate(&estimates)) {
                 None => "no error of the model".to_string(),
                 Some(Ok(errors)) => format!("estimated errors: {}", errors.in_words()),
                 Some(Err(reason)) => format!("no estimate: {reason}"),
             };
-            facts.push(Fact { name: "model", text: format!("{}: {text} ({})", rung.name, rung.meaning) });
+            facts.push(Fact { name: "model", text: format!("{}: {text} ({})", kind.name, kind.meaning) });
         }
         if let Some(choice) = stepper.choice() {
             let reason = choice.reason.as_ref().map_or("as the scene says".to_string(), Clone::clone);
-            facts.push(Fact { name: "model taken", text: format!("{}: {reason}", choice.rung.name) });
+            facts.push(Fact { name: "model taken", text: format!("{}: {reason}", choice.kind.name) });
         }
         Ok(facts)
     }
@@ -244,7 +244,7 @@ impl Assessment {
                     let changes =
                         if reactive { "without it the motion" } else { "[reactive] would change it: the motion" };
                     format!(
-                        "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {MARGIN} times such differences); {}",
+                        "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {SAFETY_FACTOR} times such differences); {}",
                         about_water(&regime, rod)
                     )
                 }
@@ -321,7 +321,7 @@ impl Assessment {
             NodesTable::None => "; no table of positions",
         };
         fact("output", format!("{rows}, of trajectory.csv{nodes}"));
-        let Energy { stretching, bending, kinetic, fluid } = stepper.meter().now.energy;
+        let Energy { stretching, bending, kinetic, fluid } = stepper.metrics().now.energy;
         fact(
             "energy at the start",
             format!(
@@ -604,7 +604,7 @@ impl Assessment {
                 rounded_down(period / STEPS_A_PERIOD)
             ));
         }
-        let strained = stepper.meter().first_energy > 0.0;
+        let strained = stepper.metrics().first_energy > 0.0;
         if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained {
             let rings = format!("the jump start rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
@@ -636,7 +636,7 @@ impl Assessment {
                 (rod.length / (WALL[0] * bent)).floor()
             );
             if part < WALL[1] {
-                self.refusal = Some(Fault { key: "rod.nodes".to_string(), problem: problem.clone() });
+                self.refusal = Some(KeyError { key: "rod.nodes".to_string(), problem: problem.clone() });
             }
             warnings.push(format!("rod.nodes: {problem}"));
         } else if rounding > chain::ACCURACY {

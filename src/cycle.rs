@@ -2,7 +2,7 @@
 //!
 //! A cycle is a period of the actuation, whose phase a host may make faster or slower; without an actuation it is the period
 //! of the sinusoids of driven head and flow. [`Cycles`] follows the run step by step and keeps the increase of a few integrals over each
-//! of the last [`KEPT`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held
+//! of the last [`MAX_CYCLES`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held
 //! head, and work. The end of a cycle need not be the end of a step: there an integral is the cubic Hermite polynomial of its
 //! values and rates at the ends of the step, of fourth order in the step, so that no step is made for it. ∫F dt, ∫M dt and
 //! ∫e dt are summed by the parabola through the last three steps' ends, or Simpson's rule where the middle of a step is known;
@@ -12,8 +12,7 @@
 //! rod to its head's front, and U the mean velocity against the flow, of the centre of mass or of a held head. Each is averaged
 //! over the cycles; its spread is their standard deviation, Σ(x − x̄)²/(n − 1) under the root.
 
-mod means;
-pub mod slopes;
+pub mod derivatives;
 
 use nalgebra::{SVector, Vector2};
 use serde::ser::SerializeMap;
@@ -21,35 +20,34 @@ use serde::{Deserialize, Serialize, Serializer};
 
 use crate::fluid::Fluid;
 use crate::head::Signal;
-use crate::metrics::{Meter, Power, Reading};
+use crate::metrics::{Measurements, Power, RunMetrics};
 use crate::model::{Dynamics, Model};
 use crate::rod::node;
 use crate::system::State;
-pub use means::Means;
 
 /// How many cycles are kept, and averaged at most.
-pub const KEPT: usize = 4;
+pub const MAX_CYCLES: usize = 4;
 
 /// Cycles are alike where they differ by no more than this part.
-const ALIKE: f64 = 0.01;
+const PERIODIC_TOLERANCE: f64 = 0.01;
 
 /// A mean counts as no smaller than this part of the mean modulus: what nearly cancels over a cycle is known no better.
-const CANCELLED: f64 = 0.01;
+const CANCELLATION_FLOOR: f64 = 0.01;
 
 /// A distance a cycle below this part of the length is none.
-const NO_DISTANCE: f64 = 1e-9;
+const MIN_DISTANCE: f64 = 1e-9;
 
 /// A phase (in cycles) or frequency within this of a whole number, or multiple, is one.
-const WHOLE: f64 = 1e-9;
+const PHASE_ROUNDING: f64 = 1e-9;
 
 /// A step longer than this many of the one before is not summed by a parabola through that one's begin.
-const LONGER: f64 = 4.0;
+const MAX_STEP_RATIO: f64 = 4.0;
 
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
 
 /// Places of the integrals in [`Integrals`]; vectors take two, the work eight.
-mod place {
+mod index {
     pub(super) const POSITION: usize = 0;
     pub(super) const FLOW: usize = 2;
     pub(super) const AXIS: usize = 4;
@@ -65,7 +63,7 @@ mod place {
 }
 
 /// Integrals over time since the start, or their rates.
-type Integrals = SVector<f64, { place::ALL }>;
+type Integrals = SVector<f64, { index::ALL }>;
 
 fn vector(of: &Integrals, at: usize) -> Vector2<f64> {
     Vector2::new(of[at], of[at + 1])
@@ -77,13 +75,13 @@ fn put(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
 
 fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, spray, load, head, flow, other }: Power) {
     for (i, part) in [actuation, viscous, load, head, flow, wake, other, spray].into_iter().enumerate() {
-        of[place::WORK + i] = part;
+        of[index::WORK + i] = part;
     }
 }
 
 /// What repeats itself, and so says when a cycle is over.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-enum Source {
+enum CycleSource {
     /// The actuation, at the frequency that it has.
     Actuation,
     /// The driven head or the flow, at this frequency, Hz.
@@ -96,7 +94,7 @@ enum Source {
     Nothing,
 }
 
-impl Source {
+impl CycleSource {
     fn of(model: &Model) -> Self {
         let signals = || model.head.iter().flatten().chain(model.flow.iter().flatten());
         let frequency = |signal: &Signal| match signal {
@@ -108,7 +106,7 @@ impl Source {
         let lowest = signals().filter_map(frequency).fold(f64::INFINITY, f64::min);
         let multiple = |frequency: f64| {
             let ratio = frequency / lowest;
-            (ratio - ratio.round()).abs() <= WHOLE * ratio
+            (ratio - ratio.round()).abs() <= PHASE_ROUNDING * ratio
         };
         // An actuation without amplitude may be given one by a host; where the head moves it is that which counts.
         let acts = |amplitude: f64| amplitude != 0.0 || lowest.is_infinite();
@@ -152,7 +150,7 @@ fn steady(dynamics: &Dynamics) -> bool {
 
 /// What is followed, at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-struct Sample {
+struct CycleSample {
     time: f64,
     /// Phase in cycles, where there is one.
     phase: Option<f64>,
@@ -162,47 +160,51 @@ struct Sample {
     tip: [Vector2<f64>; 2],
 }
 
-/// The rates of all integrals in `state`, whose reading is `reading`.
+/// The rates of all integrals in `state`, whose reading is `measurements`.
 #[inline(always)]
-fn rates(dynamics: &Dynamics, state: &State, reading: &Reading) -> Integrals {
+fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Integrals {
     let mut rates = Integrals::zeros();
     let held = dynamics.model.head.is_some();
     let velocity = if held { node(&state.v, 0) } else { dynamics.model.rod.mean(&state.v) };
     let axis = if held {
-        let (sin, cos) = reading.head_angle().sin_cos();
+        let (sin, cos) = measurements.head_angle().sin_cos();
         -Vector2::new(cos, sin)
     } else {
         (node(&state.q, 0) - node(&state.q, 1)).normalize()
     };
-    put(&mut rates, place::POSITION, velocity);
-    let place = if held { node(&state.q, 0) } else { reading.com };
+    put(&mut rates, index::POSITION, velocity);
+    let place = if held { node(&state.q, 0) } else { measurements.com };
     let flow = dynamics.flow_at(place);
-    put(&mut rates, place::FLOW, flow);
-    put(&mut rates, place::AXIS, axis);
-    put(&mut rates, place::FORCE, reading.head_force);
-    put(&mut rates, place::DRAG, reading.push.drag);
-    put(&mut rates, place::REACTIVE, reading.push.inertia + reading.push.wake + reading.push.flow);
-    rates[place::MOMENT] = reading.head_moment;
-    rates[place::PATH] = (velocity - flow).norm();
-    rates[place::FORCE_MODULUS] = reading.head_force.norm();
-    rates[place::MOMENT_MODULUS] = reading.head_moment.abs();
-    put_work(&mut rates, reading.power);
+    put(&mut rates, index::FLOW, flow);
+    put(&mut rates, index::AXIS, axis);
+    put(&mut rates, index::FORCE, measurements.head_force);
+    put(&mut rates, index::DRAG, measurements.resultants.drag);
+    put(
+        &mut rates,
+        index::REACTIVE,
+        measurements.resultants.inertia + measurements.resultants.wake + measurements.resultants.flow,
+    );
+    rates[index::MOMENT] = measurements.head_moment;
+    rates[index::PATH] = (velocity - flow).norm();
+    rates[index::FORCE_MODULUS] = measurements.head_force.norm();
+    rates[index::MOMENT_MODULUS] = measurements.head_moment.abs();
+    put_work(&mut rates, measurements.power);
     rates
 }
 
-impl Sample {
+impl CycleSample {
     /// What is known of `state` without its past: the rest of the integrals is zero.
     #[inline(always)]
-    fn of(source: Source, dynamics: &Dynamics, state: &State, meter: &Meter) -> Self {
+    fn of(source: CycleSource, dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
         let (mut integrals, tip) = (Integrals::zeros(), dynamics.model.rod.nodes - 1);
-        let position = if dynamics.model.head.is_some() { node(&state.q, 0) } else { meter.now.com };
-        put(&mut integrals, place::POSITION, position);
-        put_work(&mut integrals, meter.totals.work);
+        let position = if dynamics.model.head.is_some() { node(&state.q, 0) } else { metrics.now.com };
+        put(&mut integrals, index::POSITION, position);
+        put_work(&mut integrals, metrics.totals.work);
         Self {
             time: state.t,
             phase: source.phase(dynamics, state.t),
             integrals,
-            rates: rates(dynamics, state, &meter.now),
+            rates: rates(dynamics, state, &metrics.now),
             tip: [node(&state.q, tip), node(&state.v, tip)],
         }
     }
@@ -217,12 +219,12 @@ impl Sample {
             None => (last.rates + self.rates) * (0.5 * h),
         };
         if let (None, Some((time, rates))) = (middle, before)
-            && h <= LONGER * (last.time - time)
+            && h <= MAX_STEP_RATIO * (last.time - time)
         {
             let (slope, slope_before) = ((self.rates - last.rates) / h, (last.rates - rates) / (last.time - time));
             by -= (slope - slope_before) / (self.time - time) * (h * h * h / 6.0);
         }
-        for i in place::FLOW..place::WORK {
+        for i in index::FLOW..index::WORK {
             self.integrals[i] = last.integrals[i] + by[i];
         }
     }
@@ -230,7 +232,7 @@ impl Sample {
 
 /// The integrals at the part `z` of the step between two samples, and their rates there.
 #[inline(always)]
-fn between(from: &Sample, to: &Sample, z: f64) -> [Integrals; 2] {
+fn interpolate(from: &CycleSample, to: &CycleSample, z: f64) -> [Integrals; 2] {
     let h = to.time - from.time;
     let change = to.integrals - from.integrals;
     let curve = change * 3.0 - (from.rates * 2.0 + to.rates) * h;
@@ -241,9 +243,9 @@ fn between(from: &Sample, to: &Sample, z: f64) -> [Integrals; 2] {
 
 /// The parts of a step, over which the phase goes from `before` to `after`, at which a cycle ends.
 fn ends_in(before: f64, after: f64) -> impl DoubleEndedIterator<Item = f64> {
-    let (first, last) = ((before + WHOLE).floor() as i64 + 1, (after + WHOLE).floor() as i64);
+    let (first, last) = ((before + PHASE_ROUNDING).floor() as i64 + 1, (after + PHASE_ROUNDING).floor() as i64);
     // Of more than are kept the first need not be known.
-    let phases = first.max(last.saturating_sub(KEPT as i64))..=last;
+    let phases = first.max(last.saturating_sub(MAX_CYCLES as i64))..=last;
     phases.map(move |phase| ((phase as f64 - before) / (after - before)).min(1.0))
 }
 
@@ -290,12 +292,12 @@ impl Cycle {
 
     /// Mean force (N) of the tail on a held head, and the mean of its modulus.
     pub fn mean_head_force(&self) -> (Vector2<f64>, f64) {
-        (self.mean_vector(place::FORCE), self.mean(place::FORCE_MODULUS))
+        (self.mean_vector(index::FORCE), self.mean(index::FORCE_MODULUS))
     }
 
     /// Mean modulus of the velocity against the flow, of the centre of mass or of a held head, m/s.
     pub fn mean_path_speed(&self) -> f64 {
-        self.mean(place::PATH)
+        self.mean(index::PATH)
     }
 
     /// Mean power that goes into the fluid: into drag, wake and spray, W.
@@ -305,17 +307,17 @@ impl Cycle {
 
     /// Mean power, W.
     fn power(&self, i: usize) -> f64 {
-        self.mean(place::WORK + i)
+        self.mean(index::WORK + i)
     }
 
     /// U, m/s.
     fn velocity(&self) -> Vector2<f64> {
-        self.mean_vector(place::POSITION) - self.mean_vector(place::FLOW)
+        self.mean_vector(index::POSITION) - self.mean_vector(index::FLOW)
     }
 
     /// e; none where the head turned all round.
     fn axis(&self) -> Option<Vector2<f64>> {
-        self.mean_vector(place::AXIS).try_normalize(WHOLE)
+        self.mean_vector(index::AXIS).try_normalize(PHASE_ROUNDING)
     }
 
     /// The parts of a vector along the axis and across it, to the left.
@@ -324,33 +326,33 @@ impl Cycle {
     }
 
     /// |U|, m/s, where the swimmer gets anywhere.
-    fn way(&self, dynamics: &Dynamics) -> Option<f64> {
+    fn net_speed(&self, dynamics: &Dynamics) -> Option<f64> {
         let speed = self.velocity().norm();
-        (speed * self.period() >= NO_DISTANCE * dynamics.model.rod.length).then_some(speed)
+        (speed * self.period() >= MIN_DISTANCE * dynamics.model.rod.length).then_some(speed)
     }
 
     /// |U| and the mean power of the actuation, where both are above zero and the head is free.
-    fn swimming(&self, dynamics: &Dynamics) -> Option<(f64, f64)> {
+    fn speed_and_power(&self, dynamics: &Dynamics) -> Option<(f64, f64)> {
         let power = self.power(0);
-        self.way(dynamics).filter(|_| power > 0.0 && dynamics.model.head.is_none()).map(|speed| (speed, power))
+        self.net_speed(dynamics).filter(|_| power > 0.0 && dynamics.model.head.is_none()).map(|speed| (speed, power))
     }
 
     /// Of a held head that moves against the flow: its thrust (N) and speed (m/s) along its axis, and the mean power of actuation and
     /// head, where that is above zero.
-    fn propelling(&self, dynamics: &Dynamics) -> Option<([f64; 2], f64)> {
+    fn thrust_speed_and_power(&self, dynamics: &Dynamics) -> Option<([f64; 2], f64)> {
         let axis = held(dynamics, self.axis()?)?;
-        let (thrust, speed) = (self.mean_vector(place::FORCE).dot(&axis), self.velocity().dot(&axis));
+        let (thrust, speed) = (self.mean_vector(index::FORCE).dot(&axis), self.velocity().dot(&axis));
         let power = self.power(0) + self.power(3);
-        self.way(dynamics).filter(|_| power > 0.0).map(|_| ([thrust, speed], power))
+        self.net_speed(dynamics).filter(|_| power > 0.0).map(|_| ([thrust, speed], power))
     }
 
     /// Why this swimmer has no [`EFFICIENCY`], where it has none.
-    fn lacks_efficiency(&self, dynamics: &Dynamics) -> Option<&'static str> {
+    fn missing_efficiency(&self, dynamics: &Dynamics) -> Option<&'static str> {
         if (EFFICIENCY.of)(self, dynamics).is_some() {
             return None;
         }
         let held = dynamics.model.head.is_some();
-        Some(match self.way(dynamics) {
+        Some(match self.net_speed(dynamics) {
             None if held => {
                 "a head that stays where it is in still water does no useful work: let the water flow, with medium.flow_m_s"
             }
@@ -363,25 +365,25 @@ impl Cycle {
         })
     }
 
-    /// True where it is `other`, the next one, but for [`ALIKE`].
-    fn is_like(&self, other: &Self) -> bool {
+    /// True where it is `other`, the next one, but for [`PERIODIC_TOLERANCE`].
+    fn is_similar(&self, other: &Self) -> bool {
         let of = |cycle: &Self| {
             let [ahead, aside] = cycle.along_and_across(cycle.velocity());
-            let [thrust, lift] = cycle.along_and_across(cycle.mean_vector(place::FORCE));
-            let means = [ahead, aside, thrust, lift, cycle.mean(place::MOMENT)];
+            let [thrust, lift] = cycle.along_and_across(cycle.mean_vector(index::FORCE));
+            let means = [ahead, aside, thrust, lift, cycle.mean(index::MOMENT)];
             (means, [0, 1, 2, 3, 4, 5, 6, 7].map(|i| cycle.power(i)))
         };
         let ((means, powers), (others, other_powers)) = (of(self), of(other));
         let sizes = |[a, b]: [f64; 2]| a.hypot(b);
-        let scale = |size: f64, place: usize| size.max(CANCELLED * other.mean(place));
+        let scale = |size: f64, place: usize| size.max(CANCELLATION_FLOOR * other.mean(place));
         let (speed, force) = (
-            scale(sizes([others[0], others[1]]), place::PATH),
-            scale(sizes([others[2], others[3]]), place::FORCE_MODULUS),
+            scale(sizes([others[0], others[1]]), index::PATH),
+            scale(sizes([others[2], others[3]]), index::FORCE_MODULUS),
         );
-        let moment = scale(others[4].abs(), place::MOMENT_MODULUS);
+        let moment = scale(others[4].abs(), index::MOMENT_MODULUS);
         let power = other_powers.iter().fold(0.0, |max: f64, power| max.max(power.abs()));
         let near = |a: &[f64], b: &[f64], scales: &[f64]| {
-            a.iter().zip(b).zip(scales).all(|((a, b), scale)| (a - b).abs() <= ALIKE * scale)
+            a.iter().zip(b).zip(scales).all(|((a, b), scale)| (a - b).abs() <= PERIODIC_TOLERANCE * scale)
         };
         near(&means, &others, &[speed, speed, force, force, moment]) && near(&powers, &other_powers, &[power; 8])
     }
@@ -389,7 +391,7 @@ impl Cycle {
 
 /// One quantity of a cycle; none where the scene or the motion has no such quantity.
 #[derive(Debug, Clone, Copy)]
-pub struct Measure {
+pub struct CycleMeasure {
     /// What it is called: what its keys have in common.
     pub name: &'static str,
     /// The key of its mean in summary.json, which ends in its unit.
@@ -403,18 +405,18 @@ pub struct Measure {
     of: fn(&Cycle, &Dynamics) -> Option<f64>,
 }
 
-impl Measure {
+impl CycleMeasure {
     /// What it is called, in words.
-    pub fn words(&self) -> String {
+    pub fn label(&self) -> String {
         self.name.replace('_', " ")
     }
 }
 
-/// A [`Measure`] `cycle_<name><unit>` and its spread.
+/// A [`CycleMeasure`] `cycle_<name><unit>` and its spread.
 macro_rules! measure {
     ($constant:ident, $name:literal, $suffix:literal, $unit:literal, $description:literal, $of:expr) => {
         #[doc = $description]
-        pub const $constant: Measure = Measure {
+        pub const $constant: CycleMeasure = CycleMeasure {
             name: $name,
             key: concat!("cycle_", $name, $suffix),
             spread: concat!("cycle_", $name, "_spread", $suffix),
@@ -462,7 +464,7 @@ measure!(
     "rad",
     "angle between U and the head's mean axis e: 0 is head first, pi is tail first",
     |c, d| {
-        c.way(d)?;
+        c.net_speed(d)?;
         c.axis().map(|axis| axis.angle(&c.velocity()))
     }
 );
@@ -475,7 +477,7 @@ measure!(
     "",
     "1",
     "Strouhal number fA/|U|, A the peak-to-peak excursion of the tip across the mean path through the fluid of the cycle before, seen from what goes on at its mean velocity",
-    |c, d| c.way(d).map(|speed| c.excursion / (c.period() * speed))
+    |c, d| c.net_speed(d).map(|speed| c.excursion / (c.period() * speed))
 );
 measure!(
     SLIP,
@@ -496,7 +498,7 @@ measure!(
     "mean force of the tail on the held head along the head's mean axis: above zero it pushes the head ahead",
     |c, d| {
         let axis = held(d, c.axis()?)?;
-        Some(c.mean_vector(place::FORCE).dot(&axis))
+        Some(c.mean_vector(index::FORCE).dot(&axis))
     }
 );
 measure!(
@@ -505,7 +507,7 @@ measure!(
     "_n",
     "N",
     "mean force of drag on the rod along the head's mean axis: below zero it brakes",
-    |c, d| along_axis_in_water(c, d, place::DRAG)
+    |c, d| along_axis_in_water(c, d, index::DRAG)
 );
 measure!(
     REACTIVE_THRUST,
@@ -513,18 +515,18 @@ measure!(
     "_n",
     "N",
     "mean force along the head's mean axis of the fluid that the rod accelerates and of the wake that leaves it",
-    |c, d| along_axis_in_water(c, d, place::REACTIVE)
+    |c, d| along_axis_in_water(c, d, index::REACTIVE)
 );
 measure!(HEAD_FORCE_X, "head_force_x", "_n", "N", "mean force of the tail on the held head, x", |c, d| held(
     d,
-    c.mean(place::FORCE)
+    c.mean(index::FORCE)
 ));
 measure!(HEAD_FORCE_Y, "head_force_y", "_n", "N", "mean force of the tail on the held head, y", |c, d| held(
     d,
-    c.mean(place::FORCE + 1)
+    c.mean(index::FORCE + 1)
 ));
 measure!(HEAD_MOMENT, "head_moment", "_n_m", "N m", "mean moment of the tail on the held head about node 0", |c, d| {
-    held(d, c.mean(place::MOMENT))
+    held(d, c.mean(index::MOMENT))
 });
 measure!(
     ACTUATION_POWER,
@@ -567,7 +569,7 @@ measure!(
     "",
     "1",
     "cost of transport P/(m g |U|) of a free swimmer, P the mean power of the actuation, g = 9.80665 m/s^2",
-    |c, d| c.swimming(d).map(|(speed, power)| power / (d.model.rod.total_mass() * GRAVITY * speed))
+    |c, d| c.speed_and_power(d).map(|(speed, power)| power / (d.model.rod.total_mass() * GRAVITY * speed))
 );
 measure!(
     EFFICIENCY,
@@ -575,14 +577,14 @@ measure!(
     "",
     "1",
     "efficiency D(|U|)|U|/P of a free swimmer, D the drag of the straight rod along itself at that speed; of a held head in a stream its thrust times its speed against the stream, over the power of actuation and head",
-    |c, d| match c.propelling(d) {
+    |c, d| match c.thrust_speed_and_power(d) {
         Some(([thrust, speed], power)) => Some(thrust * speed / power),
-        None => c.swimming(d).and_then(|(speed, power)| Some(d.towing_force(speed)? * speed / power)),
+        None => c.speed_and_power(d).and_then(|(speed, power)| Some(d.towing_force(speed)? * speed / power)),
     }
 );
 
 /// All measures, in the order in which every face shows them.
-pub const MEASURES: [Measure; 21] = [
+pub const MEASURES: [CycleMeasure; 21] = [
     PERIOD,
     SPEED,
     FORWARD_SPEED,
@@ -610,13 +612,13 @@ pub const MEASURES: [Measure; 21] = [
 pub(crate) fn efficiency(cycles: &[Cycle], dynamics: &Dynamics, fluid: Fluid) -> Option<f64> {
     let mut sum = 0.0;
     for cycle in cycles {
-        let (speed, power) = cycle.swimming(dynamics)?;
+        let (speed, power) = cycle.speed_and_power(dynamics)?;
         sum += dynamics.towing_force_in(fluid, speed)? * speed / power;
     }
     Some(sum / cycles.len() as f64)
 }
 
-impl Measure {
+impl CycleMeasure {
     /// Its mean over `cycles`; none where one of them has none.
     pub fn mean(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
         let mut sum = 0.0;
@@ -637,10 +639,10 @@ impl Measure {
 /// The last whole cycles of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cycles {
-    source: Source,
+    source: CycleSource,
     /// Time (s) and integrals at the start.
     start: (f64, Integrals),
-    last: Sample,
+    last: CycleSample,
     /// Time (s) and rates of the sample before the last, where nothing jumped since.
     before: Option<(f64, Integrals)>,
     /// Where the cycle under way began.
@@ -651,20 +653,20 @@ pub struct Cycles {
     /// The least and largest coordinate of the tip there in this cycle, m.
     range: [f64; 2],
     /// Whole cycles in order of time; so many of them are there.
-    kept: [Cycle; KEPT],
+    kept: [Cycle; MAX_CYCLES],
     count: usize,
 }
 
 impl Cycles {
     /// None yet of a run that starts at `state`.
-    pub fn start(dynamics: &Dynamics, state: &State, meter: &Meter) -> Self {
-        let source = Source::of(&dynamics.model);
-        let last = Sample::of(source, dynamics, state, meter);
+    pub fn start(dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
+        let source = CycleSource::of(&dynamics.model);
+        let last = CycleSample::of(source, dynamics, state, metrics);
         let chord = last.tip[0] - node(&state.q, 0);
         let across = Vector2::new(-chord.y, chord.x).try_normalize(0.0).unwrap_or(Vector2::y());
         let none = Cycle { from: 0.0, until: 0.0, excursion: 0.0, change: Integrals::zeros() };
         // What goes with a free rod before its first cycle is the fluid.
-        let drift = if dynamics.model.head.is_some() { Vector2::zeros() } else { vector(&last.rates, place::FLOW) };
+        let drift = if dynamics.model.head.is_some() { Vector2::zeros() } else { vector(&last.rates, index::FLOW) };
         let range = [(last.tip[0] - drift * last.time).dot(&across); 2];
         Self {
             source,
@@ -674,38 +676,44 @@ impl Cycles {
             across,
             drift,
             range,
-            kept: [none; KEPT],
+            kept: [none; MAX_CYCLES],
             count: 0,
             last,
         }
     }
 
-    /// Counts what happened up to `state`, a step or a change at once, which `meter` has counted. `middle` is what the
+    /// Counts what happened up to `state`, a step or a change at once, which `metrics` has counted. `middle` is what the
     /// middle of the step was like, where the method knows it as well as the end.
-    pub fn follow(&mut self, dynamics: &Dynamics, state: &State, meter: &Meter, middle: Option<(&State, &Reading)>) {
-        let mut now = Sample::of(self.source, dynamics, state, meter);
+    pub fn follow(
+        &mut self,
+        dynamics: &Dynamics,
+        state: &State,
+        metrics: &RunMetrics,
+        middle: Option<(&State, &Measurements)>,
+    ) {
+        let mut now = CycleSample::of(self.source, dynamics, state, metrics);
         if now.time > self.last.time {
-            let middle = middle.map(|(state, reading)| rates(dynamics, state, reading));
+            let middle = middle.map(|(state, measurements)| rates(dynamics, state, measurements));
             now.sum(&self.last, middle.as_ref(), self.before.as_ref().map(|(time, rates)| (*time, rates)));
-            self.turn(dynamics, &now);
+            self.finish_cycles(dynamics, &now);
             self.before = Some((self.last.time, self.last.rates));
         } else {
-            let known = self.last.integrals.fixed_rows::<{ place::WORK - place::FLOW }>(place::FLOW);
-            now.integrals.fixed_rows_mut::<{ place::WORK - place::FLOW }>(place::FLOW).copy_from(&known);
+            let known = self.last.integrals.fixed_rows::<{ index::WORK - index::FLOW }>(index::FLOW);
+            now.integrals.fixed_rows_mut::<{ index::WORK - index::FLOW }>(index::FLOW).copy_from(&known);
             self.before = None;
         }
         self.last = now;
     }
 
     /// Ends the cycles that are over by `now`.
-    fn turn(&mut self, dynamics: &Dynamics, now: &Sample) {
+    fn finish_cycles(&mut self, dynamics: &Dynamics, now: &CycleSample) {
         let mut passed = 0.0;
         match (self.last.phase, now.phase) {
             (Some(before), Some(after)) => {
                 for z in ends_in(before, after) {
-                    self.reach(now, [passed, z]);
+                    self.extend_range(now, [passed, z]);
                     let from = &self.last;
-                    self.complete(dynamics, from.time + z * (now.time - from.time), between(from, now, z)[0]);
+                    self.push_cycle(dynamics, from.time + z * (now.time - from.time), interpolate(from, now, z)[0]);
                     passed = z;
                     self.range = [f64::INFINITY, f64::NEG_INFINITY];
                 }
@@ -716,12 +724,12 @@ impl Cycles {
             }
             (_, None) => self.begin = None,
         }
-        self.reach(now, [passed, 1.0]);
+        self.extend_range(now, [passed, 1.0]);
     }
 
     /// Widens the range by what the tip did over the parts `span` of the step to `now`.
-    fn reach(&mut self, now: &Sample, span: [f64; 2]) {
-        let seen = |&Sample { time, tip: [place, velocity], .. }: &Sample| {
+    fn extend_range(&mut self, now: &CycleSample, span: [f64; 2]) {
+        let seen = |&CycleSample { time, tip: [place, velocity], .. }: &CycleSample| {
             [place - self.drift * time, velocity - self.drift].map(|tip| tip.dot(&self.across))
         };
         let [from, to] = [&self.last, now].map(seen);
@@ -730,20 +738,20 @@ impl Cycles {
     }
 
     /// The cycle that is over at time `until` (s), with these integrals.
-    fn complete(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
+    fn push_cycle(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
         let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
         let cycle = Cycle { from, until, excursion: self.range[1] - self.range[0], change: integrals - first };
-        if self.count == KEPT {
+        if self.count == MAX_CYCLES {
             self.kept.rotate_left(1);
             self.count -= 1;
         }
         self.kept[self.count] = cycle;
         self.count += 1;
-        let path = cycle.way(dynamics).map(|speed| cycle.velocity() / speed);
+        let path = cycle.net_speed(dynamics).map(|speed| cycle.velocity() / speed);
         if let Some(along) = path.or_else(|| cycle.axis()) {
             self.across = Vector2::new(-along.y, along.x);
         }
-        self.drift = cycle.mean_vector(place::POSITION);
+        self.drift = cycle.mean_vector(index::POSITION);
     }
 
     /// The last whole cycles at time `t` (s), now or within the last step.
@@ -762,9 +770,9 @@ impl Cycles {
     /// True where no cycle can be known: a table or a host moves the head or the flow.
     pub fn are_unknown(&self, dynamics: &Dynamics) -> bool {
         match self.source {
-            Source::Actuation => false,
-            Source::Head(_) | Source::Nothing => !steady(dynamics),
-            Source::Table | Source::Mixed => true,
+            CycleSource::Actuation => false,
+            CycleSource::Head(_) | CycleSource::Nothing => !steady(dynamics),
+            CycleSource::Table | CycleSource::Mixed => true,
         }
     }
 
@@ -774,23 +782,23 @@ impl Cycles {
     }
 
     /// What the last whole cycles come to.
-    pub fn averages(&self, dynamics: &Dynamics) -> Averages {
+    pub fn averages(&self, dynamics: &Dynamics) -> CycleAverages {
         let cycles = self.whole(f64::INFINITY);
-        Averages {
+        CycleAverages {
             used: cycles.len(),
             span: cycles.first().zip(cycles.last()).map(|(first, last)| [first.from, last.until]),
             periodic: is_periodic(cycles),
             reason: self.reason(dynamics),
             efficiency_reason: cycles
                 .iter()
-                .find_map(|cycle| cycle.lacks_efficiency(dynamics))
+                .find_map(|cycle| cycle.missing_efficiency(dynamics))
                 .map(String::from)
                 .or_else(|| self.reason(dynamics)),
             measures: MEASURES.map(|measure| {
-                let of = |value: fn(&Measure, &[Cycle], &Dynamics) -> Option<f64>| {
+                let of = |value: fn(&CycleMeasure, &[Cycle], &Dynamics) -> Option<f64>| {
                     (!cycles.is_empty()).then(|| value(&measure, cycles, dynamics)).flatten()
                 };
-                (of(Measure::mean), of(Measure::spread))
+                (of(CycleMeasure::mean), of(CycleMeasure::spread))
             }),
             free: dynamics.model.head.is_none(),
         }
@@ -800,12 +808,12 @@ impl Cycles {
 /// True where each of `cycles` is like the one before: velocity and force along the axis and across it, moment and powers
 /// differ by at most 1 % of their size; none where there are fewer than two.
 pub fn is_periodic(cycles: &[Cycle]) -> Option<bool> {
-    (cycles.len() > 1).then(|| cycles.windows(2).all(|pair| pair[0].is_like(&pair[1])))
+    (cycles.len() > 1).then(|| cycles.windows(2).all(|pair| pair[0].is_similar(&pair[1])))
 }
 
 /// Averages over the last whole cycles of a run, with their spread.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Averages {
+pub struct CycleAverages {
     /// How many cycles.
     pub used: usize,
     /// When the first of them began and the last ended, s.
@@ -821,9 +829,9 @@ pub struct Averages {
     free: bool,
 }
 
-impl Averages {
+impl CycleAverages {
     /// The mean of a measure.
-    pub fn mean(&self, measure: &Measure) -> Option<f64> {
+    pub fn mean(&self, measure: &CycleMeasure) -> Option<f64> {
         let place = MEASURES.iter().position(|other| other.key == measure.key)?;
         self.measures[place].0
     }
@@ -848,7 +856,7 @@ fn short(x: f64) -> String {
 }
 
 /// One sentence: how it swims, or how the tail pushes its head.
-impl std::fmt::Display for Averages {
+impl std::fmt::Display for CycleAverages {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if let Some(reason) = &self.reason {
             return write!(f, "no averages over whole cycles: {reason}");
@@ -869,7 +877,7 @@ impl std::fmt::Display for Averages {
         if let Some(swims) = self.swims() {
             part(f, format!("swims {swims}"))?;
         }
-        let shown: &[(&str, &Measure)] = if self.free {
+        let shown: &[(&str, &CycleMeasure)] = if self.free {
             &[
                 ("speed", &SPEED),
                 ("body lengths per cycle", &BODY_LENGTHS),
@@ -904,7 +912,7 @@ impl std::fmt::Display for Averages {
 }
 
 /// One map, flat: number of cycles, then every measure with its spread by its key.
-impl Serialize for Averages {
+impl Serialize for CycleAverages {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;
         map.serialize_entry("cycles_used", &self.used)?;

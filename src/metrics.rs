@@ -84,28 +84,33 @@ impl Power {
         self.other += other.other;
     }
 
-    /// What every force in `forces` stores, J and N s, and its part of powers and forces, added to `self` and `push`.
-    fn add_forces(&mut self, forces: &Forces, rod: &Kinematics<'_>, push: &mut Push) -> (f64, Vector2<f64>) {
+    /// What every force in `forces` stores, J and N s, and its part of powers and forces, added to `self` and `resultants`.
+    fn add_forces(
+        &mut self,
+        forces: &Forces,
+        rod: &Kinematics<'_>,
+        resultants: &mut Resultants,
+    ) -> (f64, Vector2<f64>) {
         let (mut stored, mut momentum) = (0.0, Vector2::zeros());
         for force in forces.iter() {
-            self.add_powers(force.sink(), force::powers(force, rod), push);
+            self.add_powers(force.sink(), force::powers(force, rod), resultants);
             if force.sink().is_none() {
                 let (energy, own) = force.stored(rod);
                 stored += energy;
                 momentum += own;
                 self.other += force.energy_by_time(rod, 0.0, None);
-                push.other += force.pull(rod);
+                resultants.other += force.pull(rod);
             }
         }
         (stored, momentum)
     }
 
-    /// The powers of a force with that sink, and what it does, added to `self` and `push`.
+    /// The powers of a force with that sink, and what it does, added to `self` and `resultants`.
     #[inline(always)]
-    fn add_powers(&mut self, sink: Option<Sink>, powers: Powers, push: &mut Push) {
+    fn add_powers(&mut self, sink: Option<Sink>, powers: Powers, resultants: &mut Resultants) {
         let Powers { opposing, against_fluid, of_flow } = powers;
         self.flow += of_flow;
-        *push.from(sink) -= opposing;
+        *resultants.from(sink) -= opposing;
         match sink {
             Some(Sink::Drag) => self.viscous += against_fluid,
             Some(Sink::Wake) => self.wake += against_fluid,
@@ -121,7 +126,7 @@ impl Power {
 /// Forces on the whole rod (N), or impulses (N s), by who gives them:
 /// d/dt (momentum of the rod + of the fluid) = drag + wake + spray + flow + load + head + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Push {
+pub struct Resultants {
     /// Drag.
     pub drag: Vector2<f64>,
     /// The wake that leaves the tail.
@@ -140,7 +145,7 @@ pub struct Push {
     pub other: Vector2<f64>,
 }
 
-impl Push {
+impl Resultants {
     /// What changes the momentum of rod and fluid together.
     pub fn net(&self) -> Vector2<f64> {
         self.drag + self.wake + self.spray + self.flow + self.load + self.head + self.other
@@ -189,7 +194,7 @@ impl Momentum {
 
 /// All that is measured at one time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Reading {
+pub struct Measurements {
     /// Time, s.
     pub time: f64,
     /// Centre of mass, m.
@@ -199,7 +204,7 @@ pub struct Reading {
     /// Powers.
     pub power: Power,
     /// Forces on the rod.
-    pub push: Push,
+    pub resultants: Resultants,
     /// Momentum of rod and fluid.
     pub momentum: Momentum,
     /// Force of the tail on a held head, N.
@@ -223,12 +228,12 @@ pub struct Reading {
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
     /// How fast it moves across itself.
-    across: Across,
+    across: CrossFlowSquares,
 }
 
-/// How fast a rod moves across itself through the fluid, as mean squares over its length; integrated over time in [`Totals`].
+/// How fast a rod moves across itself through the fluid, as mean squares over its length; integrated over time in [`RunningTotals`].
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Across {
+pub struct CrossFlowSquares {
     /// Of the velocity w, m²/s².
     pub speed: f64,
     /// Of w/ν by the fluid there, 1/m².
@@ -241,7 +246,7 @@ pub struct Across {
     pub viscosity: f64,
 }
 
-impl Across {
+impl CrossFlowSquares {
     /// Of a rod in `dynamics` at `state`, its edges along `tangent`; nothing where no fluid acts on it.
     fn of(dynamics: &Dynamics, state: &State, tangent: &[Vector2<f64>]) -> Self {
         let (forces, inputs) = (&dynamics.model.forces, &dynamics.inputs);
@@ -278,7 +283,7 @@ impl Across {
     }
 }
 
-impl Reading {
+impl Measurements {
     /// An empty reading for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
         let zeros = || vec![0.0; nodes];
@@ -306,15 +311,15 @@ impl Reading {
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
-    pub fn take(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
+    pub fn measure(&mut self, dynamics: &mut Dynamics, state: &State) -> Result<()> {
         let taken = dynamics.mechanics == Mechanics::Shape;
         let mut room = std::mem::take(&mut dynamics.unused);
-        let outcome = self.take_with(dynamics, state, taken, &mut room);
+        let outcome = self.measure_with(dynamics, state, taken, &mut room);
         dynamics.unused = room;
         outcome
     }
 
-    fn take_with(&mut self, dynamics: &mut Dynamics, state: &State, taken: bool, room: &mut Vec<f64>) -> Result<()> {
+    fn measure_with(&mut self, dynamics: &mut Dynamics, state: &State, taken: bool, room: &mut Vec<f64>) -> Result<()> {
         let holding = if taken { Some(dynamics.balance(state, &mut self.moment)?) } else { None };
         let bent = dynamics.shape(state)?;
         let (dynamics, edges) = (bent.dynamics, bent.edges());
@@ -345,18 +350,18 @@ impl Reading {
             sums.stretching = edges.iter().zip(&state.links).zip(rod.cells.iter()).map(stored).sum();
         }
         let held = || holding.unwrap_or_else(|| bent.reaction());
-        let forces = |power: &mut Power, push: &mut Push| {
+        let forces = |power: &mut Power, resultants: &mut Resultants| {
             let moving = bent.kinematics();
-            let stored = power.add_forces(&dynamics.model.forces, &moving, push);
+            let stored = power.add_forces(&dynamics.model.forces, &moving, resultants);
             if dynamics.course.is_some() && dynamics.model.forces.are_inertial() {
                 room.resize(state.q.len(), 0.0);
                 let (brought, momentum) = dynamics.brought(&moving, room);
                 power.flow += brought;
-                push.flow += momentum;
+                resultants.flow += momentum;
             }
             stored
         };
-        self.put_together(dynamics, state, &sums, forces, held)
+        self.assemble(dynamics, state, &sums, forces, held)
     }
 
     /// The same of a `state` that was `measured` beside others; `of_force` says of each force, at its place, its powers and the energy (J)
@@ -365,7 +370,7 @@ impl Reading {
     /// # Errors
     /// Those of [`take`](Self::take).
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
-    pub(crate) fn take_over(
+    pub(crate) fn measure_presolved(
         &mut self,
         dynamics: &Dynamics,
         state: &State,
@@ -375,11 +380,11 @@ impl Reading {
     ) -> Result<()> {
         fill(&mut self.kappa, &mut self.moment, &mut self.tangent);
         self.natural.copy_from_slice(&dynamics.natural);
-        let forces = |power: &mut Power, push: &mut Push| {
+        let forces = |power: &mut Power, resultants: &mut Resultants| {
             let (mut stored, mut momentum) = (0.0, Vector2::zeros());
             for (i, force) in dynamics.model.forces.iter().enumerate() {
                 let (sink, (powers, (energy, own))) = (force.sink(), of_force(i, force));
-                power.add_powers(sink, powers, push);
+                power.add_powers(sink, powers, resultants);
                 if sink.is_none() {
                     stored += energy;
                     momentum += own;
@@ -387,41 +392,41 @@ impl Reading {
             }
             (stored, momentum)
         };
-        self.put_together(dynamics, state, &measured.sums, forces, || measured.held)
+        self.assemble(dynamics, state, &measured.sums, forces, || measured.held)
     }
 
     /// Takes over the `sums` of `state`, its curvatures, moments and tangents being here already: `forces` adds what forces do, and says
     /// what they store, J and N s; `held` is the force (N) that a held head must exert.
     #[inline(always)]
-    fn put_together(
+    fn assemble(
         &mut self,
         dynamics: &Dynamics,
         state: &State,
         sums: &Sums,
-        forces: impl FnOnce(&mut Power, &mut Push) -> (f64, Vector2<f64>),
+        forces: impl FnOnce(&mut Power, &mut Resultants) -> (f64, Vector2<f64>),
         held: impl FnOnce() -> Vector2<f64>,
     ) -> Result<()> {
         let Sums { bending, stretching, kinetic, actuation, moment_of_mass, momentum, strain } = *sums;
         self.time = state.t;
         self.com = Vector2::from(moment_of_mass.to_array()) / dynamics.model.rod.total_mass();
         self.strain = strain;
-        self.across = Across::of(dynamics, state, &self.tangent);
+        self.across = CrossFlowSquares::of(dynamics, state, &self.tangent);
         let mut energy = Energy { bending, stretching, kinetic, fluid: 0.0 };
         let mut momentum = Momentum { rod: momentum.to_array().into(), fluid: Vector2::zeros() };
         if dynamics.mechanics == Mechanics::Overdamped {
             energy.kinetic = 0.0;
             momentum.rod = Vector2::zeros();
         }
-        let (mut power, mut push) = (Power { actuation, ..Power::default() }, Push::default());
+        let (mut power, mut resultants) = (Power { actuation, ..Power::default() }, Resultants::default());
         if dynamics.is_loaded() {
-            (power.load, push.load) = dynamics.loads_along(|k| node(&state.v, k));
+            (power.load, resultants.load) = dynamics.loads_along(|k| node(&state.v, k));
         }
-        (energy.fluid, momentum.fluid) = forces(&mut power, &mut push);
+        (energy.fluid, momentum.fluid) = forces(&mut power, &mut resultants);
         if let Some([_, _, angle]) = dynamics.held {
             let (mass, moment) = (dynamics.head_mass(), self.moment[0] * bend::curvature_per_turning(self.kappa[0]));
             let held = held();
             self.head_force = -held;
-            push.head = held;
+            resultants.head = held;
             self.head_moment = moment;
             self.head_push = held - node(&state.a, 0) * mass;
             self.head = [node(&state.q, 0), node(&state.v, 0)];
@@ -439,7 +444,7 @@ impl Reading {
             let node = bent.clone().position(|(kappa, moment)| !(kappa + moment).is_finite()).unwrap_or(0);
             return Err(Error::NotFinite { time_s: state.t, node, what: "position, curvature or force" });
         }
-        (self.energy, self.power, self.push, self.momentum) = (energy, power, push, momentum);
+        (self.energy, self.power, self.resultants, self.momentum) = (energy, power, resultants, momentum);
         Ok(())
     }
 
@@ -491,7 +496,7 @@ impl Reading {
             .zip(self.moment.iter().zip(&before.moment))
             .map(|((now, old), (m_now, m_old))| -0.5 * (m_now + m_old) * (now - old))
             .sum();
-        let push = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
+        let resultants = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
         let inertia = 0.5 * head_mass * (self.head[1].norm_squared() - before.head[1].norm_squared());
         let twist = 0.5 * (self.head_moment + before.head_moment) * (self.head_angle[0] - before.head_angle[0]);
         Power {
@@ -500,7 +505,7 @@ impl Reading {
             wake: trapezoid(|p| p.wake),
             spray: trapezoid(|p| p.spray),
             load,
-            head: push + inertia - twist,
+            head: resultants + inertia - twist,
             flow: trapezoid(|p| p.flow),
             other: trapezoid(|p| p.other),
         }
@@ -509,7 +514,7 @@ impl Reading {
 
 /// Who gives the energy of a change at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Giver {
+pub enum WorkSource {
     /// The actuation: the shape changed.
     Actuation,
     /// The flow: it changed, or the density of the fluid.
@@ -518,15 +523,15 @@ pub enum Giver {
 
 /// The running totals of a run, over every step.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
-pub struct Totals {
+pub struct RunningTotals {
     /// Work since the start, J.
     pub work: Power,
     /// Impulses since the start, N s.
-    pub impulse: Push,
+    pub impulse: Resultants,
     /// Energies integrated over time since the start, J s.
     pub energy_time: Energy,
     /// How fast the rod moved across itself, integrated over time since the start.
-    pub across_time: Across,
+    pub across_time: CrossFlowSquares,
     /// Largest |y_COM|, m.
     pub max_lateral: f64,
     /// Length of the path of the centre of mass, m.
@@ -545,16 +550,16 @@ pub struct Totals {
     pub rejections: u64,
 }
 
-impl Totals {
+impl RunningTotals {
     /// The totals at `now` between these and `later`, whose readings are the `ends`: work is the cubic Hermite polynomial of
     /// work and power.
-    pub(crate) fn until(&self, later: &Self, ends: [&Reading; 2], now: &Reading) -> Self {
+    pub(crate) fn until(&self, later: &Self, ends: [&Measurements; 2], now: &Measurements) -> Self {
         let [from, to] = ends;
         let work = |of: fn(&Power) -> f64| {
-            let row = |reading: &Reading, totals: &Self| Row {
-                time: reading.time,
+            let row = |measurements: &Measurements, totals: &Self| Row {
+                time: measurements.time,
                 value: of(&totals.work),
-                rate: of(&reading.power),
+                rate: of(&measurements.power),
             };
             hermite(&row(from, self), &row(to, later), now.time).value
         };
@@ -578,13 +583,13 @@ impl Totals {
         totals.energy_time.add(&now.energy, half_time);
         totals.across_time.add(&from.across, half_time);
         totals.across_time.add(&now.across, half_time);
-        totals.impulse.add(&from.push, half_time);
-        totals.impulse.add(&now.push, half_time);
+        totals.impulse.add(&from.resultants, half_time);
+        totals.impulse.add(&now.resultants, half_time);
         // What the whole step gave beside that comes evenly.
         let part = (now.time - from.time) / (to.time - from.time);
         let half_step = 0.5 * (to.time - from.time);
         for (impulse, factor) in
-            [(&later.impulse, 1.0), (&self.impulse, -1.0), (&from.push, -half_step), (&to.push, -half_step)]
+            [(&later.impulse, 1.0), (&self.impulse, -1.0), (&from.resultants, -half_step), (&to.resultants, -half_step)]
         {
             totals.impulse.add(impulse, part * factor);
         }
@@ -594,11 +599,11 @@ impl Totals {
 
 /// What is known of a run so far: its start, its totals, and the last reading.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Meter {
+pub struct RunMetrics {
     /// The last reading.
-    pub now: Reading,
+    pub now: Measurements,
     /// The totals.
-    pub totals: Totals,
+    pub totals: RunningTotals,
     /// Energy at the start, J.
     pub first_energy: f64,
     /// Momentum of rod and fluid at the start, N s.
@@ -609,20 +614,20 @@ pub struct Meter {
     pub first_positions: Vec<f64>,
 }
 
-impl Meter {
+impl RunMetrics {
     /// Starts at `state`, whose time `dynamics` was last moved to.
     ///
     /// # Errors
-    /// Those of [`Reading::take`].
+    /// Those of [`Measurements::measure`].
     pub fn start(dynamics: &mut Dynamics, state: &State) -> Result<Self> {
-        let mut now = Reading::new(dynamics.nodes());
-        now.take(dynamics, state)?;
+        let mut now = Measurements::new(dynamics.nodes());
+        now.measure(dynamics, state)?;
         Ok(Self {
-            totals: Totals {
+            totals: RunningTotals {
                 max_lateral: now.com.y.abs(),
                 max_strain: now.strain,
                 max_on_head: now.on_head(),
-                ..Totals::default()
+                ..RunningTotals::default()
             },
             first_energy: now.energy.total(),
             first_momentum: now.momentum.total(),
@@ -647,7 +652,13 @@ impl Meter {
     ///
     /// # Errors
     /// [`Error::NotFinite`] for work that is not; nothing is counted then.
-    pub fn count(&mut self, next: &mut Reading, middle: Option<&Reading>, load: f64, head_mass: f64) -> Result<()> {
+    pub fn count_step(
+        &mut self,
+        next: &mut Measurements,
+        middle: Option<&Measurements>,
+        load: f64,
+        head_mass: f64,
+    ) -> Result<()> {
         let work = match middle {
             Some(middle) => next.smooth_work_since(&self.now, middle, load),
             None => next.work_since(&self.now, load, head_mass),
@@ -666,16 +677,18 @@ impl Meter {
         let totals = &mut self.totals;
         match middle {
             Some(middle) => {
-                for (push, part) in [(&self.now.push, 1.0), (&middle.push, 4.0), (&next.push, 1.0)] {
-                    totals.impulse.add(push, part * span / 6.0);
+                for (resultants, part) in
+                    [(&self.now.resultants, 1.0), (&middle.resultants, 4.0), (&next.resultants, 1.0)]
+                {
+                    totals.impulse.add(resultants, part * span / 6.0);
                 }
             }
             None => {
-                totals.impulse.add(&self.now.push, half_time);
-                totals.impulse.add(&next.push, half_time);
+                totals.impulse.add(&self.now.resultants, half_time);
+                totals.impulse.add(&next.resultants, half_time);
                 // What the inertia of a held node takes is known, whatever its accelerations in between.
                 let [old, new] =
-                    [&self.now, &*next].map(|end| (end.head[1] * head_mass, end.push.head - end.head_push));
+                    [&self.now, &*next].map(|end| (end.head[1] * head_mass, end.resultants.head - end.head_push));
                 totals.impulse.head += (new.0 - old.0) - (new.1 + old.1) * half_time;
             }
         }
@@ -699,20 +712,20 @@ impl Meter {
         Ok(())
     }
 
-    /// Counts what a shape or a motion that changed at once did, its reading in `next`: the `giver` gives what the energies
+    /// Counts what a shape or a motion that changed at once did, its reading in `next`: the `source` gives what the energies
     /// gain.
-    pub fn count_jump(&mut self, next: &mut Reading, giver: Giver) {
+    pub fn count_jump(&mut self, next: &mut Measurements, source: WorkSource) {
         let work = &mut self.totals.work;
-        let given = match giver {
-            Giver::Actuation => &mut work.actuation,
-            Giver::Flow => &mut work.flow,
+        let given = match source {
+            WorkSource::Actuation => &mut work.actuation,
+            WorkSource::Flow => &mut work.flow,
         };
         *given += next.energy.total() - self.now.energy.total();
         // What changes the shape at once of a rod that is held is borne by what holds it.
         let impulse = &mut self.totals.impulse;
-        let given = match giver {
-            Giver::Actuation => &mut impulse.head,
-            Giver::Flow => &mut impulse.flow,
+        let given = match source {
+            WorkSource::Actuation => &mut impulse.head,
+            WorkSource::Flow => &mut impulse.flow,
         };
         *given += next.momentum.total() - self.now.momentum.total();
         self.totals.max_lateral = self.totals.max_lateral.max(next.com.y.abs());
@@ -726,7 +739,7 @@ impl Meter {
 
     /// How fast the rod moved across itself through the fluid since the start; none before the first step.
     pub fn across(&self) -> Option<regime::Across> {
-        let Across { speed, per_depth, body, density, viscosity } = self.totals.across_time;
+        let CrossFlowSquares { speed, per_depth, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
         let root = |sum: f64| (sum / elapsed).sqrt();
         let fluid = Fluid { density: density / elapsed, viscosity: viscosity / elapsed, ..Fluid::NONE };

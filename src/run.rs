@@ -8,14 +8,14 @@ use serde::Serialize;
 
 #[cfg(feature = "report")]
 use crate::batch::{Batch, WIDTH};
-use crate::cycle::{self, Averages, GRAVITY};
+use crate::cycle::{self, CycleAverages, GRAVITY};
 use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::linear::Choice;
-use crate::metrics::{Meter, Power};
+use crate::metrics::{Power, RunMetrics};
 use crate::model::{Mechanics, Model};
-use crate::reduced::measure::{Course, Point};
-use crate::reduced::{Differences, Measure};
+use crate::reduced::comparison::{SeriesPoint, TimeSeries};
+use crate::reduced::{Differences, ErrorMeasure};
 use crate::rod::Rod;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -152,10 +152,10 @@ const NO_TIME: f64 = 1e-9;
 #[expect(missing_docs, reason = "the names say what they are, with units")]
 pub struct Verification {
     pub net_displacement_m: f64,
-    /// What both differ by; see [`Measure`] for what it is relative to.
+    /// What both differ by; see [`ErrorMeasure`] for what it is relative to.
     pub relative_differences: Differences,
     /// The measures of which both runs have no more than rounding makes of a rod at rest: their differences say nothing.
-    pub noise: Vec<Measure>,
+    pub noise: Vec<ErrorMeasure>,
     pub steps: u64,
     pub wall_s: f64,
 }
@@ -178,7 +178,7 @@ impl Verification {
             Some(choice) => Stepper::of(&scene.taken(choice))?,
             None => Stepper::of(scene)?,
         };
-        let mut courses = [&whole, &again].map(|run| Course::of(run.model()));
+        let mut courses = [&whole, &again].map(|run| TimeSeries::of(run.model()));
         let end = stepper.time();
         let part = match stepper.pace() {
             Pace::Fixed(step) => step * (end / (step * COMPARED)).ceil(),
@@ -186,7 +186,7 @@ impl Verification {
         };
         loop {
             for (run, course) in [&whole, &again].into_iter().zip(&mut courses) {
-                course.points.push(Point::of(run.state(), &run.meter().now));
+                course.points.push(SeriesPoint::of(run.state(), &run.metrics().now));
             }
             let left = end - whole.time();
             if left <= 0.5 * NO_TIME * end {
@@ -200,13 +200,13 @@ impl Verification {
         }
         let [truth, mut found] = courses;
         found.points.pop();
-        found.points.push(Point::of(stepper.state(), &stepper.meter().now));
-        let meter = whole.meter();
+        found.points.push(SeriesPoint::of(stepper.state(), &stepper.metrics().now));
+        let metrics = whole.metrics();
         Ok(Some(Self {
-            net_displacement_m: meter.net_displacement(),
+            net_displacement_m: metrics.net_displacement(),
             relative_differences: truth.differences(&found),
             noise: truth.noise(&found),
-            steps: meter.totals.steps,
+            steps: metrics.totals.steps,
             wall_s: start.elapsed().as_secs_f64(),
         }))
     }
@@ -299,7 +299,7 @@ pub struct Summary {
     pub max_head_force_n: Option<f64>,
     pub max_head_moment_n_m: Option<f64>,
     #[serde(flatten)]
-    pub cycles: Averages,
+    pub cycles: CycleAverages,
     pub wall_s: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub verification: Option<Verification>,
@@ -322,13 +322,13 @@ pub(crate) fn rounding(rod: &Rod, positions: &[f64]) -> f64 {
 
 /// What to say of an energy balance that does not close, beyond `rounding` (J): the mark of steps that are too coarse, or of
 /// a wrong root.
-fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
-    let Power { actuation, viscous, wake, spray, load, head, flow, other } = meter.totals.work;
+fn balance_note(metrics: &RunMetrics, rounding: f64, pace: Pace) -> Option<String> {
+    let Power { actuation, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
     let scale =
-        [meter.first_energy, meter.now.energy.total(), actuation, viscous, wake, spray, load, head, flow, other]
+        [metrics.first_energy, metrics.now.energy.total(), actuation, viscous, wake, spray, load, head, flow, other]
             .into_iter()
             .fold(0.0, |max: f64, x| max.max(x.abs()));
-    let defect = meter.numerical_dissipation();
+    let defect = metrics.numerical_dissipation();
     (defect.abs() > UNBALANCED * scale && defect.abs() > rounding).then(|| {
         let what = if defect < 0.0 { "came from nowhere" } else { "was taken by the method itself" };
         format!(
@@ -341,18 +341,18 @@ fn balance_note(meter: &Meter, rounding: f64, pace: Pace) -> Option<String> {
 }
 
 /// What to say of edges that stretch or turn further than the model or the step can follow.
-fn motion_notes(meter: &Meter, pace: Pace) -> impl Iterator<Item = String> {
-    let strained = (meter.totals.max_strain > STRAINED).then(|| {
+fn motion_notes(metrics: &RunMetrics, pace: Pace) -> impl Iterator<Item = String> {
+    let strained = (metrics.totals.max_strain > STRAINED).then(|| {
         format!(
             "an edge is stretched or compressed by {:.1} %: the rod is linearly elastic, for strains of up to {:.0} %",
-            100.0 * meter.totals.max_strain,
+            100.0 * metrics.totals.max_strain,
             100.0 * STRAINED
         )
     });
-    let turned = (meter.totals.max_rotation > TURNED).then(|| {
+    let turned = (metrics.totals.max_rotation > TURNED).then(|| {
         format!(
             "an edge turns by {:.0}° within one step, more than {:.0}°: the step does not follow the motion, which may have gone another way; a smaller {}, or a smooth start, shows whether the result stands",
-            meter.totals.max_rotation.to_degrees(),
+            metrics.totals.max_rotation.to_degrees(),
             TURNED.to_degrees(),
             finer(pace)
         )
@@ -360,20 +360,20 @@ fn motion_notes(meter: &Meter, pace: Pace) -> impl Iterator<Item = String> {
     strained.into_iter().chain(turned)
 }
 
-/// What to say of a simulation of `scene` with this `model` and `pace`, which `meter` has measured and which ends at these
+/// What to say of a simulation of `scene` with this `model` and `pace`, which `metrics` has measured and which ends at these
 /// `positions`, beside the `warnings` that were known before.
 pub(crate) fn notes(
     scene: &Scene,
     model: &Model,
-    meter: &Meter,
+    metrics: &RunMetrics,
     positions: &[f64],
     pace: Pace,
     warnings: &[String],
 ) -> Vec<String> {
-    let left = meter.across().map(|across| scene.left_ranges(&model.forces, &model.rod, across));
+    let left = metrics.across().map(|across| scene.left_ranges(&model.forces, &model.rod, across));
     (warnings.iter().cloned())
-        .chain(balance_note(meter, rounding(&model.rod, positions), pace))
-        .chain(motion_notes(meter, pace))
+        .chain(balance_note(metrics, rounding(&model.rod, positions), pace))
+        .chain(motion_notes(metrics, pace))
         .chain(left.into_iter().flatten())
         .collect()
 }
@@ -381,17 +381,17 @@ pub(crate) fn notes(
 impl Summary {
     /// The summary of a run of `scene`, of which `warnings` were known before ([`Assessment`](crate::check::Assessment)).
     pub fn of(scene: &Scene, stepper: &Stepper, outcome: &Outcome, warnings: &[String]) -> Self {
-        let (meter, work) = (stepper.meter(), stepper.work());
-        let (now, model) = (&meter.now, stepper.model());
-        let elapsed = meter.elapsed();
+        let (metrics, work) = (stepper.metrics(), stepper.work());
+        let (now, model) = (&metrics.now, stepper.model());
+        let elapsed = metrics.elapsed();
         let mean = |integral: f64| if elapsed > 0.0 { integral / elapsed } else { 0.0 };
-        let Power { actuation, viscous, wake, spray, load, head, flow, other } = meter.totals.work;
-        let displacement = meter.net_displacement();
+        let Power { actuation, viscous, wake, spray, load, head, flow, other } = metrics.totals.work;
+        let displacement = metrics.net_displacement();
         let swims = actuation > 0.0 && displacement.abs() >= NO_DISPLACEMENT * model.rod.length;
         let dynamics = stepper.view().dynamics;
         let speed = mean(displacement.abs());
         let whole = stepper.cycles().since_start();
-        let held = |measure: &cycle::Measure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
+        let held = |measure: &cycle::CycleMeasure| measure.mean(whole.as_slice(), dynamics).filter(|_| whole.is_some());
         let cycles = stepper.cycles().averages(dynamics);
         Self {
             name: scene.name.clone(),
@@ -406,7 +406,7 @@ impl Summary {
             },
             end_time_s: stepper.time(),
             nodes: model.rod.nodes,
-            model: stepper.choice().map_or("full", |choice| choice.rung.name),
+            model: stepper.choice().map_or("full", |choice| choice.kind.name),
             model_reason: stepper.choice().and_then(|choice| choice.reason.clone()),
             forces: model.forces.iter().map(|force| force.name()).collect(),
             fluid_reason: scene.fluid_choice().map(|choice| choice.reason.clone()),
@@ -418,14 +418,14 @@ impl Summary {
             form: stepper.form(),
             time_step_s: match stepper.pace() {
                 Pace::Fixed(step) => step,
-                Pace::Adaptive(_) => elapsed / meter.totals.steps.max(1) as f64,
+                Pace::Adaptive(_) => elapsed / metrics.totals.steps.max(1) as f64,
             },
             tolerance: match stepper.pace() {
                 Pace::Fixed(_) => None,
                 Pace::Adaptive(tolerance) => Some(tolerance),
             },
-            steps: meter.totals.steps,
-            rejected_steps: meter.totals.rejections,
+            steps: metrics.totals.steps,
+            rejected_steps: metrics.totals.rejections,
             newton_iterations: work.newton_iterations,
             factorisations: work.factorisations,
             linear_solver: match (stepper.form(), scene.solver.linear) {
@@ -436,23 +436,23 @@ impl Summary {
                 (Form::Positions, Choice::Auto | Choice::BlockBand) => "block-band",
             },
             linear_fallbacks: work.linear_fallbacks,
-            step_halvings: meter.totals.halvings,
+            step_halvings: metrics.totals.halvings,
             newton_floor_stops: work.floor_stops,
-            max_strain: meter.totals.max_strain,
-            max_rotation_per_step_rad: meter.totals.max_rotation,
+            max_strain: metrics.totals.max_strain,
+            max_rotation_per_step_rad: metrics.totals.max_rotation,
             x_com_m: now.com.x,
             y_com_m: now.com.y,
             net_displacement_m: displacement,
-            max_lateral_excursion_m: meter.totals.max_lateral,
-            com_path_m: meter.totals.path,
-            initial_energy_j: meter.first_energy,
+            max_lateral_excursion_m: metrics.totals.max_lateral,
+            com_path_m: metrics.totals.path,
+            initial_energy_j: metrics.first_energy,
             stretching_energy_j: now.energy.stretching,
             bending_energy_j: now.energy.bending,
             kinetic_energy_j: now.energy.kinetic,
             fluid_energy_j: now.energy.fluid,
-            mean_stretching_energy_j: mean(meter.totals.energy_time.stretching),
-            mean_bending_energy_j: mean(meter.totals.energy_time.bending),
-            mean_kinetic_energy_j: mean(meter.totals.energy_time.kinetic),
+            mean_stretching_energy_j: mean(metrics.totals.energy_time.stretching),
+            mean_bending_energy_j: mean(metrics.totals.energy_time.bending),
+            mean_kinetic_energy_j: mean(metrics.totals.energy_time.kinetic),
             actuation_work_j: actuation,
             viscous_work_j: viscous,
             wake_work_j: wake,
@@ -468,16 +468,16 @@ impl Summary {
             mean_load_power_w: mean(load),
             mean_head_power_w: mean(head),
             mean_flow_power_w: mean(flow),
-            numerical_dissipation_j: meter.numerical_dissipation(),
+            numerical_dissipation_j: metrics.numerical_dissipation(),
             rod_momentum_n_s: now.momentum.rod.into(),
             fluid_momentum_n_s: now.momentum.fluid.into(),
-            drag_impulse_n_s: meter.totals.impulse.drag.into(),
-            wake_impulse_n_s: meter.totals.impulse.wake.into(),
-            flow_impulse_n_s: meter.totals.impulse.flow.into(),
-            load_impulse_n_s: meter.totals.impulse.load.into(),
-            head_impulse_n_s: meter.totals.impulse.head.into(),
-            momentum_defect_n_s: meter.momentum_defect().into(),
-            notes: notes(scene, model, meter, &stepper.state().q, stepper.pace(), warnings),
+            drag_impulse_n_s: metrics.totals.impulse.drag.into(),
+            wake_impulse_n_s: metrics.totals.impulse.wake.into(),
+            flow_impulse_n_s: metrics.totals.impulse.flow.into(),
+            load_impulse_n_s: metrics.totals.impulse.load.into(),
+            head_impulse_n_s: metrics.totals.impulse.head.into(),
+            momentum_defect_n_s: metrics.momentum_defect().into(),
+            notes: notes(scene, model, metrics, &stepper.state().q, stepper.pace(), warnings),
             cost_of_transport: swims.then(|| actuation / (model.rod.total_mass() * GRAVITY * displacement.abs())),
             efficiency: match &model.head {
                 Some(_) => held(&cycle::EFFICIENCY),
@@ -488,8 +488,8 @@ impl Summary {
             mean_head_force_n: held(&cycle::HEAD_FORCE_X).zip(held(&cycle::HEAD_FORCE_Y)).map(|(x, y)| [x, y]),
             mean_thrust_n: held(&cycle::THRUST),
             mean_head_moment_n_m: held(&cycle::HEAD_MOMENT),
-            max_head_force_n: model.head.as_ref().map(|_| meter.totals.max_on_head[0]),
-            max_head_moment_n_m: model.head.as_ref().map(|_| meter.totals.max_on_head[1]),
+            max_head_force_n: model.head.as_ref().map(|_| metrics.totals.max_on_head[0]),
+            max_head_moment_n_m: model.head.as_ref().map(|_| metrics.totals.max_on_head[1]),
             cycles,
             wall_s: outcome.wall.as_secs_f64(),
             verification: None,

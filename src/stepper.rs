@@ -1,13 +1,13 @@
 //! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
 
-#[cfg(all(feature = "report", target_arch = "x86_64"))]
-pub(crate) mod ahead;
-mod between;
-mod dense;
+mod dense_output;
 pub mod derivatives;
-mod jump;
-mod moment;
-mod retune;
+mod head_jump;
+mod interpolation;
+mod parameter_change;
+#[cfg(all(feature = "report", target_arch = "x86_64"))]
+pub(crate) mod presolved_step;
+mod run_state;
 pub mod snapshot;
 mod undo;
 
@@ -17,19 +17,19 @@ use std::sync::Arc;
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use dense::Dense;
-pub use jump::HeadJump;
-use moment::Now;
+use dense_output::DenseOutput;
+pub use head_jump::HeadJump;
+use run_state::RunState;
 pub use snapshot::Snapshot;
 
 use crate::cycle::Cycles;
 use crate::error::{Error, Result};
 use crate::integrator::{Pace, StepError};
-use crate::metrics::{Giver, Meter, Reading, Totals};
+use crate::metrics::{Measurements, RunMetrics, RunningTotals, WorkSource};
 use crate::model::course::HIGHEST_ORDER;
 use crate::model::{Course, Dynamics, Inputs, Mechanics, Model};
 use crate::newton::{Newton, Work};
-use crate::reduced::{Choice, Mover};
+use crate::reduced::{ModelChoice, ModelStepper};
 use crate::scene::Scene;
 use crate::system::{Form, State, System};
 use crate::variable::{self, Causality, VARIABLES, Variable, View};
@@ -38,14 +38,14 @@ use crate::variable::{self, Causality, VARIABLES, Variable, View};
 const MAX_HALVINGS: u32 = 10;
 
 /// An adaptive step may change by these factors, and aims at this part of the step that just meets the tolerance.
-const FACTORS: [f64; 2] = [0.2, 5.0];
+const STEP_FACTORS: [f64; 2] = [0.2, 5.0];
 const SAFETY: f64 = 0.9;
 
 /// The first adaptive step where the rod rests, s: it grows fivefold a step.
-const AT_REST: f64 = 1e-4;
+const FIRST_STEP_AT_REST: f64 = 1e-4;
 
 /// Velocities count as no smaller than this part of a length a step.
-const SLOW: f64 = 1e-3;
+const MIN_RELATIVE_SPEED: f64 = 1e-3;
 
 /// A step shorter than this part of the time now waits for the next: it is rounding of the time. So is one shorter than this
 /// part of the time in which a stretching wave passes the rod.
@@ -55,18 +55,18 @@ const TIME_ROUNDING: f64 = 1e-12;
 const STEP_ROUNDING: f64 = 1e-9;
 
 /// A change of the flow at once is taken for an acceleration of this many times it a second, in linear equations.
-const GUST: f64 = 1e6;
+const FLOW_JUMP_RATE: f64 = 1e6;
 
 /// A simulation that a host drives.
 #[derive(Debug)]
 pub struct Stepper {
     dynamics: Dynamics,
-    mover: Box<dyn Mover>,
-    choice: Option<Choice>,
+    model_stepper: Box<dyn ModelStepper>,
+    choice: Option<ModelChoice>,
     newton: Newton,
     pace: Pace,
     /// All that changes beside the inputs.
-    now: Now,
+    now: RunState,
     /// How often a failing step is halved.
     max_halvings: u32,
     /// The shortest step (s) that is more than rounding.
@@ -75,28 +75,28 @@ pub struct Stepper {
     head_swing: f64,
     undo: undo::Undo,
     variables: Vec<&'static Variable>,
-    /// The totals before the last internal step; its state and reading are then in `next` and `reading`.
-    before: Option<Totals>,
-    dense: Option<Dense>,
-    tangent: Option<Box<derivatives::Tangent>>,
+    /// The totals before the last internal step; its state and reading are then in `next` and `measurements`.
+    before: Option<RunningTotals>,
+    dense: Option<DenseOutput>,
+    tangent: Option<Box<derivatives::StateTangent>>,
     /// The scene, as [`Scene::fingerprint`] names it; another model than a scene's own, as [`Model::fingerprint`] does.
     scene: u128,
     /// The scene itself, where it was made from one.
-    made_from: Option<Arc<Scene>>,
+    source_scene: Option<Arc<Scene>>,
     /// Where the step of several internal ones ends, s.
-    goal: f64,
+    step_target: f64,
     /// The next internal step, solved already.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
-    solved: Option<ahead::Ahead>,
-    /// What the end of the internal step is measured to be is in `reading` already.
+    presolved: Option<presolved_step::PresolvedStep>,
+    /// What the end of the internal step is measured to be is in `measurements` already.
     measured: bool,
     /// The largest jump of a head since it was last asked for.
     head_jump: Option<HeadJump>,
     // Room to work in.
     inputs: (Inputs, Option<Box<Course>>),
     next: State,
-    reading: Reading,
-    read_at_once: Reading,
+    measurements: Measurements,
+    read_at_once: Measurements,
     accelerations: Vec<f64>,
 }
 
@@ -123,20 +123,25 @@ impl Stepper {
     /// Whatever is wrong with the first state.
     pub fn init(
         model: impl Into<Arc<Model>>,
-        mover: impl Into<Box<dyn Mover>>,
+        model_stepper: impl Into<Box<dyn ModelStepper>>,
         newton: Newton,
         pace: impl Into<Pace>,
     ) -> Result<Self> {
-        let (model, mover, pace) = (model.into(), mover.into(), pace.into());
-        let scene = model.fingerprint(&(&mover, newton.form()));
-        Ok(Self { scene, ..Self::begin(model, mover, newton, pace)? })
+        let (model, model_stepper, pace) = (model.into(), model_stepper.into(), pace.into());
+        let scene = model.fingerprint(&(&model_stepper, newton.form()));
+        Ok(Self { scene, ..Self::begin(model, model_stepper, newton, pace)? })
     }
 
-    fn begin(model: Arc<Model>, mut mover: Box<dyn Mover>, mut newton: Newton, pace: Pace) -> Result<Self> {
+    fn begin(
+        model: Arc<Model>,
+        mut model_stepper: Box<dyn ModelStepper>,
+        mut newton: Newton,
+        pace: Pace,
+    ) -> Result<Self> {
         let mut dynamics = Dynamics::new(model);
-        dynamics.mechanics = mover.mechanics();
+        dynamics.mechanics = model_stepper.mechanics();
         let mut state = dynamics.first_state_in(newton.form());
-        mover.begin(&mut dynamics, &mut newton, &mut state)?;
+        model_stepper.begin(&mut dynamics, &mut newton, &mut state)?;
         newton.work = Work::default();
         let time_step = match pace {
             Pace::Fixed(time_step) => time_step,
@@ -145,30 +150,30 @@ impl Stepper {
                 let lightest = dynamics.model.rod.mass.iter().copied().fold(f64::INFINITY, f64::min);
                 let rounding = dynamics.residual_floor(&state) / lightest;
                 let moving = (tolerance * dynamics.length() / acceleration).sqrt();
-                if acceleration > rounding { moving.min(dynamics.longest_step(state.t)) } else { AT_REST }
+                if acceleration > rounding { moving.min(dynamics.longest_step(state.t)) } else { FIRST_STEP_AT_REST }
             }
         };
-        let meter = Meter::start(&mut dynamics, &state)?;
-        let cycles = Cycles::start(&dynamics, &state, &meter);
+        let metrics = RunMetrics::start(&mut dynamics, &state)?;
+        let cycles = Cycles::start(&dynamics, &state, &metrics);
         let variables = VARIABLES.iter().filter(|variable| variable.exists_in(&dynamics.model)).collect();
-        let dense = mover.knows_between().then(|| Dense::new(&state, &meter));
+        let dense = model_stepper.has_dense_output().then(|| DenseOutput::new(&state, &metrics));
         let shortest = match pace {
             Pace::Fixed(time_step) => STEP_ROUNDING * time_step,
             Pace::Adaptive(_) => TIME_ROUNDING * dynamics.crossing_time(),
         };
-        let now = Now {
+        let now = RunState {
             clock: Clock { origin: state.t, count: 0 },
-            waiting: None,
+            pending_time: None,
             time_step,
-            steered: false,
-            unsettled: false,
-            gust: [0.0; 2],
-            meter,
+            inputs_changed: false,
+            needs_reinitialisation: false,
+            flow_jump: [0.0; 2],
+            metrics,
             cycles,
             state,
         };
         Ok(Self {
-            mover,
+            model_stepper,
             choice: None,
             newton,
             pace,
@@ -180,16 +185,16 @@ impl Stepper {
             dense,
             tangent: None,
             scene: 0,
-            made_from: None,
-            goal: now.state.t,
+            source_scene: None,
+            step_target: now.state.t,
             #[cfg(all(feature = "report", target_arch = "x86_64"))]
-            solved: None,
+            presolved: None,
             measured: false,
             head_jump: None,
             inputs: (dynamics.inputs.clone(), None),
             next: now.state.clone(),
-            reading: Reading::new(dynamics.nodes()),
-            read_at_once: Reading::new(dynamics.nodes()),
+            measurements: Measurements::new(dynamics.nodes()),
+            read_at_once: Measurements::new(dynamics.nodes()),
             accelerations: Vec::new(),
             now,
             variables,
@@ -214,31 +219,37 @@ impl Stepper {
     pub fn of_model(scene: &Scene, model: impl Into<Arc<Model>>) -> Result<Self> {
         let model = model.into();
         scene.fits(&model)?;
-        let rung = scene.rung_or_whole(&model)?;
+        let kind = scene.kind_or_full(&model)?;
         let own = model.fingerprint(&scene.fingerprint());
-        let start = Self::of_rung(scene, model, Choice::asked(rung), None)?;
-        Ok(Self { scene: own, made_from: None, ..start })
+        let start = Self::of_kind(scene, model, ModelChoice::asked(kind), None)?;
+        Ok(Self { scene: own, source_scene: None, ..start })
     }
 
     /// The start of a scene's run in that form, or in the one that the scene takes.
     fn in_form(scene: &Scene, form: Option<Form>) -> Result<Self> {
-        Self::of_rung(scene, scene.model()?.into(), scene.choice()?, form)
+        Self::of_kind(scene, scene.model()?.into(), scene.choice()?, form)
     }
 
-    fn of_rung(scene: &Scene, model: Arc<Model>, choice: Choice, form: Option<Form>) -> Result<Self> {
+    fn of_kind(scene: &Scene, model: Arc<Model>, choice: ModelChoice, form: Option<Form>) -> Result<Self> {
         let taken = scene.taken(&choice);
         let solver = &taken.solver;
-        let mover = (choice.rung.build)(taken.integrator()?);
-        let solved = mover.mechanics() != Mechanics::Shape;
+        let model_stepper = (choice.kind.build)(taken.integrator()?);
+        let solved = model_stepper.mechanics() != Mechanics::Shape;
         let own = || if solved { taken.form(&model.rod) } else { Form::Positions };
         let form = form.unwrap_or_else(own);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
-        let mut start = Self::begin(model, mover, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
+        let mut start =
+            Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
         if matches!(start.pace, Pace::Adaptive(_)) {
             start.now.time_step = start.now.time_step.min(solver.duration_s.get());
         }
-        Ok(Self { scene: scene.fingerprint(), made_from: Some(Arc::new(scene.clone())), choice: Some(choice), ..start })
+        Ok(Self {
+            scene: scene.fingerprint(),
+            source_scene: Some(Arc::new(scene.clone())),
+            choice: Some(choice),
+            ..start
+        })
     }
 
     /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
@@ -248,7 +259,7 @@ impl Stepper {
 
     /// Time now, s.
     pub fn time(&self) -> f64 {
-        self.now.waiting.unwrap_or(self.now.state.t)
+        self.now.pending_time.unwrap_or(self.now.state.t)
     }
 
     /// Positions, velocities and accelerations now.
@@ -257,8 +268,8 @@ impl Stepper {
     }
 
     /// The running totals and the last reading.
-    pub fn meter(&self) -> &Meter {
-        &self.now.meter
+    pub fn metrics(&self) -> &RunMetrics {
+        &self.now.metrics
     }
 
     /// The last whole cycles.
@@ -282,7 +293,7 @@ impl Stepper {
     }
 
     /// The rung of the ladder of models that a scene's run takes, and why.
-    pub fn choice(&self) -> Option<&Choice> {
+    pub fn choice(&self) -> Option<&ModelChoice> {
         self.choice.as_ref()
     }
 
@@ -293,7 +304,7 @@ impl Stepper {
 
     /// The name of the method that solves a run of `scene`, its own.
     pub fn method<'a>(&self, scene: &'a Scene) -> &'a str {
-        self.choice.as_ref().and_then(|choice| choice.rung.method).unwrap_or(scene.integrator_name())
+        self.choice.as_ref().and_then(|choice| choice.kind.method).unwrap_or(scene.integrator_name())
     }
 
     /// The variables that this scene has.
@@ -309,7 +320,7 @@ impl Stepper {
             dynamics: &self.dynamics,
             inputs: &self.dynamics.inputs,
             state: &self.now.state,
-            meter: &self.now.meter,
+            metrics: &self.now.metrics,
             cycles: &self.now.cycles,
             work: self.newton.work,
             time_step: self.now.time_step,
@@ -332,11 +343,11 @@ impl Stepper {
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
     pub fn do_step_with(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
-        let (ahead, jump) = (self.now.waiting, self.head_jump);
-        let outcome = self.go_on(h, look);
+        let (ahead, jump) = (self.now.pending_time, self.head_jump);
+        let outcome = self.advance_by(h, look);
         if outcome.is_err() {
-            self.take_back();
-            (self.now.waiting, self.head_jump) = (ahead, jump);
+            self.undo_step();
+            (self.now.pending_time, self.head_jump) = (ahead, jump);
         }
         outcome
     }
@@ -346,30 +357,30 @@ impl Stepper {
     /// # Errors
     /// Those of [`do_step`](Self::do_step), but the last good state stays.
     pub fn march(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
-        let (start, waiting) = (self.now.state.t, self.now.waiting);
-        let outcome = self.go_on(h, look);
+        let (start, pending_time) = (self.now.state.t, self.now.pending_time);
+        let outcome = self.advance_by(h, look);
         if outcome.is_err() {
             if self.now.state.t == start {
-                self.take_back(); // it has not set out
-                self.now.waiting = waiting;
+                self.undo_step(); // it has not set out
+                self.now.pending_time = pending_time;
             }
-            self.stay();
+            self.discard_step();
         }
         outcome
     }
 
-    fn go_on(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
+    fn advance_by(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         self.undo.begin();
         if !(h.is_finite() && h > 0.0) {
             return Err(Error::Step(h));
         }
         let (start, end) = (self.now.state.t, self.time() + h);
-        let h = if self.now.waiting.is_some() { end - start } else { h };
+        let h = if self.now.pending_time.is_some() { end - start } else { h };
         if h <= self.shortest.max(TIME_ROUNDING * end.abs()) || end <= start {
-            self.now.waiting = Some(end);
+            self.now.pending_time = Some(end);
             return Ok(true);
         }
-        self.now.waiting = None;
+        self.now.pending_time = None;
         match self.pace {
             Pace::Fixed(time_step) => self.equal_steps(h, time_step, look),
             Pace::Adaptive(tolerance) => self.adaptive_steps(end, tolerance, look),
@@ -404,12 +415,12 @@ impl Stepper {
         };
         let (clock, parts) = (self.now.clock, parts as u64);
         if parts > 1 {
-            self.keep();
+            self.save_for_undo();
         }
-        self.set_out(end_of(clock, parts), true)?;
+        self.prepare_step(end_of(clock, parts), true)?;
         for count in 1..=parts {
             let end = end_of(clock, count);
-            let outcome = self.advance(end, part, 0, true, &mut look);
+            let outcome = self.step_or_halve(end, part, 0, true, &mut look);
             let complete = self.now.state.t == end;
             self.now.clock = match outcome {
                 Ok(_) if multiple && complete => Clock { origin: clock.origin, count: clock.count + count },
@@ -429,10 +440,10 @@ impl Stepper {
         tolerance: f64,
         mut look: impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<bool> {
-        self.keep();
-        self.set_out(end, true)?;
-        let order = self.mover.order();
-        let (mut grow, mut failures) = (FACTORS[1], 0);
+        self.save_for_undo();
+        self.prepare_step(end, true)?;
+        let order = self.model_stepper.order();
+        let (mut grow, mut failures) = (STEP_FACTORS[1], 0);
         let mut speed = self.dynamics.own_speed(&self.now.state);
         while self.now.state.t < end {
             let left = end - self.now.state.t;
@@ -446,31 +457,31 @@ impl Stepper {
             if h < left && end + h <= end {
                 return Err(Error::Tolerance { time_s: self.now.state.t, step_s: h, tolerance });
             }
-            match self.step(to, h) {
+            match self.try_step(to, h) {
                 Ok(error) => {
                     let reached = self.dynamics.own_speed(&self.next);
-                    let size = self.size(error, h, [speed, reached]) / tolerance;
-                    let factor = fitting(size, order).clamp(FACTORS[0], grow);
+                    let size = self.relative_error(error, h, [speed, reached]) / tolerance;
+                    let factor = step_factor(size, order).clamp(STEP_FACTORS[0], grow);
                     if size <= 1.0 {
-                        self.accept()?;
-                        self.now.meter.totals.steps += 1;
+                        self.accept_step()?;
+                        self.now.metrics.totals.steps += 1;
                         // A step cut short by the end says nothing against the longer one that was wanted; where what
                         // drives the rod cut it, steps grow again from there.
                         let wish = self.now.time_step.min(longest);
                         self.now.time_step = (h * factor).max(if h < wish { wish } else { 0.0 });
-                        (grow, failures, speed) = (FACTORS[1], 0, reached);
+                        (grow, failures, speed) = (STEP_FACTORS[1], 0, reached);
                         if look(self).is_break() && self.now.state.t < end {
                             self.now.clock = Clock { origin: self.now.state.t, count: 0 };
                             return Ok(false);
                         }
                         continue;
                     }
-                    self.now.meter.totals.rejections += 1;
+                    self.now.metrics.totals.rejections += 1;
                     self.now.time_step = h * factor;
                 }
                 Err(error) if error.is_cured_by_smaller_step() && failures < self.max_halvings => {
                     failures += 1;
-                    self.now.meter.totals.halvings += 1;
+                    self.now.metrics.totals.halvings += 1;
                     self.now.time_step = 0.5 * h;
                 }
                 Err(error) => return Err(error),
@@ -483,44 +494,44 @@ impl Stepper {
 
     /// The estimated `error` of a step of `h` (s), relative: what the tolerance bounds. Velocities are measured by the rod's own
     /// `speeds` (m/s) at both ends of the step, the same in any frame.
-    fn size(&self, error: StepError, h: f64, speeds: [f64; 2]) -> f64 {
+    fn relative_error(&self, error: StepError, h: f64, speeds: [f64; 2]) -> f64 {
         let length = self.dynamics.length();
-        let speed = speeds[0].max(speeds[1]).max(self.head_swing).max(SLOW * length / h);
+        let speed = speeds[0].max(speeds[1]).max(self.head_swing).max(MIN_RELATIVE_SPEED * length / h);
         (error.position / length).max(error.velocity / speed)
     }
 
     /// Before the first internal step of several to `end`, where a step `begins` or inputs have changed in the middle of one:
     /// aims the head, and finds the accelerations that changed inputs cause at once.
-    fn set_out(&mut self, end: f64, begins: bool) -> Result<()> {
-        if self.dynamics.inputs.head.is_some() || self.now.unsettled {
-            self.keep();
+    fn prepare_step(&mut self, end: f64, begins: bool) -> Result<()> {
+        if self.dynamics.inputs.head.is_some() || self.now.needs_reinitialisation {
+            self.save_for_undo();
         }
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
-        if self.now.steered {
-            self.solved = None; // it would be another step now
+        if self.now.inputs_changed {
+            self.presolved = None; // it would be another step now
         }
-        (self.now.steered, self.goal) = (false, end);
+        (self.now.inputs_changed, self.step_target) = (false, end);
         let t = self.now.state.t;
         if begins && self.is_at_start() && self.dynamics.starts_elsewhere(t, Some(end)) {
-            self.start_with_host()?;
+            self.start_from_given_pose()?;
         }
         let distances = self.dynamics.aim_head(t, end, begins);
         self.note_jump(t, distances);
-        if self.now.unsettled { self.settle() } else { Ok(()) }
+        if self.now.needs_reinitialisation { self.reinitialise() } else { Ok(()) }
     }
 
     /// True before the first step.
     fn is_at_start(&self) -> bool {
-        self.now.state.t == self.now.meter.first.0
+        self.now.state.t == self.now.metrics.first.0
     }
 
     /// Starts anew with the pose of the head that the host gives; what else it has set acts at once on that start.
-    fn start_with_host(&mut self) -> Result<()> {
+    fn start_from_given_pose(&mut self) -> Result<()> {
         let mut scene = Inputs::of(&self.dynamics.model);
         scene.head = self.dynamics.inputs.head.take();
         let mut given = std::mem::replace(&mut self.dynamics.inputs, scene);
         let course = self.dynamics.course.take();
-        let started = self.start_with_pose();
+        let started = self.restart();
         given.head.clone_from(&self.dynamics.inputs.head);
         let scene = std::mem::replace(&mut self.dynamics.inputs, given);
         self.dynamics.course = course;
@@ -529,19 +540,19 @@ impl Stepper {
             return Ok(());
         }
         let undo = std::mem::replace(&mut self.inputs.0, scene);
-        let counted = self.count_inputs();
+        let counted = self.count_input_change();
         self.inputs.0 = undo;
         counted
     }
 
-    fn start_with_pose(&mut self) -> Result<()> {
+    fn restart(&mut self) -> Result<()> {
         let mut state = self.now.state.clone();
         self.dynamics.start_with_host(self.now.state.t, &mut state);
-        self.mover.begin(&mut self.dynamics, &mut self.newton, &mut state)?;
-        let meter = Meter::start(&mut self.dynamics, &state)?;
-        self.now.cycles = Cycles::start(&self.dynamics, &state, &meter);
-        (self.now.meter, self.now.state) = (meter, state);
-        (self.now.unsettled, self.now.gust) = (false, [0.0; 2]);
+        self.model_stepper.begin(&mut self.dynamics, &mut self.newton, &mut state)?;
+        let metrics = RunMetrics::start(&mut self.dynamics, &state)?;
+        self.now.cycles = Cycles::start(&self.dynamics, &state, &metrics);
+        (self.now.metrics, self.now.state) = (metrics, state);
+        (self.now.needs_reinitialisation, self.now.flow_jump) = (false, [0.0; 2]);
         self.newton.work = Work::default();
         self.before = None;
         Ok(())
@@ -551,29 +562,38 @@ impl Stepper {
     /// that fails.
     /// A gust (m/s) of the flow at once, before any other force can act, gives the rod the velocities that an endless
     /// acceleration of no duration would: forces of the fluid are linear in accelerations.
-    fn settle(&mut self) -> Result<()> {
-        let gust = Vector2::from(self.now.gust);
-        let Self { dynamics, mover, newton, now: Now { state, .. }, next, reading, accelerations, .. } = self;
+    fn reinitialise(&mut self) -> Result<()> {
+        let flow_jump = Vector2::from(self.now.flow_jump);
+        let Self {
+            dynamics,
+            model_stepper,
+            newton,
+            now: RunState { state, .. },
+            next,
+            measurements,
+            accelerations,
+            ..
+        } = self;
         dynamics.move_to(state.t, state);
         next.copy_from(state);
-        mover.settle(dynamics, newton, next)?;
+        model_stepper.reinitialise(dynamics, newton, next)?;
         let inertial = dynamics.model.forces.are_inertial();
-        if gust != Vector2::zeros() && inertial {
+        if flow_jump != Vector2::zeros() && inertial {
             let steady = dynamics.inputs.fluid.acceleration;
             accelerations.clone_from(&next.a);
-            dynamics.inputs.fluid.acceleration += gust * GUST;
-            let accelerated = mover.settle(dynamics, newton, next);
+            dynamics.inputs.fluid.acceleration += flow_jump * FLOW_JUMP_RATE;
+            let accelerated = model_stepper.reinitialise(dynamics, newton, next);
             dynamics.inputs.fluid.acceleration = steady;
             accelerated?;
             let changes = next.a.iter().zip(&*accelerations);
-            next.v.iter_mut().zip(changes).for_each(|(v, (with, without))| *v += (with - without) / GUST);
-            mover.settle(dynamics, newton, next)?;
+            next.v.iter_mut().zip(changes).for_each(|(v, (with, without))| *v += (with - without) / FLOW_JUMP_RATE);
+            model_stepper.reinitialise(dynamics, newton, next)?;
         }
         let (shape, motion) = (next.q != state.q, next.v != state.v);
         // What a fluid that is accelerated does, and moments that follow from balance, change with the accelerations alone.
         let forces = (inertial || dynamics.mechanics == Mechanics::Shape) && next.a != state.a;
         if shape || motion || forces {
-            reading.take(dynamics, next)?;
+            measurements.measure(dynamics, next)?;
         }
         let apart = |new: &[f64], old: &[f64]| new.iter().zip(old).fold(0.0, |max: f64, (a, b)| max.max((a - b).abs()));
         let reach = |tolerance: f64| match dynamics.mechanics {
@@ -585,23 +605,25 @@ impl Stepper {
             // A longer step would see where the rod comes to rest, not how.
             self.now.time_step = self.now.time_step.min(reach(tolerance));
         }
-        let Self { now: Now { state, .. }, next, .. } = self;
+        let Self { now: RunState { state, .. }, next, .. } = self;
         std::mem::swap(state, next);
         if shape || motion {
-            self.now.meter.count_jump(&mut self.reading, if shape { Giver::Actuation } else { Giver::Flow });
+            self.now
+                .metrics
+                .count_jump(&mut self.measurements, if shape { WorkSource::Actuation } else { WorkSource::Flow });
         } else if forces {
-            std::mem::swap(&mut self.now.meter.now, &mut self.reading);
+            std::mem::swap(&mut self.now.metrics.now, &mut self.measurements);
         }
         if shape || motion || forces {
-            self.now.cycles.follow(&self.dynamics, &self.now.state, &self.now.meter, None);
+            self.now.cycles.follow(&self.dynamics, &self.now.state, &self.now.metrics, None);
         }
         self.before = None;
-        (self.now.unsettled, self.now.gust) = (false, [0.0; 2]);
+        (self.now.needs_reinitialisation, self.now.flow_jump) = (false, [0.0; 2]);
         Ok(())
     }
 
     /// Goes back to the state now from a step that is not made.
-    fn stay(&mut self) {
+    fn discard_step(&mut self) {
         self.forget_step();
         let t = self.now.state.t;
         self.dynamics.step_end = (!self.is_at_start()).then_some(t);
@@ -613,13 +635,13 @@ impl Stepper {
         self.before = None;
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
         {
-            self.solved = None;
+            self.presolved = None;
         }
     }
 
     /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
     /// first half of one.
-    fn advance(
+    fn step_or_halve(
         &mut self,
         end: f64,
         h: f64,
@@ -627,38 +649,38 @@ impl Stepper {
         whole: bool,
         look: &mut impl FnMut(&mut Self) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
-        let limit = self.mover.limit();
-        let step = self.step(end, h).and_then(|error| {
+        let limit = self.model_stepper.error_limit();
+        let step = self.try_step(end, h).and_then(|error| {
             if error.position > limit * self.dynamics.length() {
                 return Err(Error::Tolerance { time_s: end, step_s: h, tolerance: limit });
             }
-            self.accept()
+            self.accept_step()
         });
         match step {
             Err(error) if error.is_cured_by_smaller_step() && depth < self.max_halvings => {
-                self.keep();
-                self.now.meter.totals.halvings += 1;
-                if self.advance(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
+                self.save_for_undo();
+                self.now.metrics.totals.halvings += 1;
+                if self.step_or_halve(end - 0.5 * h, 0.5 * h, depth + 1, false, look)?.is_break() {
                     return Ok(ControlFlow::Break(()));
                 }
-                self.advance(end, 0.5 * h, depth + 1, whole, look)
+                self.step_or_halve(end, 0.5 * h, depth + 1, whole, look)
             }
             outcome => outcome.map(|()| {
-                self.now.meter.totals.steps += u64::from(whole);
+                self.now.metrics.totals.steps += u64::from(whole);
                 look(self)
             }),
         }
     }
 
     /// Steps by `h` to time `end`, into `next`.
-    fn step(&mut self, end: f64, h: f64) -> Result<StepError> {
-        if self.now.steered {
-            self.set_out(self.goal, false)?; // by a look at the step before
+    fn try_step(&mut self, end: f64, h: f64) -> Result<StepError> {
+        if self.now.inputs_changed {
+            self.prepare_step(self.step_target, false)?; // by a look at the step before
         }
         self.dynamics.step_end = Some(end);
         if self.dynamics.head_jumps_at(self.now.state.t) {
-            self.keep();
-            self.settle()?;
+            self.save_for_undo();
+            self.reinitialise()?;
         }
         self.before = None;
         if let Some(dense) = &mut self.dense {
@@ -668,28 +690,30 @@ impl Stepper {
         self.next.t = end;
         self.measured = false;
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
-        if self.take_solved(end, h).is_some() {
+        if self.take_presolved(end, h).is_some() {
             return Ok(StepError::default());
         }
-        self.mover.step(&mut self.dynamics, &mut self.newton, &self.now.state, h, &mut self.next)
+        self.model_stepper.step(&mut self.dynamics, &mut self.newton, &self.now.state, h, &mut self.next)
     }
 
     /// Makes `next` the state, and counts the step.
-    fn accept(&mut self) -> Result<()> {
-        let middle = if self.mover.knows_between() { Some(self.middle()?) } else { None };
+    fn accept_step(&mut self) -> Result<()> {
+        let middle = if self.model_stepper.has_dense_output() { Some(self.middle()?) } else { None };
         if !self.measured {
-            self.reading.take(&mut self.dynamics, &self.next)?;
+            self.measurements.measure(&mut self.dynamics, &self.next)?;
         }
         let load = self.dynamics.load_work([self.now.state.t, self.next.t], &self.now.state.q, &self.next.q);
-        let middle = middle.and(self.dense.as_ref()).map(Dense::last);
-        let reading = middle.map(|(_, reading)| reading);
-        self.before = Some(self.now.meter.totals);
-        if let Err(error) = self.now.meter.count(&mut self.reading, reading, load, self.dynamics.head_mass()) {
+        let middle = middle.and(self.dense.as_ref()).map(DenseOutput::last);
+        let measurements = middle.map(|(_, measurements)| measurements);
+        self.before = Some(self.now.metrics.totals);
+        if let Err(error) =
+            self.now.metrics.count_step(&mut self.measurements, measurements, load, self.dynamics.head_mass())
+        {
             self.before = None;
             return Err(error);
         }
         std::mem::swap(&mut self.now.state, &mut self.next);
-        self.now.cycles.follow(&self.dynamics, &self.now.state, &self.now.meter, middle);
+        self.now.cycles.follow(&self.dynamics, &self.now.state, &self.now.metrics, middle);
         Ok(())
     }
 
@@ -729,7 +753,7 @@ impl Stepper {
     /// [`Error::NotFinite`] for a value so large that energies overflow; nothing is changed then.
     pub fn set(&mut self, name: &str, values: &[f64]) -> Result<()> {
         let variable = self.find(name)?;
-        self.set_all([Change { variable, order: 0, values }].into_iter())
+        self.set_all([InputChange { variable, order: 0, values }].into_iter())
     }
 
     /// Sets the time derivative of an input, of `order` 1 to [`HIGHEST_ORDER`]: from now on the input goes on as its value
@@ -742,18 +766,18 @@ impl Stepper {
         if order == 0 {
             return Err(Error::Order { order, highest: HIGHEST_ORDER });
         }
-        self.set_all([Change { variable, order, values }].into_iter())
+        self.set_all([InputChange { variable, order, values }].into_iter())
     }
 
     /// Makes several changes, in their order, as one.
     ///
     /// # Errors
     /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
-    pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = Change<'a>> + Clone) -> Result<()> {
+    pub fn set_all<'a>(&mut self, changes: impl Iterator<Item = InputChange<'a>> + Clone) -> Result<()> {
         for change in changes.clone() {
             change.check(self.model(), None)?;
         }
-        self.make_all(changes.map(|change| (change, 0)))
+        self.apply_all(changes.map(|change| (change, 0)))
     }
 
     /// Makes several changes of some entries of inputs as one: those from the index beside each change on. The other entries
@@ -761,26 +785,26 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`set_all`](Self::set_all).
-    pub fn set_entries<'a>(&mut self, changes: impl Iterator<Item = (Change<'a>, usize)> + Clone) -> Result<()> {
+    pub fn set_entries<'a>(&mut self, changes: impl Iterator<Item = (InputChange<'a>, usize)> + Clone) -> Result<()> {
         for (change, first) in changes.clone() {
             change.check(self.model(), Some(first))?;
         }
-        self.make_all(changes)
+        self.apply_all(changes)
     }
 
-    fn make_all<'a>(&mut self, changes: impl Iterator<Item = (Change<'a>, usize)> + Clone) -> Result<()> {
+    fn apply_all<'a>(&mut self, changes: impl Iterator<Item = (InputChange<'a>, usize)> + Clone) -> Result<()> {
         let t = self.now.state.t;
         self.inputs.0.clone_from(&self.dynamics.inputs);
         self.inputs.1.clone_from(&self.dynamics.course);
         if let Some(course) = &mut self.dynamics.course {
             course.rebase(t, &self.dynamics.inputs);
         }
-        let of_head = |(change, _): (Change<'_>, usize)| change.variable.of_head().is_some();
+        let of_head = |(change, _): (InputChange<'_>, usize)| change.variable.of_head().is_some();
         let of_head = changes.clone().any(of_head);
         changes.for_each(|(change, first)| change.make(&mut self.dynamics, t, first));
         let outcome = match of_head && self.is_at_start() && self.dynamics.starts_elsewhere(t, None) {
-            true => self.start_with_host(),
-            false => self.count_inputs(),
+            true => self.start_from_given_pose(),
+            false => self.count_input_change(),
         };
         if outcome.is_err() {
             self.dynamics.restore(&self.inputs.0);
@@ -791,18 +815,18 @@ impl Stepper {
     }
 
     /// Reads the state under inputs that have just changed, and counts what that does at once.
-    fn count_inputs(&mut self) -> Result<()> {
+    fn count_input_change(&mut self) -> Result<()> {
         let Self { dynamics, now, read_at_once, .. } = self;
         dynamics.move_to(now.state.t, &mut now.state);
         dynamics.check_layers(now.state.t)?;
-        read_at_once.take(dynamics, &now.state)?;
-        now.meter.count(read_at_once, None, 0.0, dynamics.head_mass())?;
+        read_at_once.measure(dynamics, &now.state)?;
+        now.metrics.count_step(read_at_once, None, 0.0, dynamics.head_mass())?;
         let before = &self.inputs.0;
-        let gust = dynamics.inputs.fluid.flow - before.fluid.flow;
-        now.steered = true;
-        now.unsettled |= !dynamics.inputs.act_as(before);
-        now.gust = (Vector2::from(now.gust) + gust).into();
-        now.cycles.follow(dynamics, &now.state, &now.meter, None);
+        let flow_jump = dynamics.inputs.fluid.flow - before.fluid.flow;
+        now.inputs_changed = true;
+        now.needs_reinitialisation |= !dynamics.inputs.act_as(before);
+        now.flow_jump = (Vector2::from(now.flow_jump) + flow_jump).into();
+        now.cycles.follow(dynamics, &now.state, &now.metrics, None);
         self.before = None; // its end is another now
         Ok(())
     }
@@ -810,7 +834,7 @@ impl Stepper {
 
 /// A new value of an input, or of a time derivative of it.
 #[derive(Debug, Clone, Copy)]
-pub struct Change<'a> {
+pub struct InputChange<'a> {
     /// The input.
     pub variable: &'static Variable,
     /// The order of the derivative; zero is the value.
@@ -819,7 +843,7 @@ pub struct Change<'a> {
     pub values: &'a [f64],
 }
 
-impl Change<'_> {
+impl InputChange<'_> {
     /// Refuses what is no change of a whole input, or of its entries from index `first` on.
     fn check(&self, model: &Model, first: Option<usize>) -> Result<()> {
         let Self { variable, order, values } = *self;
@@ -880,7 +904,7 @@ fn largest(values: &[f64]) -> f64 {
 /// The next step over one whose error was `size` times the tolerance, where errors go with the step to the power `order`: its own
 /// is that power of [`SAFETY`] times the tolerance (E. Hairer, S. P. Nørsett & G. Wanner, Solving Ordinary Differential Equations I,
 /// section II.4).
-fn fitting(size: f64, order: u32) -> f64 {
+fn step_factor(size: f64, order: u32) -> f64 {
     SAFETY * size.powf(-1.0 / f64::from(order))
 }
 
@@ -892,7 +916,7 @@ mod tests {
     fn the_next_step_has_the_error_that_is_aimed_at() {
         for order in 1..=4 {
             for size in [1e-3_f64, 0.5, 1.0, 8.0, 1e4] {
-                let next = size * fitting(size, order).powi(order as i32);
+                let next = size * step_factor(size, order).powi(order as i32);
                 let aim = SAFETY.powi(order as i32);
                 assert!((next / aim - 1.0).abs() < 1e-14, "order {order}: {next} of the tolerance, aimed at {aim}");
             }

@@ -4,10 +4,10 @@
 
 use nalgebra::Vector2;
 
-use crate::cycle::{self, Cycles, Measure};
+use crate::cycle::{self, CycleMeasure, Cycles};
 use crate::error::{Error, nearest};
 use crate::fluid::{DENSITY, Force, Layer, Layers, Sink};
-use crate::metrics::Meter;
+use crate::metrics::RunMetrics;
 use crate::model::{Dynamics, Inputs, Mechanics, Model};
 use crate::newton::Work;
 use crate::rod::{bend, node};
@@ -61,7 +61,7 @@ pub struct View<'a> {
     /// State.
     pub state: &'a State,
     /// Measurements.
-    pub meter: &'a Meter,
+    pub metrics: &'a RunMetrics,
     /// The last whole cycles.
     pub cycles: &'a Cycles,
     /// Work of Newton's method.
@@ -77,11 +77,11 @@ impl View<'_> {
 
     /// Displacement of node `k` since the start along axis `i`.
     fn displacement(&self, k: usize, i: usize) -> f64 {
-        self.state.q[2 * k + i] - self.meter.first_positions[2 * k + i]
+        self.state.q[2 * k + i] - self.metrics.first_positions[2 * k + i]
     }
 
     /// The mean of `measure` over the last whole cycles; zero before the first, NaN where none can be known.
-    fn average(&self, measure: &Measure) -> f64 {
+    fn average(&self, measure: &CycleMeasure) -> f64 {
         let cycles = self.cycles.whole(self.state.t);
         if cycles.is_empty() {
             if self.cycles.are_unknown(self.dynamics) { f64::NAN } else { 0.0 }
@@ -101,18 +101,18 @@ impl View<'_> {
 
 /// An input that an output follows at once, before any step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Feed {
+pub struct DirectFeedthrough {
     /// Its name.
     pub input: &'static str,
     /// Which of its entries.
-    pub reach: Reach,
+    pub entries: FeedthroughEntries,
     /// Where it does.
-    pub only: Only,
+    pub condition: FeedthroughCondition,
 }
 
 /// Where an output follows an input at once.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Only {
+pub enum FeedthroughCondition {
     /// Everywhere.
     Always,
     /// Where positions are the unknowns: in the chain form an edge's force is one itself, and waits for the step.
@@ -125,7 +125,7 @@ pub enum Only {
     OfElasticity,
 }
 
-impl Only {
+impl FeedthroughCondition {
     fn holds(self, dynamics: &Dynamics, form: Form) -> bool {
         let shape = dynamics.mechanics == Mechanics::Shape;
         match self {
@@ -145,7 +145,7 @@ impl Only {
 
 /// Which entries of an input an entry of an output follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reach {
+pub enum FeedthroughEntries {
     /// All.
     All,
     /// That of its own node.
@@ -154,35 +154,39 @@ pub enum Reach {
     First(usize),
 }
 
-const fn feed(input: &'static str, reach: Reach) -> Feed {
-    Feed { input, reach, only: Only::Always }
+const fn always(input: &'static str, entries: FeedthroughEntries) -> DirectFeedthrough {
+    DirectFeedthrough { input, entries, condition: FeedthroughCondition::Always }
 }
 
-const fn bent(input: &'static str, reach: Reach) -> Feed {
-    Feed { input, reach, only: Only::InPositions }
+const fn in_positions(input: &'static str, entries: FeedthroughEntries) -> DirectFeedthrough {
+    DirectFeedthrough { input, entries, condition: FeedthroughCondition::InPositions }
 }
 
-const fn afloat(input: &'static str) -> Feed {
-    Feed { input, reach: Reach::All, only: Only::WithBuoyancy }
+const fn with_buoyancy(input: &'static str) -> DirectFeedthrough {
+    DirectFeedthrough { input, entries: FeedthroughEntries::All, condition: FeedthroughCondition::WithBuoyancy }
 }
 
-const fn elastic(input: &'static str, reach: Reach) -> Feed {
-    Feed { input, reach, only: Only::OfElasticity }
+const fn elastic(input: &'static str, entries: FeedthroughEntries) -> DirectFeedthrough {
+    DirectFeedthrough { input, entries, condition: FeedthroughCondition::OfElasticity }
 }
 
 /// The same where the rod takes its natural curvature.
-const fn of_shape<const N: usize>(feeds: &[Feed]) -> [Feed; N] {
+const fn of_shape<const N: usize>(feeds: &[DirectFeedthrough]) -> [DirectFeedthrough; N] {
     let mut all = [feeds[0]; N];
     let mut i = 0;
     while i < N {
-        all[i] = Feed { reach: Reach::All, only: Only::OfShape, ..feeds[i] };
+        all[i] = DirectFeedthrough {
+            entries: FeedthroughEntries::All,
+            condition: FeedthroughCondition::OfShape,
+            ..feeds[i]
+        };
         i += 1;
     }
     all
 }
 
 /// `a`, then `b`: `N` in all.
-const fn join<const N: usize>(a: &[Feed], b: &[Feed]) -> [Feed; N] {
+const fn join<const N: usize>(a: &[DirectFeedthrough], b: &[DirectFeedthrough]) -> [DirectFeedthrough; N] {
     let mut all = [a[0]; N];
     let mut i = 0;
     while i < N {
@@ -192,73 +196,77 @@ const fn join<const N: usize>(a: &[Feed], b: &[Feed]) -> [Feed; N] {
     all
 }
 
-const FLUID: [Feed; 16] = [
-    feed("viscosity_pa_s", Reach::All),
-    feed("density_kg_m3", Reach::All),
-    feed("flow_x_m_s", Reach::All),
-    feed("flow_y_m_s", Reach::All),
-    feed("interface_1_offset_m", Reach::All),
-    feed("beyond_1_viscosity_pa_s", Reach::All),
-    feed("beyond_1_density_kg_m3", Reach::All),
-    feed("interface_2_offset_m", Reach::All),
-    feed("beyond_2_viscosity_pa_s", Reach::All),
-    feed("beyond_2_density_kg_m3", Reach::All),
-    feed("interface_3_offset_m", Reach::All),
-    feed("beyond_3_viscosity_pa_s", Reach::All),
-    feed("beyond_3_density_kg_m3", Reach::All),
-    feed("interface_4_offset_m", Reach::All),
-    feed("beyond_4_viscosity_pa_s", Reach::All),
-    feed("beyond_4_density_kg_m3", Reach::All),
+const FLUID: [DirectFeedthrough; 16] = [
+    always("viscosity_pa_s", FeedthroughEntries::All),
+    always("density_kg_m3", FeedthroughEntries::All),
+    always("flow_x_m_s", FeedthroughEntries::All),
+    always("flow_y_m_s", FeedthroughEntries::All),
+    always("interface_1_offset_m", FeedthroughEntries::All),
+    always("beyond_1_viscosity_pa_s", FeedthroughEntries::All),
+    always("beyond_1_density_kg_m3", FeedthroughEntries::All),
+    always("interface_2_offset_m", FeedthroughEntries::All),
+    always("beyond_2_viscosity_pa_s", FeedthroughEntries::All),
+    always("beyond_2_density_kg_m3", FeedthroughEntries::All),
+    always("interface_3_offset_m", FeedthroughEntries::All),
+    always("beyond_3_viscosity_pa_s", FeedthroughEntries::All),
+    always("beyond_3_density_kg_m3", FeedthroughEntries::All),
+    always("interface_4_offset_m", FeedthroughEntries::All),
+    always("beyond_4_viscosity_pa_s", FeedthroughEntries::All),
+    always("beyond_4_density_kg_m3", FeedthroughEntries::All),
 ];
-const WAVE: [Feed; 2] = [elastic("actuation_amplitude", Reach::All), elastic("actuation_phase_rad", Reach::All)];
-const NATURAL: &[Feed] = &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", Reach::All)];
-const FORCES: &[Feed] = &[feed("force_x_n", Reach::All), feed("force_y_n", Reach::All)];
+const WAVE: [DirectFeedthrough; 2] =
+    [elastic("actuation_amplitude", FeedthroughEntries::All), elastic("actuation_phase_rad", FeedthroughEntries::All)];
+const NATURAL: &[DirectFeedthrough] = &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::All)];
+const FORCES: &[DirectFeedthrough] =
+    &[always("force_x_n", FeedthroughEntries::All), always("force_y_n", FeedthroughEntries::All)];
 /// What the balance of a rod follows that takes its natural curvature.
-const BALANCE: [Feed; 18] = of_shape(&join::<18>(&FLUID, FORCES));
-const NATURAL_RATE: [Feed; 22] = join(
+const BALANCE: [DirectFeedthrough; 18] = of_shape(&join::<18>(&FLUID, FORCES));
+const NATURAL_RATE: [DirectFeedthrough; 22] = join(
     &BALANCE,
     &[
-        feed("actuation_amplitude", Reach::All),
-        feed("actuation_phase_rad", Reach::All),
-        feed("actuation_frequency_hz", Reach::All),
+        always("actuation_amplitude", FeedthroughEntries::All),
+        always("actuation_phase_rad", FeedthroughEntries::All),
+        always("actuation_frequency_hz", FeedthroughEntries::All),
         NATURAL[2],
     ],
 );
-const OWN_NATURAL: [Feed; 21] = join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", Reach::Own)]);
-const HEAD_NATURAL: [Feed; 21] = join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", Reach::First(1))]);
-const LOADS: [Feed; 11] = join(
+const OWN_NATURAL: [DirectFeedthrough; 21] =
+    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::Own)]);
+const HEAD_NATURAL: [DirectFeedthrough; 21] =
+    join(&BALANCE, &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::First(1))]);
+const LOADS: [DirectFeedthrough; 11] = join(
     &[
-        afloat("density_kg_m3"),
-        afloat("interface_1_offset_m"),
-        afloat("beyond_1_density_kg_m3"),
-        afloat("interface_2_offset_m"),
-        afloat("beyond_2_density_kg_m3"),
-        afloat("interface_3_offset_m"),
-        afloat("beyond_3_density_kg_m3"),
-        afloat("interface_4_offset_m"),
-        afloat("beyond_4_density_kg_m3"),
+        with_buoyancy("density_kg_m3"),
+        with_buoyancy("interface_1_offset_m"),
+        with_buoyancy("beyond_1_density_kg_m3"),
+        with_buoyancy("interface_2_offset_m"),
+        with_buoyancy("beyond_2_density_kg_m3"),
+        with_buoyancy("interface_3_offset_m"),
+        with_buoyancy("beyond_3_density_kg_m3"),
+        with_buoyancy("interface_4_offset_m"),
+        with_buoyancy("beyond_4_density_kg_m3"),
     ],
     FORCES,
 );
-const HEAD: [Feed; 19] = join(
+const HEAD: [DirectFeedthrough; 19] = join(
     &FLUID,
     &[
-        bent("actuation_amplitude", Reach::All),
-        bent("actuation_phase_rad", Reach::All),
-        bent("natural_curvature_1_m", Reach::First(2)),
+        in_positions("actuation_amplitude", FeedthroughEntries::All),
+        in_positions("actuation_phase_rad", FeedthroughEntries::All),
+        in_positions("natural_curvature_1_m", FeedthroughEntries::First(2)),
     ],
 );
-const HEAD_X: [Feed; 21] = join(&HEAD, &[feed("force_x_n", Reach::First(1)), BALANCE[16]]);
-const HEAD_Y: [Feed; 21] = join(&HEAD, &[feed("force_y_n", Reach::First(1)), BALANCE[17]]);
-const HEAD_POWER: [Feed; 24] = join(
+const HEAD_X: [DirectFeedthrough; 21] = join(&HEAD, &[always("force_x_n", FeedthroughEntries::First(1)), BALANCE[16]]);
+const HEAD_Y: [DirectFeedthrough; 21] = join(&HEAD, &[always("force_y_n", FeedthroughEntries::First(1)), BALANCE[17]]);
+const HEAD_POWER: [DirectFeedthrough; 24] = join(
     &FLUID,
     &[
         WAVE[0],
         WAVE[1],
         HEAD_NATURAL[20],
         HEAD[18],
-        feed("force_x_n", Reach::First(1)),
-        feed("force_y_n", Reach::First(1)),
+        always("force_x_n", FeedthroughEntries::First(1)),
+        always("force_y_n", FeedthroughEntries::First(1)),
         BALANCE[16],
         BALANCE[17],
     ],
@@ -267,7 +275,7 @@ const HEAD_POWER: [Feed; 24] = join(
 /// Reads a variable, or one entry of it: the index is a node.
 type Get = fn(&View<'_>, usize) -> f64;
 /// The first change of a variable, from what is read now and its change.
-type Tangent = fn(&View<'_>, &View<'_>, usize) -> f64;
+type DerivativeOf = fn(&View<'_>, &View<'_>, usize) -> f64;
 /// Sets a variable at a time.
 type Set = fn(&mut Dynamics, f64, &[f64]);
 /// Sets the entries of an array from an index on.
@@ -292,16 +300,16 @@ pub struct Variable {
     /// True where trajectory.csv has it.
     pub recorded: bool,
     /// The inputs that it follows at once.
-    pub feeds: &'static [Feed],
+    pub feedthrough: &'static [DirectFeedthrough],
     fed_in: fn(&Model) -> bool,
     /// It is the stiffness of the rod, or follows it otherwise than by a curvature.
     elastic: bool,
     /// It is how a held head is turned, which follows from the time alone.
     turned: bool,
-    needs: Needs,
+    needs: Requirement,
     get: Get,
     /// Where it is not linear in state and readings; else its change is what is read of theirs.
-    tangent: Option<Tangent>,
+    tangent: Option<DerivativeOf>,
     set: Option<Set>,
     set_entries: Option<SetEntries>,
     /// For an input of a held head: the coordinate (x, y, angle) and the order of its derivative by time.
@@ -325,11 +333,11 @@ impl Variable {
             description,
             size: Size::Scalar,
             recorded: false,
-            feeds: &[],
+            feedthrough: &[],
             fed_in: |_| true,
             elastic: false,
             turned: false,
-            needs: Needs { met: |_| true, what: "" },
+            needs: Requirement { met: |_| true, what: "" },
             get,
             tangent: None,
             set: None,
@@ -347,12 +355,12 @@ impl Variable {
         Self { recorded: true, ..self }
     }
 
-    const fn when(self, needs: Needs) -> Self {
+    const fn when(self, needs: Requirement) -> Self {
         Self { needs, ..self }
     }
 
-    const fn fed(self, feeds: &'static [Feed]) -> Self {
-        Self { feeds, ..self }
+    const fn fed(self, feedthrough: &'static [DirectFeedthrough]) -> Self {
+        Self { feedthrough, ..self }
     }
 
     const fn fed_in(self, fed_in: fn(&Model) -> bool) -> Self {
@@ -367,7 +375,7 @@ impl Variable {
         Self { turned: true, ..self }
     }
 
-    const fn changing(self, tangent: Tangent) -> Self {
+    const fn changing(self, tangent: DerivativeOf) -> Self {
         Self { tangent: Some(tangent), ..self }
     }
 
@@ -394,20 +402,20 @@ impl Variable {
     pub fn follows(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
         let entries = input.entries(model);
-        let feeds = self.feeds.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));
-        let reach = feeds.filter(|feed| feed.only.holds(dynamics, form)).map(|feed| match feed.reach {
-            Reach::Own => k..k + 1,
-            Reach::First(count) if input.size != Size::Scalar => 0..count,
-            Reach::All | Reach::First(_) => entries.clone(),
+        let feeds = self.feedthrough.iter().filter(|feed| feed.input == input.name && (self.fed_in)(model));
+        let entries = feeds.filter(|feed| feed.condition.holds(dynamics, form)).map(|feed| match feed.entries {
+            FeedthroughEntries::Own => k..k + 1,
+            FeedthroughEntries::First(count) if input.size != Size::Scalar => 0..count,
+            FeedthroughEntries::All | FeedthroughEntries::First(_) => entries.clone(),
         });
-        let reach = reach.max_by_key(std::ops::Range::len).unwrap_or(0..0);
-        reach.start.max(entries.start)..reach.end.min(entries.end).max(entries.start.max(reach.start))
+        let entries = entries.max_by_key(std::ops::Range::len).unwrap_or(0..0);
+        entries.start.max(entries.start)..entries.end.min(entries.end).max(entries.start.max(entries.start))
     }
 
     /// True where an entry follows some entry of the input called `name` at once.
     fn is_fed_by(&self, name: &str, dynamics: &Dynamics, form: Form) -> bool {
-        let mut feeds = self.feeds.iter().filter(|feed| feed.input == name && (self.fed_in)(&dynamics.model));
-        feeds.any(|feed| feed.only.holds(dynamics, form))
+        let mut feeds = self.feedthrough.iter().filter(|feed| feed.input == name && (self.fed_in)(&dynamics.model));
+        feeds.any(|feed| feed.condition.holds(dynamics, form))
     }
 
     /// True where it follows the scene's tunable parameter of this `key` at once, see
@@ -551,36 +559,39 @@ const fn output(name: &'static str, unit: &'static str, description: &'static st
 }
 
 /// A mean over the last whole cycles, which no input changes at once; zero before the first is over.
-const fn average(measure: &Measure, get: Get) -> Variable {
+const fn average(measure: &CycleMeasure, get: Get) -> Variable {
     output(measure.key, measure.unit, measure.description, get).changing(|_, _, _| 0.0)
 }
 
 /// What a scene must have for a variable to be there.
 #[derive(Debug, Clone, Copy)]
-struct Needs {
+struct Requirement {
     met: fn(&Model) -> bool,
     /// In words.
     what: &'static str,
 }
 
-const ACTUATION: Needs = Needs { met: has_actuation, what: "an [actuation]" };
-const BODY: Needs = Needs { met: has_body, what: "a [head_body]" };
-const DENSE_FLUID: Needs = Needs {
+const ACTUATION: Requirement = Requirement { met: has_actuation, what: "an [actuation]" };
+const BODY: Requirement = Requirement { met: has_body, what: "a [head_body]" };
+const DENSE_FLUID: Requirement = Requirement {
     met: has_dense_fluid,
     what: "a force that depends on the density of the fluid: buoyancy, [reactive], or a drag law with inertia",
 };
-const FLUID_THERE: Needs = Needs { met: has_fluid, what: "a [medium] that acts on the rod" };
-const HELD_HEAD: Needs = Needs { met: has_held_head, what: r#"a held head: [head] with kind = "clamped" or "driven""# };
-const INERTIAL_FLUID: Needs = Needs { met: has_inertial_fluid, what: "a fluid that the rod accelerates: [reactive]" };
-const OTHER_FORCES: Needs = Needs { met: has_other_forces, what: "a force of your own" };
-const SPRAY: Needs = Needs { met: has_spray, what: "[reactive] and a medium with interfaces" };
-const FREE: Needs = Needs { met: is_free, what: "a free head" };
-const FLOW_X: Needs = Needs { met: has_flow::<0>, what: "a [medium] that may flow along this axis" };
-const FLOW_Y: Needs = Needs { met: has_flow::<1>, what: "a [medium] that may flow along this axis" };
-const INTERFACE_1: Needs = Needs { met: has_interface::<1>, what: "[medium.beyond] or one of [[medium.layers]]" };
-const INTERFACE_2: Needs = Needs { met: has_interface::<2>, what: "two layers in [[medium.layers]]" };
-const INTERFACE_3: Needs = Needs { met: has_interface::<3>, what: "three layers in [[medium.layers]]" };
-const INTERFACE_4: Needs = Needs { met: has_interface::<4>, what: "four layers in [[medium.layers]]" };
+const FLUID_THERE: Requirement = Requirement { met: has_fluid, what: "a [medium] that acts on the rod" };
+const HELD_HEAD: Requirement =
+    Requirement { met: has_held_head, what: r#"a held head: [head] with kind = "clamped" or "driven""# };
+const INERTIAL_FLUID: Requirement =
+    Requirement { met: has_inertial_fluid, what: "a fluid that the rod accelerates: [reactive]" };
+const OTHER_FORCES: Requirement = Requirement { met: has_other_forces, what: "a force of your own" };
+const SPRAY: Requirement = Requirement { met: has_spray, what: "[reactive] and a medium with interfaces" };
+const FREE: Requirement = Requirement { met: is_free, what: "a free head" };
+const FLOW_X: Requirement = Requirement { met: has_flow::<0>, what: "a [medium] that may flow along this axis" };
+const FLOW_Y: Requirement = Requirement { met: has_flow::<1>, what: "a [medium] that may flow along this axis" };
+const INTERFACE_1: Requirement =
+    Requirement { met: has_interface::<1>, what: "[medium.beyond] or one of [[medium.layers]]" };
+const INTERFACE_2: Requirement = Requirement { met: has_interface::<2>, what: "two layers in [[medium.layers]]" };
+const INTERFACE_3: Requirement = Requirement { met: has_interface::<3>, what: "three layers in [[medium.layers]]" };
+const INTERFACE_4: Requirement = Requirement { met: has_interface::<4>, what: "four layers in [[medium.layers]]" };
 
 fn has_actuation(model: &Model) -> bool {
     model.actuation.is_some()
@@ -738,8 +749,8 @@ fn efficiency_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
 }
 
 fn joint_moment_change(now: &View<'_>, change: &View<'_>, k: usize) -> f64 {
-    let (kappa, moment) = (now.meter.now.kappa[k], now.meter.now.moment[k]);
-    let (turned, more) = (change.meter.now.kappa[k], change.meter.now.moment[k]);
+    let (kappa, moment) = (now.metrics.now.kappa[k], now.metrics.now.moment[k]);
+    let (turned, more) = (change.metrics.now.kappa[k], change.metrics.now.moment[k]);
     more * bend::curvature_per_turning(kappa) + moment * 0.5 * kappa * turned
 }
 
@@ -763,22 +774,22 @@ pub(crate) fn unknown(name: &str, there: impl Iterator<Item = &'static str>) -> 
 pub static VARIABLES: &[Variable] = &[
     Variable::new(Causality::Independent, "time_s", "s", "time", |v, _| v.time).recorded(),
 
-    output("x_com_m", "m", "centre of mass, x", |v, _| v.meter.now.com.x).recorded(),
-    output("y_com_m", "m", "centre of mass, y", |v, _| v.meter.now.com.y).recorded(),
+    output("x_com_m", "m", "centre of mass, x", |v, _| v.metrics.now.com.x).recorded(),
+    output("y_com_m", "m", "centre of mass, y", |v, _| v.metrics.now.com.y).recorded(),
     output("vx_com_m_s", "m/s", "velocity of the centre of mass, x", |v, _| com_velocity(v, 0)),
     output("vy_com_m_s", "m/s", "velocity of the centre of mass, y", |v, _| com_velocity(v, 1)),
-    output("stretching_energy_j", "J", "stretching energy", |v, _| v.meter.now.energy.stretching).recorded().elastic(),
-    output("bending_energy_j", "J", "bending energy", |v, _| v.meter.now.energy.bending).fed(NATURAL).recorded(),
-    output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.meter.now.energy.kinetic).recorded(),
-    output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.meter.now.energy.fluid).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.meter.now.power.actuation).fed(&NATURAL_RATE).recorded(),
-    output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.meter.now.power.viscous).fed(&FLUID).recorded(),
-    output("wake_power_w", "W", "power taken by the wake", |v, _| v.meter.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("spray_power_w", "W", "power taken by the spray at interfaces", |v, _| v.meter.now.power.spray).when(SPRAY).fed(&FLUID).recorded(),
-    output("other_power_w", "W", "power put in by other forces", |v, _| v.meter.now.power.other).when(OTHER_FORCES).recorded(),
-    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.meter.now.power.load).fed(&LOADS).recorded(),
-    output("head_power_w", "W", "power put in by the held head", |v, _| v.meter.now.power.head).fed(&HEAD_POWER).fed_in(has_held_head).recorded(),
-    output("flow_power_w", "W", "power put in by the background flow", |v, _| v.meter.now.power.flow).fed(&FLUID).recorded(),
+    output("stretching_energy_j", "J", "stretching energy", |v, _| v.metrics.now.energy.stretching).recorded().elastic(),
+    output("bending_energy_j", "J", "bending energy", |v, _| v.metrics.now.energy.bending).fed(NATURAL).recorded(),
+    output("kinetic_energy_j", "J", "kinetic energy", |v, _| v.metrics.now.energy.kinetic).recorded(),
+    output("fluid_energy_j", "J", "energy of the fluid that the rod accelerates", |v, _| v.metrics.now.energy.fluid).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("actuation_power_w", "W", "power put in by the moving natural curvature", |v, _| v.metrics.now.power.actuation).fed(&NATURAL_RATE).recorded(),
+    output("viscous_power_w", "W", "power taken by viscosity", |v, _| v.metrics.now.power.viscous).fed(&FLUID).recorded(),
+    output("wake_power_w", "W", "power taken by the wake", |v, _| v.metrics.now.power.wake).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("spray_power_w", "W", "power taken by the spray at interfaces", |v, _| v.metrics.now.power.spray).when(SPRAY).fed(&FLUID).recorded(),
+    output("other_power_w", "W", "power put in by other forces", |v, _| v.metrics.now.power.other).when(OTHER_FORCES).recorded(),
+    output("load_power_w", "W", "power put in by gravity, point loads and host forces", |v, _| v.metrics.now.power.load).fed(&LOADS).recorded(),
+    output("head_power_w", "W", "power put in by the held head", |v, _| v.metrics.now.power.head).fed(&HEAD_POWER).fed_in(has_held_head).recorded(),
+    output("flow_power_w", "W", "power put in by the background flow", |v, _| v.metrics.now.power.flow).fed(&FLUID).recorded(),
     output("head_dx_m", "m", "displacement of node 0, the head or the centre of a head body, since the start, x", |v, _| v.displacement(0, 0)).recorded(),
     output("head_dy_m", "m", "displacement of node 0 since the start, y", |v, _| v.displacement(0, 1)).recorded(),
     output("mid_dx_m", "m", "displacement of the middle node since the start, x", |v, _| v.displacement(v.middle(), 0)).recorded(),
@@ -797,54 +808,54 @@ pub static VARIABLES: &[Variable] = &[
     output("pose_vx_m_s", "m/s", "velocity of the head as it moves, x", |v, _| v.state.v[0]),
     output("pose_vy_m_s", "m/s", "velocity of the head as it moves, y", |v, _| v.state.v[1]),
     output("pose_spin_rad_s", "rad/s", "angular velocity of the head as it moves", |v, _| turn(v, 0)[1]).changing(|now, change, _| turn_change(now, change, 0)[1]).turned(),
-    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.meter.now.head_force.x).when(HELD_HEAD).fed(&HEAD_X).recorded(),
-    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.meter.now.head_force.y).when(HELD_HEAD).fed(&HEAD_Y).recorded(),
-    output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.meter.now.head_moment).when(HELD_HEAD).fed(&HEAD_NATURAL).recorded(),
+    output("head_force_x_n", "N", "force of the tail on the held head, x", |v, _| v.metrics.now.head_force.x).when(HELD_HEAD).fed(&HEAD_X).recorded(),
+    output("head_force_y_n", "N", "force of the tail on the held head, y", |v, _| v.metrics.now.head_force.y).when(HELD_HEAD).fed(&HEAD_Y).recorded(),
+    output("head_moment_n_m", "N m", "moment of the tail on the held head about node 0", |v, _| v.metrics.now.head_moment).when(HELD_HEAD).fed(&HEAD_NATURAL).recorded(),
     output("body_x_m", "m", "centre of the head body, x", |v, _| v.state.q[0]).when(BODY).recorded(),
     output("body_y_m", "m", "centre of the head body, y", |v, _| v.state.q[1]).when(BODY).recorded(),
     output("body_angle_rad", "rad", "direction of the head body's axis, along which the rod begins, from +x", |v, _| body_angle(v.state)).when(BODY).changing(body_angle_change).recorded(),
-    output("drag_force_x_n", "N", "force of drag on the rod, x", |v, _| v.meter.now.push.drag.x).when(FLUID_THERE).fed(&FLUID).recorded(),
-    output("drag_force_y_n", "N", "force of drag on the rod, y", |v, _| v.meter.now.push.drag.y).when(FLUID_THERE).fed(&FLUID).recorded(),
-    output("reactive_force_x_n", "N", "force on the rod of the fluid that it accelerates, the wake apart, x", |v, _| v.meter.now.push.inertia.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("reactive_force_y_n", "N", "force on the rod of the fluid that it accelerates, the wake apart, y", |v, _| v.meter.now.push.inertia.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("wake_force_x_n", "N", "force on the tip of the wake that leaves it, x", |v, _| v.meter.now.push.wake.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("wake_force_y_n", "N", "force on the tip of the wake that leaves it, y", |v, _| v.meter.now.push.wake.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("rod_momentum_x_n_s", "N s", "momentum of the rod, x", |v, _| v.meter.now.momentum.rod.x).when(INERTIAL_FLUID).recorded(),
-    output("rod_momentum_y_n_s", "N s", "momentum of the rod, y", |v, _| v.meter.now.momentum.rod.y).when(INERTIAL_FLUID).recorded(),
-    output("fluid_momentum_x_n_s", "N s", "momentum of the fluid that the rod accelerates, against the flow, x", |v, _| v.meter.now.momentum.fluid.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("fluid_momentum_y_n_s", "N s", "momentum of the fluid that the rod accelerates, against the flow, y", |v, _| v.meter.now.momentum.fluid.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
-    output("drag_impulse_x_n_s", "N s", "impulse of drag since the start, x", |v, _| v.meter.totals.impulse.drag.x).when(INERTIAL_FLUID),
-    output("drag_impulse_y_n_s", "N s", "impulse of drag since the start, y", |v, _| v.meter.totals.impulse.drag.y).when(INERTIAL_FLUID),
-    output("wake_impulse_x_n_s", "N s", "impulse of the wake since the start, x", |v, _| v.meter.totals.impulse.wake.x).when(INERTIAL_FLUID),
-    output("wake_impulse_y_n_s", "N s", "impulse of the wake since the start, y", |v, _| v.meter.totals.impulse.wake.y).when(INERTIAL_FLUID),
-    output("flow_impulse_x_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, x", |v, _| v.meter.totals.impulse.flow.x).when(INERTIAL_FLUID).fed(&FLUID),
-    output("flow_impulse_y_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, y", |v, _| v.meter.totals.impulse.flow.y).when(INERTIAL_FLUID).fed(&FLUID),
-    output("load_impulse_x_n_s", "N s", "impulse of loads since the start, x", |v, _| v.meter.totals.impulse.load.x).when(INERTIAL_FLUID),
-    output("load_impulse_y_n_s", "N s", "impulse of loads since the start, y", |v, _| v.meter.totals.impulse.load.y).when(INERTIAL_FLUID),
-    output("head_impulse_x_n_s", "N s", "impulse of the held head since the start, x", |v, _| v.meter.totals.impulse.head.x).when(INERTIAL_FLUID),
-    output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.meter.totals.impulse.head.y).when(INERTIAL_FLUID),
-    output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.meter.momentum_defect().x).when(INERTIAL_FLUID),
-    output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.meter.momentum_defect().y).when(INERTIAL_FLUID),
-    output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.meter.net_displacement()),
-    output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.meter.totals.max_lateral),
-    output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.meter.totals.work.actuation).fed(NATURAL).recorded(),
-    output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.meter.totals.work.viscous).recorded(),
-    output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.meter.totals.work.wake).when(INERTIAL_FLUID).recorded(),
-    output("spray_work_j", "J", "work taken by the spray at interfaces since the start", |v, _| v.meter.totals.work.spray).when(SPRAY).recorded(),
-    output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.meter.totals.work.other).when(OTHER_FORCES).recorded(),
-    output("load_work_j", "J", "work put in by loads since the start", |v, _| v.meter.totals.work.load).recorded(),
-    output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.meter.totals.work.head).recorded(),
-    output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.meter.totals.work.flow).fed(&FLUID).fed_in(has_inertial_fluid).recorded(),
-    output("numerical_dissipation_j", "J", "defect of the energy balance since the start", |v, _| v.meter.numerical_dissipation()).recorded(),
-    output("steps", "1", "steps made", |v, _| v.meter.totals.steps as f64),
+    output("drag_force_x_n", "N", "force of drag on the rod, x", |v, _| v.metrics.now.resultants.drag.x).when(FLUID_THERE).fed(&FLUID).recorded(),
+    output("drag_force_y_n", "N", "force of drag on the rod, y", |v, _| v.metrics.now.resultants.drag.y).when(FLUID_THERE).fed(&FLUID).recorded(),
+    output("reactive_force_x_n", "N", "force on the rod of the fluid that it accelerates, the wake apart, x", |v, _| v.metrics.now.resultants.inertia.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("reactive_force_y_n", "N", "force on the rod of the fluid that it accelerates, the wake apart, y", |v, _| v.metrics.now.resultants.inertia.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("wake_force_x_n", "N", "force on the tip of the wake that leaves it, x", |v, _| v.metrics.now.resultants.wake.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("wake_force_y_n", "N", "force on the tip of the wake that leaves it, y", |v, _| v.metrics.now.resultants.wake.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("rod_momentum_x_n_s", "N s", "momentum of the rod, x", |v, _| v.metrics.now.momentum.rod.x).when(INERTIAL_FLUID).recorded(),
+    output("rod_momentum_y_n_s", "N s", "momentum of the rod, y", |v, _| v.metrics.now.momentum.rod.y).when(INERTIAL_FLUID).recorded(),
+    output("fluid_momentum_x_n_s", "N s", "momentum of the fluid that the rod accelerates, against the flow, x", |v, _| v.metrics.now.momentum.fluid.x).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("fluid_momentum_y_n_s", "N s", "momentum of the fluid that the rod accelerates, against the flow, y", |v, _| v.metrics.now.momentum.fluid.y).when(INERTIAL_FLUID).fed(&FLUID).recorded(),
+    output("drag_impulse_x_n_s", "N s", "impulse of drag since the start, x", |v, _| v.metrics.totals.impulse.drag.x).when(INERTIAL_FLUID),
+    output("drag_impulse_y_n_s", "N s", "impulse of drag since the start, y", |v, _| v.metrics.totals.impulse.drag.y).when(INERTIAL_FLUID),
+    output("wake_impulse_x_n_s", "N s", "impulse of the wake since the start, x", |v, _| v.metrics.totals.impulse.wake.x).when(INERTIAL_FLUID),
+    output("wake_impulse_y_n_s", "N s", "impulse of the wake since the start, y", |v, _| v.metrics.totals.impulse.wake.y).when(INERTIAL_FLUID),
+    output("flow_impulse_x_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, x", |v, _| v.metrics.totals.impulse.flow.x).when(INERTIAL_FLUID).fed(&FLUID),
+    output("flow_impulse_y_n_s", "N s", "impulse of the pressure of a flow that accelerates since the start, y", |v, _| v.metrics.totals.impulse.flow.y).when(INERTIAL_FLUID).fed(&FLUID),
+    output("load_impulse_x_n_s", "N s", "impulse of loads since the start, x", |v, _| v.metrics.totals.impulse.load.x).when(INERTIAL_FLUID),
+    output("load_impulse_y_n_s", "N s", "impulse of loads since the start, y", |v, _| v.metrics.totals.impulse.load.y).when(INERTIAL_FLUID),
+    output("head_impulse_x_n_s", "N s", "impulse of the held head since the start, x", |v, _| v.metrics.totals.impulse.head.x).when(INERTIAL_FLUID),
+    output("head_impulse_y_n_s", "N s", "impulse of the held head since the start, y", |v, _| v.metrics.totals.impulse.head.y).when(INERTIAL_FLUID),
+    output("momentum_defect_x_n_s", "N s", "defect of the balance of momentum since the start, x", |v, _| v.metrics.momentum_defect().x).when(INERTIAL_FLUID),
+    output("momentum_defect_y_n_s", "N s", "defect of the balance of momentum since the start, y", |v, _| v.metrics.momentum_defect().y).when(INERTIAL_FLUID),
+    output("net_displacement_m", "m", "x of the centre of mass since the start", |v, _| v.metrics.net_displacement()),
+    output("max_lateral_excursion_m", "m", "largest |y| of the centre of mass so far", |v, _| v.metrics.totals.max_lateral),
+    output("actuation_work_j", "J", "work put in by the moving natural curvature since the start", |v, _| v.metrics.totals.work.actuation).fed(NATURAL).recorded(),
+    output("viscous_work_j", "J", "work taken by viscosity since the start", |v, _| v.metrics.totals.work.viscous).recorded(),
+    output("wake_work_j", "J", "work taken by the wake since the start", |v, _| v.metrics.totals.work.wake).when(INERTIAL_FLUID).recorded(),
+    output("spray_work_j", "J", "work taken by the spray at interfaces since the start", |v, _| v.metrics.totals.work.spray).when(SPRAY).recorded(),
+    output("other_work_j", "J", "work put in by other forces since the start", |v, _| v.metrics.totals.work.other).when(OTHER_FORCES).recorded(),
+    output("load_work_j", "J", "work put in by loads since the start", |v, _| v.metrics.totals.work.load).recorded(),
+    output("head_work_j", "J", "work put in by the held head since the start", |v, _| v.metrics.totals.work.head).recorded(),
+    output("flow_work_j", "J", "work put in by the background flow since the start", |v, _| v.metrics.totals.work.flow).fed(&FLUID).fed_in(has_inertial_fluid).recorded(),
+    output("numerical_dissipation_j", "J", "defect of the energy balance since the start", |v, _| v.metrics.numerical_dissipation()).recorded(),
+    output("steps", "1", "steps made", |v, _| v.metrics.totals.steps as f64),
     output("newton_iterations", "1", "Newton iterations made", |v, _| v.work.newton_iterations as f64),
-    output("step_halvings", "1", "times that a step was halved", |v, _| v.meter.totals.halvings as f64),
+    output("step_halvings", "1", "times that a step was halved", |v, _| v.metrics.totals.halvings as f64),
     output("x_m", "m", "nodes, x", |v, k| v.state.q[2 * k]).sized(Size::Nodes),
     output("y_m", "m", "nodes, y", |v, k| v.state.q[2 * k + 1]).sized(Size::Nodes),
     output("vx_m_s", "m/s", "velocity of the nodes, x", |v, k| v.state.v[2 * k]).sized(Size::Nodes),
     output("vy_m_s", "m/s", "velocity of the nodes, y", |v, k| v.state.v[2 * k + 1]).sized(Size::Nodes),
-    output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.meter.now.kappa[k] / (v.model().rod.joint_part(k) * v.model().rod.spacing)).sized(Size::Joints),
-    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.meter.now.moment[k] * bend::curvature_per_turning(v.meter.now.kappa[k])).sized(Size::Joints).fed(&OWN_NATURAL).changing(joint_moment_change),
+    output("curvature_1_m", "1/m", "curvature at the joints", |v, k| v.metrics.now.kappa[k] / (v.model().rod.joint_part(k) * v.model().rod.spacing)).sized(Size::Joints),
+    output("joint_moment_n_m", "N m", "bending moment at the joints, the couple that passes through them", |v, k| v.metrics.now.moment[k] * bend::curvature_per_turning(v.metrics.now.kappa[k])).sized(Size::Joints).fed(&OWN_NATURAL).changing(joint_moment_change),
 
     output("cycles_used", "1", "whole cycles that the averages named cycle_... are over", |v, _| v.cycles.whole(v.state.t).len() as f64).changing(|_, _, _| 0.0),
     output("cycles_periodic", "1", "1 where these cycles are alike to 1 %, else 0", |v, _| f64::from(cycle::is_periodic(v.cycles.whole(v.state.t)) == Some(true))).changing(|_, _, _| 0.0),

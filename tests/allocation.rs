@@ -8,8 +8,8 @@ use std::cell::Cell;
 
 use caudal::fluid::laws::LAWS;
 use caudal::integrator::{METHODS, Method};
-use caudal::reduced::RUNGS;
-use caudal::stepper::{Change, Stepper};
+use caudal::reduced::MODELS;
+use caudal::stepper::{InputChange, Stepper};
 use caudal::system::Form;
 use common::{DRAG, GLYCEROL, SILICONE, WATER, WAVE, scene_by};
 
@@ -100,7 +100,7 @@ fn a_step_in_water_allocates_nothing_whatever_the_law_of_drag() {
 #[test]
 fn a_step_allocates_nothing_whatever_the_rung_and_the_head() {
     let euler = Method::named("implicit-euler").unwrap();
-    for rung in RUNGS {
+    for rung in MODELS {
         for head in ["free", "clamped", "driven"] {
             let (model, head) = (format!("solver.model={}", rung.name), format!("head.kind={head}"));
             let changes =
@@ -127,7 +127,7 @@ fn inputs_that_a_host_sets_before_every_step_allocate_nothing() {
         let mut drive = || {
             for variable in inputs {
                 let values = &values[..variable.len(stepper.model())];
-                stepper.set_all([Change { variable, order: 0, values }].into_iter()).unwrap();
+                stepper.set_all([InputChange { variable, order: 0, values }].into_iter()).unwrap();
             }
             stepper.do_step(step).unwrap();
         };
@@ -140,7 +140,7 @@ fn inputs_that_a_host_sets_before_every_step_allocate_nothing() {
 
 #[test]
 fn inputs_that_a_host_sets_allocate_nothing_whatever_the_rung_and_the_pace() {
-    for rung in RUNGS {
+    for rung in MODELS {
         for pace in ["solver.integrator=implicit-euler", "solver.integrator=esdirk3"] {
             let model = format!("solver.model={}", rung.name);
             let time_step = if pace.ends_with("3") { "solver.tolerance=1e-3" } else { "solver.time_step_s=1e-3" };
@@ -150,7 +150,7 @@ fn inputs_that_a_host_sets_allocate_nothing_whatever_the_rung_and_the_pace() {
             let amplitude = stepper.find("actuation_amplitude").unwrap();
             let mut drive = |k: u32| {
                 let values = [0.6 + 1e-3 * f64::from(k)];
-                let change = Change { variable: amplitude, order: 0, values: &values };
+                let change = InputChange { variable: amplitude, order: 0, values: &values };
                 stepper.set_all([change].into_iter()).unwrap();
                 stepper.do_step(1e-3).unwrap();
             };

@@ -23,7 +23,7 @@ use crate::rod::elastic::{self, Deformed};
 use crate::rod::sums::{Moving, Sums};
 use crate::rod::{Alike, Cell, Edge, lengths};
 use crate::stepper::Stepper;
-use crate::stepper::ahead::Ahead;
+use crate::stepper::presolved_step::PresolvedStep;
 use crate::system::{Direction, State};
 
 /// Vectors of each case, one a node.
@@ -133,8 +133,8 @@ impl Kernel {
     pub fn of(steppers: &[&Stepper]) -> Option<Self> {
         let simd = Level::new().as_avx2()?;
         let first = steppers.first()?;
-        let alike = |stepper: &&Stepper| stepper.shape_in_lanes() == first.shape_in_lanes();
-        if !(2..=WIDTH).contains(&steppers.len()) || first.shape_in_lanes().is_none() || !steppers.iter().all(alike) {
+        let alike = |stepper: &&Stepper| stepper.batch_key() == first.batch_key();
+        if !(2..=WIDTH).contains(&steppers.len()) || first.batch_key().is_none() || !steppers.iter().all(alike) {
             return None;
         }
         let model = |lane: usize| steppers.get(lane).unwrap_or(first).model();
@@ -214,12 +214,12 @@ impl Kernel {
 
     /// See [`Batch::solve_ahead`](super::Batch::solve_ahead); the number of steps that were solved.
     pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
-        let mut steps: [Option<Ahead>; WIDTH] = [None; WIDTH];
+        let mut steps: [Option<PresolvedStep>; WIDTH] = [None; WIDTH];
         for ((step, stepper), model) in steps.iter_mut().zip(steppers.iter_mut()).zip(&self.models) {
             let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, model));
-            *step = known.and_then(|stepper| stepper.set_out_ahead());
+            *step = known.and_then(|stepper| stepper.presolve_next());
         }
-        let Some(kind) = steps.iter().flatten().map(Ahead::kind).next() else { return 0 };
+        let Some(kind) = steps.iter().flatten().map(PresolvedStep::kind).next() else { return 0 };
         // Whoever takes another step takes it alone.
         for step in &mut steps {
             step.take_if(|step| step.kind() != kind);
@@ -230,7 +230,7 @@ impl Kernel {
         for lane in 0..WIDTH {
             let own = steppers.get(lane).and_then(Option::as_deref).filter(|_| steps[lane].is_some());
             let Some(case) = own.or(steppers[first].as_deref()) else { continue };
-            let (states, start) = case.under_way();
+            let (states, start) = case.presolve_inputs();
             self.load(lane, dynamics(case), states);
             progress[lane] = own.map(|_| start);
         }
@@ -260,9 +260,9 @@ impl Kernel {
             if let (Some(stepper), Some(step), iterations @ 1..) = (stepper, step, solved[lane]) {
                 // What is wrong with a rod without meaning is found alone.
                 let [meaningful, checked] = ended.of(lane);
-                stepper.solved_ahead(step, iterations, checked, |state| self.unload(lane, state));
+                stepper.store_presolved(step, iterations, checked, |state| self.unload(lane, state));
                 if meaningful {
-                    stepper.measured_ahead(
+                    stepper.store_presolved_measurements(
                         &measured.of(lane),
                         |i, force| self.of_force(lane, i, force),
                         |kappa, moment, tangent| self.unload_shape(lane, kappa, moment, tangent),
@@ -273,7 +273,7 @@ impl Kernel {
         solved.iter().filter(|iterations| **iterations > 0).count() as u64
     }
 
-    /// Makes the guess of steps of this [kind](Ahead::kind).
+    /// Makes the guess of steps of this [kind](PresolvedStep::kind).
     fn guess(&mut self, kind: (f64, Rule, bool)) {
         let Self { simd, rods, at, before, motion, .. } = self;
         simd.vectorize(

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::{Error, Result};
-use caudal::reduced::Measure;
+use caudal::reduced::ErrorMeasure;
 use caudal::report::{Claim, Output};
 use caudal::run::{Ending, Summary, Verification, run as run_scene};
 use caudal::scene::Scene;
@@ -83,7 +83,7 @@ pub fn run(
             "the whole model on the same {} nodes: net displacement {net_displacement_m:.6e} m, {wall_s:.3} s",
             summary.nodes
         ));
-        for measure in Measure::ALL {
+        for measure in ErrorMeasure::ALL {
             let Some(difference) = relative_differences.get(measure) else { continue };
             let [name, relative] = measure.meaning();
             say(&if noise.contains(&measure) {

@@ -6,7 +6,7 @@ use std::sync::{Mutex, PoisonError};
 
 use caudal::error::Error;
 use caudal::integrator::METHODS;
-use caudal::reduced::RUNGS;
+use caudal::reduced::MODELS;
 use caudal::report::Claim;
 use caudal::study::{self, Accuracy, Desk, Fluid, Scaling, Spectrum, Stability, Studied, Vary};
 use clap::{Args, Subcommand};
@@ -92,7 +92,7 @@ fn vary(text: &str) -> Result<Vary, String> {
 
 /// The name of a method, or of a model other than the whole.
 fn method_or_model(text: &str) -> Result<String, String> {
-    let cheaper = RUNGS.iter().filter(|rung| rung.method.is_some()).map(|rung| rung.name);
+    let cheaper = MODELS.iter().filter(|kind| kind.method.is_some()).map(|kind| kind.name);
     let names: Vec<_> = METHODS.iter().map(|method| method.name).chain(cheaper).collect();
     if names.contains(&text) { Ok(text.to_string()) } else { Err(format!("allowed: {}", names.join(", "))) }
 }

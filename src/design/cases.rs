@@ -12,7 +12,7 @@ use super::unknowns::Profile;
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::rod::Rod;
-use crate::scene::{Document, Fault, Scene};
+use crate::scene::{Document, KeyError, Scene};
 use crate::sensitivity::{Parameter, Problem};
 use crate::sweep::Sweep;
 
@@ -51,7 +51,7 @@ pub(super) fn cases(document: &Document, scene: &Scene, table: &Table) -> Result
         let along = DECIDED.iter().any(|(variable, keys)| table.variables.contains(variable) && keys.contains(&&**key));
         if number || along || key == "rod.nodes" {
             let problem = format!("{file} moves {key}, which the design decides; allowed: axes of other keys");
-            return Err(document.refuse(&Fault { key: "design.over".into(), problem }));
+            return Err(document.refuse(&KeyError { key: "design.over".into(), problem }));
         }
     }
     let case = |index: usize| {
@@ -77,7 +77,7 @@ impl Case {
         if by(&own) != by(table) {
             let problem =
                 "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
-            return Err(document.refuse(&Fault { key: "design.over".into(), problem: problem.into() }));
+            return Err(document.refuse(&KeyError { key: "design.over".into(), problem: problem.into() }));
         }
         let (objective, mut problem) = aim(&document, &scene, table, None)?;
         let of_motion = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };

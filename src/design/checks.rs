@@ -90,7 +90,7 @@ impl<'a> Checks<'a> {
     pub fn measure(&self, index: usize) -> Option<f64> {
         let ((_, changes), Checked { document, .. }, profile) = self.at(index);
         let scene = changed(document, &self.table.numbers, changes, profile?).ok()?;
-        let mut problem = Problem::followed_only(&scene, scene.model().ok()?).ok()?;
+        let mut problem = Problem::without_derivatives(&scene, scene.model().ok()?).ok()?;
         let own = Profile::of(problem.stiffness());
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
         objective.measure(&mut problem, &own).filter(|value| value.is_finite())

@@ -657,7 +657,7 @@ fn axis_label(goal: Goal) -> String {
     let Some(measure) = MEASURES.into_iter().find(|measure| goal == Goal::Cycle(measure.key)) else {
         return objective_label(goal).to_string();
     };
-    let words = measure.words();
+    let words = measure.label();
     if measure.unit == "1" { words } else { format!("{words} ({})", measure.unit) }
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::search::Objective;
 use super::table::{Goal, Table};
 use super::unknowns::Profile;
-use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
+use crate::cycle::{CycleMeasure, FORWARD_SPEED, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::rod::Shape;
@@ -166,7 +166,7 @@ impl Limits {
             ));
         }
         let mut means: Vec<OfMean> = Vec::new();
-        let leasts: [(&str, Option<f64>, &Measure); 2] = [
+        let leasts: [(&str, Option<f64>, &CycleMeasure); 2] = [
             ("least_speed_m_s", table.least_speed_m_s, &FORWARD_SPEED),
             ("least_thrust_n", table.least_thrust_n, &THRUST),
         ];
@@ -180,7 +180,7 @@ impl Limits {
                 }
                 other => other,
             })?;
-            let words = format!("mean {} at least {least} {}", measure.words(), measure.unit);
+            let words = format!("mean {} at least {least} {}", measure.label(), measure.unit);
             means.push((words, mean.like(objective), least, None));
         }
         if let (Some(other), Some([floor, size])) = (table.second(), table.floor) {
@@ -197,7 +197,7 @@ impl Limits {
         for (name, used) in &self.body {
             let own = used(problem.model());
             let by = parameters.iter().map(|parameter| match parameter {
-                Parameter::OfScene(i) => problem.moved[*i].by_model(used) / own,
+                Parameter::OfScene(i) => problem.finite_differences[*i].of_model(used) / own,
                 _ => 0.0,
             });
             let by = by.collect();

@@ -31,7 +31,7 @@ use crate::newton::Newton;
 use crate::report::{Claim, Folder, Kept, Owner};
 use crate::rod;
 use crate::scene::{Document, Scene};
-use crate::sensitivity::number::{Number, keys_with};
+use crate::sensitivity::scene_parameter::{SceneParameter, keys_with};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 use crate::stepper::Stepper;
 use crate::system::System;
@@ -207,7 +207,7 @@ impl Design {
                         "{:?} found, whose drag at a node depends on all of the rod, and noise with it; allowed here: a law for each edge, as \"cox\"",
                         law.name()
                     );
-                    return Err(document.refuse(&crate::scene::Fault { key: "drag.law".into(), problem }));
+                    return Err(document.refuse(&crate::scene::KeyError { key: "drag.law".into(), problem }));
                 }
                 let markers = data(LEAST)?.unwrap_or_default().without_glitches();
                 let mut found = identify(&mut dynamics, &markers, &table)?;
@@ -779,7 +779,12 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
 }
 
 /// The scene of `document` with `changes` and a profile of its joints and `numbers`.
-pub(super) fn changed(document: &Document, numbers: &[Number], changes: &[String], profile: &Profile) -> Result<Scene> {
+pub(super) fn changed(
+    document: &Document,
+    numbers: &[SceneParameter],
+    changes: &[String],
+    profile: &Profile,
+) -> Result<Scene> {
     let keys = keys(document, numbers, profile)?;
     let mut document = document.clone();
     document.begin_layer();
@@ -887,7 +892,7 @@ fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<
 }
 
 /// The keys that make the scene of `document` have `profile`.
-fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Vec<(String, toml::Value)>> {
+fn keys(document: &Document, numbers: &[SceneParameter], profile: &Profile) -> Result<Vec<(String, toml::Value)>> {
     let scene = profile.numbers_in(document, numbers)?;
     let rod = scene.model()?.rod;
     let list = |values: &dyn Fn(usize, f64) -> f64| {
@@ -920,7 +925,7 @@ fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Ve
 }
 
 /// The scene with the designed profile and without `[design]`; files that it names are found from anywhere.
-fn designed(document: &Document, scene: &Scene, numbers: &[Number], profile: &Profile) -> Result<Document> {
+fn designed(document: &Document, scene: &Scene, numbers: &[SceneParameter], profile: &Profile) -> Result<Document> {
     let failed = |reason: String| Error::Page { reason };
     let mut document = document.clone();
     document.begin_layer();

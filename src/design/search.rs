@@ -29,10 +29,10 @@ use super::refit::allowed;
 use super::table::{Goal, Robust, Table, Variable};
 use super::trust::{Tolerance, tolerance};
 use super::unknowns::{FIXED, NOTHING, Profile, Unknowns};
-use crate::cycle::{MEASURES, Measure};
+use crate::cycle::{CycleMeasure, MEASURES};
 use crate::error::{Error, Result};
 use crate::scene::Document;
-use crate::sensitivity::number::{Number, moved};
+use crate::sensitivity::scene_parameter::{SceneParameter, finite_differences};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
 
 /// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
@@ -136,7 +136,7 @@ pub struct Objective {
     smaller_is_better: bool,
     /// The scene, where numbers of it are unknown.
     document: Option<Document>,
-    numbers: Vec<Number>,
+    numbers: Vec<SceneParameter>,
 }
 
 /// The objective at one profile.
@@ -246,7 +246,7 @@ impl Objective {
     }
 
     /// The measure whose mean over the cycles it is.
-    fn measured(&self) -> Option<Measure> {
+    fn measured(&self) -> Option<CycleMeasure> {
         let Goal::Cycle(key) = self.goal else { return None };
         MEASURES.into_iter().find(|measure| measure.key == key)
     }
@@ -336,7 +336,7 @@ impl Objective {
         if let Some(document) = &self.document {
             *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
             if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
-                problem.moved = moved(document, &self.numbers, &profile.values())?;
+                problem.finite_differences = finite_differences(document, &self.numbers, &profile.values())?;
             }
         }
         if !profile.stiffness_n_m2.is_empty() {
@@ -514,7 +514,7 @@ impl Point {
 }
 
 /// Where a start has come to.
-struct End {
+struct CycleEnd {
     point: Point,
     stationarity: f64,
     active: Vec<(String, f64)>,
@@ -656,7 +656,7 @@ impl<'a> Search<'a> {
         let starts = if from.is_some() { 1 } else { self.table.all_starts() };
         let mut roughness = None;
         let mut history = Vec::new();
-        let mut ends: Vec<End> = Vec::new();
+        let mut ends: Vec<CycleEnd> = Vec::new();
         for start in 0..starts {
             if only.is_some_and(|only| only < start || only > start && roughness.is_some()) {
                 continue; // the first that can be simulated decides the weight of roughness in all
@@ -693,7 +693,7 @@ impl<'a> Search<'a> {
         let starts: Vec<f64> = ends.iter().map(|end| self.objective.shown(end.point.value.f)).collect();
         let interrupted = ends.iter().any(|end| end.interrupted);
         let optima = self.optima(&ends);
-        let merit = |end: &End| {
+        let merit = |end: &CycleEnd| {
             let x = &end.point.x;
             // What keeps its limits comes first.
             let beyond = if end.point.is_kept() {
@@ -779,7 +779,7 @@ impl<'a> Search<'a> {
             };
             let deviation =
                 deviation.map(|deviation| deviation * value.abs()).filter(|deviation| deviation.is_finite());
-            let (key, unit, own) = (number.words(), number.unit, number.own);
+            let (key, unit, own) = (number.label(), number.unit, number.own);
             FoundNumber { key, unit, own, value: *value, deviation, verdict }
         });
         let numbers = numbers.collect();
@@ -808,13 +808,13 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn has_converged(&self, end: &End) -> bool {
+    fn has_converged(&self, end: &CycleEnd) -> bool {
         let met = self.objective.is_met(end.point.value.f);
         end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met || end.settled)
     }
 
     /// Which optimum each of `ends` is at.
-    fn optima(&self, ends: &[End]) -> Vec<Option<usize>> {
+    fn optima(&self, ends: &[CycleEnd]) -> Vec<Option<usize>> {
         let mut order: Vec<usize> = (0..ends.len()).filter(|i| self.has_converged(&ends[*i])).collect();
         order.sort_by(|a, b| ends[*a].point.value.f.total_cmp(&ends[*b].point.value.f));
         let mut optima = vec![None; ends.len()];
@@ -841,7 +841,7 @@ impl<'a> Search<'a> {
         rough: &DMatrix<f64>,
         first: Point,
         mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
-    ) -> Result<End> {
+    ) -> Result<CycleEnd> {
         let n = unknowns.count();
         let merit = |point: &Point| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
         let slope = |point: &Point| point.value.common(n) + rough * &point.x;
@@ -1082,7 +1082,7 @@ impl<'a> Search<'a> {
             }
         }
         let (stationarity, active, interrupted) = end;
-        Ok(End { point: here, stationarity, active, why, interrupted, settled })
+        Ok(CycleEnd { point: here, stationarity, active, why, interrupted, settled })
     }
 
     /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of

@@ -6,13 +6,13 @@ use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::unknowns::WIDE;
-use crate::cycle::slopes;
+use crate::cycle::derivatives;
 use crate::error::nearest;
 use crate::fluid::DENSITY;
 use crate::rod::Rod;
-use crate::scene::{Fault, HeadKind, Scene};
+use crate::scene::{HeadKind, KeyError, Scene};
 use crate::sensitivity::Parameter;
-use crate::sensitivity::number::{self, Number, Numbers};
+use crate::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters};
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -46,10 +46,15 @@ impl TryFrom<String> for Goal {
 
     fn try_from(name: String) -> std::result::Result<Self, String> {
         let named = GOALS.iter().find(|(own, _)| *own == name).map(|(_, goal)| *goal);
-        let cycle = || slopes::smooth().find(|measure| measure.key == name).map(|measure| Self::Cycle(measure.key));
+        let cycle = || {
+            derivatives::differentiable().find(|measure| measure.key == name).map(|measure| Self::Cycle(measure.key))
+        };
         named.or_else(cycle).ok_or_else(|| {
-            let all: Vec<&str> =
-                GOALS.iter().map(|(own, _)| *own).chain(slopes::smooth().map(|measure| measure.key)).collect();
+            let all: Vec<&str> = GOALS
+                .iter()
+                .map(|(own, _)| *own)
+                .chain(derivatives::differentiable().map(|measure| measure.key))
+                .collect();
             let listed: Vec<String> = all.iter().map(|name| format!("`{name}`")).collect();
             let near =
                 nearest(&name, all.into_iter()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
@@ -213,7 +218,7 @@ pub struct Table {
     pub number_bounds: Option<Bounds>,
     /// Those numbers.
     #[serde(skip)]
-    pub numbers: Vec<Number>,
+    pub numbers: Vec<SceneParameter>,
     /// File with node positions.
     pub data: Option<String>,
     /// Standard deviation of those positions, m; by default what polynomials leave.
@@ -275,7 +280,7 @@ impl Table {
         if let Some(table) = schema.as_object_mut() {
             table.remove("$schema");
         }
-        let measures = slopes::smooth().map(|measure| measure.key);
+        let measures = derivatives::differentiable().map(|measure| measure.key);
         schema["properties"]["goal"]["enum"] = GOALS.iter().map(|(name, _)| *name).chain(measures).collect();
         schema
     }
@@ -286,8 +291,8 @@ impl Table {
     ///
     /// # Errors
     /// What is wrong, and with which key.
-    pub fn of(scene: &Scene) -> std::result::Result<Self, Fault> {
-        let fault = |key: &str, problem: String| Fault { key: key.to_string(), problem };
+    pub fn of(scene: &Scene) -> std::result::Result<Self, KeyError> {
+        let fault = |key: &str, problem: String| KeyError { key: key.to_string(), problem };
         let Some(table) = &scene.design else {
             return Err(fault("design", "missing; a design needs a table [design] with a goal".to_string()));
         };
@@ -354,7 +359,7 @@ impl Table {
 
     /// The numbers as they are in the scene.
     pub fn own_numbers(&self) -> Vec<(String, f64)> {
-        self.numbers.iter().map(|number| (number.words(), number.own)).collect()
+        self.numbers.iter().map(|number| (number.label(), number.own)).collect()
     }
 
     /// The same with `goal` for the first, and no second.
@@ -497,15 +502,15 @@ impl Table {
     }
 
     /// The numbers of `scene` among the variables.
-    fn numbers_of(&self, scene: &Scene) -> std::result::Result<Vec<Number>, String> {
+    fn numbers_of(&self, scene: &Scene) -> std::result::Result<Vec<SceneParameter>, String> {
         let keys = self.variables.iter().filter_map(|variable| match variable {
             Variable::Number(key) => Some(key),
             _ => None,
         });
         let keys: Vec<&String> = keys.collect();
         let (false, Ok(model)) = (keys.is_empty(), scene.model()) else { return Ok(Vec::new()) };
-        let known = Numbers::of(scene, &model);
-        let mut numbers: Vec<Number> = Vec::new();
+        let known = SceneParameters::of(scene, &model);
+        let mut numbers: Vec<SceneParameter> = Vec::new();
         for key in keys {
             let of_key = known.of_key(key);
             if of_key.is_empty() {
@@ -526,7 +531,7 @@ impl Table {
         for number in numbers.iter_mut().filter(|number| number.key == DENSITY && self.neutral_buoyancy) {
             number.by = Parameter::OfScene(0);
         }
-        number::count(&mut numbers);
+        scene_parameter::assign_indices(&mut numbers);
         Ok(numbers)
     }
 

@@ -13,7 +13,7 @@ use crate::error::Result;
 use crate::model::Model;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Parameter;
-use crate::sensitivity::number::{Number, keys_with};
+use crate::sensitivity::scene_parameter::{SceneParameter, keys_with};
 
 /// What a search changes: joint by joint, and numbers of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -53,7 +53,7 @@ impl Profile {
     ///
     /// # Errors
     /// Those of [`Document::scene`].
-    pub fn numbers_in(&self, document: &Document, numbers: &[Number]) -> Result<Scene> {
+    pub fn numbers_in(&self, document: &Document, numbers: &[SceneParameter]) -> Result<Scene> {
         let mut document = document.clone();
         document.begin_layer();
         for (key, value) in keys_with(numbers, &self.values()) {
@@ -224,7 +224,8 @@ impl Unknowns {
                     along(1.0, Map::Same, bounds, None, Parameter::WavePhase)
                 }
                 Variable::Number(key) => {
-                    let numbers: Vec<&Number> = table.numbers.iter().filter(|number| number.key == *key).collect();
+                    let numbers: Vec<&SceneParameter> =
+                        table.numbers.iter().filter(|number| number.key == *key).collect();
                     Block {
                         variable: variable.clone(),
                         units: numbers.iter().map(|number| number.own).collect(),
@@ -238,7 +239,7 @@ impl Unknowns {
                             rows: (0..numbers.len()).map(|i| vec![(i, 1.0)]).collect(),
                         },
                         xi: numbers.iter().map(|number| number.xi.unwrap_or(0.0)).collect(),
-                        places: numbers.iter().map(|number| number.words()).collect(),
+                        places: numbers.iter().map(|number| number.label()).collect(),
                         parameters: numbers.iter().map(|number| number.by).collect(),
                     }
                 }

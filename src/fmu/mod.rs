@@ -94,7 +94,7 @@ impl Catalogue {
             Causality::Parameter if variable.name == TIME_STEP && matches!(stepper.pace(), Pace::Adaptive(_)) => {
                 ["output", "discrete"]
             }
-            Causality::Parameter if stepper.can_be_retuned() && Self::follows_stiffness(variable, stepper) => {
+            Causality::Parameter if stepper.can_change_parameters() && Self::follows_stiffness(variable, stepper) => {
                 ["calculatedParameter", "tunable"]
             }
             Causality::Parameter => ["calculatedParameter", "fixed"],
@@ -116,7 +116,7 @@ impl Catalogue {
 
     /// True if the parameter at this place may change between steps of `stepper`.
     pub fn is_tunable(&self, place: usize, stepper: &Stepper) -> bool {
-        self.parameters[place].is_tunable() && stepper.can_be_retuned()
+        self.parameters[place].is_tunable() && stepper.can_change_parameters()
     }
 
     /// What a reference of FMI 3.0 stands for; the node is 0.

@@ -9,14 +9,14 @@ use std::sync::Arc;
 
 use nalgebra::Vector2;
 
-use super::Mover;
-use crate::cycle::{Cycles, KEPT, Means};
+use super::{ModelStepper, MotionAndPower};
+use crate::cycle::{Cycles, MAX_CYCLES};
 use crate::error::{Error, Result};
 use crate::fluid::Fluid;
 use crate::fluid::laws::{DragLaw, Uncertainty};
 use crate::integrator::Method;
 use crate::linear::Choice as Linear;
-use crate::metrics::{Meter, Reading};
+use crate::metrics::{Measurements, RunMetrics};
 use crate::model::{Dynamics, Model};
 use crate::newton::Newton;
 use crate::regime::{self, Across, MISALIGNED, Motion, Regime};
@@ -27,39 +27,39 @@ use crate::words::{percent, signed, two_digits};
 
 /// Periods that are followed after a ramp, steps of each, and steps where nothing repeats itself.
 pub const PERIODS: f64 = 8.0;
-const STEPS_A_PERIOD: f64 = 24.0;
-const STEPS: f64 = 128.0;
+const STEPS_PER_PERIOD: f64 = 24.0;
+const MIN_STEPS: f64 = 128.0;
 
 /// Most steps, where what drives the rod has frequencies far apart: half a second of 17 nodes.
-const MOST_STEPS: f64 = 2048.0;
+const MAX_STEPS: f64 = 2048.0;
 
 /// Nodes on a wavelength or, of a longer one, on the rod; and the most of them.
-const NODES_ON_A_WAVE: f64 = 16.0;
-const MOST_NODES: u64 = 49;
+const NODES_PER_WAVELENGTH: f64 = 16.0;
+const MAX_NODES: u64 = 49;
 
 /// Relative rounding of times.
 const ROUNDING: f64 = 1e-9;
 
 /// Last increment of Newton's method over the length, and how often steps that fail are halved.
-const NEWTON: f64 = 1e-7;
-const HALVINGS: u32 = 2;
+const NEWTON_TOLERANCE: f64 = 1e-7;
+const MAX_HALVINGS: u32 = 2;
 
 /// The method: where drag stops a rod within a small part of a step, it leaves no oscillation of the velocity.
 const METHOD: &str = "esdirk3";
 
 /// Estimated errors are this many times the differences found.
-pub const MARGIN: f64 = 1.5;
+pub const SAFETY_FACTOR: f64 = 1.5;
 /// Smallest error that an estimate says.
-pub const FLOOR: f64 = 0.005;
+pub const MIN_ERROR: f64 = 0.005;
 
 /// The nodes of a rod that is `waves` wavelengths long.
 pub fn nodes(waves: f64) -> u64 {
-    ((NODES_ON_A_WAVE * waves.max(1.0)).ceil() as u64 + 1).min(MOST_NODES)
+    ((NODES_PER_WAVELENGTH * waves.max(1.0)).ceil() as u64 + 1).min(MAX_NODES)
 }
 
 /// The first part of a run, and its steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Span {
+pub struct ShortRun {
     /// Its duration, s.
     pub duration: f64,
     /// Number of steps of one size.
@@ -68,26 +68,26 @@ pub struct Span {
     pub period: Option<f64>,
 }
 
-impl Span {
+impl ShortRun {
     /// What is followed of a run of `duration` (s) with that drive: [`PERIODS`] of the slowest line after a ramp (s), or all of it
     /// where nothing repeats itself; in steps that follow the fastest. Of frequencies far apart fewer periods of the slowest are
     /// followed, and of a long run in which nothing repeats itself the first part: steps that do not follow the fastest say nothing.
     pub fn of(spectrum: &Spectrum, duration: f64, ramp: f64) -> Self {
         let Some((slowest, fastest)) = spectrum.slowest().zip(spectrum.fastest()) else {
-            return Self { duration, steps: STEPS as u64, period: None };
+            return Self { duration, steps: MIN_STEPS as u64, period: None };
         };
         let repeats = if spectrum.is_transient { duration } else { duration.min(ramp + PERIODS / slowest) };
-        let rate = STEPS_A_PERIOD * fastest;
+        let rate = STEPS_PER_PERIOD * fastest;
         let least = duration.min(ramp + PERIODS / fastest);
-        let affordable = MOST_STEPS / rate;
+        let affordable = MAX_STEPS / rate;
         let duration = repeats.min(affordable.max(least));
-        let steps = (rate * duration).ceil().clamp(STEPS_A_PERIOD, MOST_STEPS.max(rate * least));
+        let steps = (rate * duration).ceil().clamp(STEPS_PER_PERIOD, MAX_STEPS.max(rate * least));
         Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
     }
 
-    /// From when on (s) the motion is measured: over the last whole periods but the first, [`KEPT`] at most, or over all.
+    /// From when on (s) the motion is measured: over the last whole periods but the first, [`MAX_CYCLES`] at most, or over all.
     fn measured_from(&self) -> f64 {
-        let whole = |period: f64| ((self.duration / period * (1.0 + ROUNDING)).floor() - 1.0).min(KEPT as f64);
+        let whole = |period: f64| ((self.duration / period * (1.0 + ROUNDING)).floor() - 1.0).min(MAX_CYCLES as f64);
         let late = self.period.map(|period| whole(period) * period).filter(|late| *late > 0.0);
         late.map_or(0.0, |late| self.duration - late)
     }
@@ -95,9 +95,9 @@ impl Span {
 
 /// What a motion that was followed comes to.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Followed {
+pub struct ShortRunResult {
     /// Motion and power.
-    pub means: Means,
+    pub means: MotionAndPower,
     /// How the rod moves against the fluid.
     pub motion: Motion,
 }
@@ -106,12 +106,12 @@ pub struct Followed {
 ///
 /// # Errors
 /// Those of a step; [`Error::NotFinite`] where nothing has come out.
-pub fn follow(model: &Arc<Model>, span: Span) -> Result<Followed> {
-    let mut outcome = steps_of(model, span, span.steps);
-    for halved in 1..=HALVINGS {
+pub fn simulate(model: &Arc<Model>, span: ShortRun) -> Result<ShortRunResult> {
+    let mut outcome = simulate_steps(model, span, span.steps);
+    for halved in 1..=MAX_HALVINGS {
         match &outcome {
             Err(error) if error.is_cured_by_smaller_step() => {
-                outcome = steps_of(model, span, span.steps << (2 * halved));
+                outcome = simulate_steps(model, span, span.steps << (2 * halved));
             }
             _ => break,
         }
@@ -119,38 +119,38 @@ pub fn follow(model: &Arc<Model>, span: Span) -> Result<Followed> {
     outcome
 }
 
-fn steps_of(model: &Arc<Model>, span: Span, steps: u64) -> Result<Followed> {
+fn simulate_steps(model: &Arc<Model>, span: ShortRun, steps: u64) -> Result<ShortRunResult> {
     let duration = span.duration;
     let nothing = || Error::NotFinite { time_s: duration, node: 0, what: "the motion" };
     let mut dynamics = Dynamics::new(Arc::clone(model));
-    let mut newton = Newton::with(Form::Positions, Linear::Auto, model.rod.nodes, NEWTON)?;
+    let mut newton = Newton::with(Form::Positions, Linear::Auto, model.rod.nodes, NEWTON_TOLERANCE)?;
     let method = Method::named(METHOD).ok_or_else(nothing)?;
-    let mut mover: Box<dyn Mover> = (method.build)(&method.defaults()).into();
+    let mut model_stepper: Box<dyn ModelStepper> = (method.build)(&method.defaults()).into();
     let mut state = dynamics.first_state_in(Form::Positions);
-    mover.begin(&mut dynamics, &mut newton, &mut state)?;
-    let mut meter = Meter::start(&mut dynamics, &state)?;
-    let mut cycles = Cycles::start(&dynamics, &state, &meter);
-    let (mut next, mut reading) = (state.clone(), Reading::new(model.rod.nodes));
-    let mut moments = Vec::with_capacity(steps as usize + 1);
-    moments.push(Moment::of(&dynamics, &state));
+    model_stepper.begin(&mut dynamics, &mut newton, &mut state)?;
+    let mut metrics = RunMetrics::start(&mut dynamics, &state)?;
+    let mut cycles = Cycles::start(&dynamics, &state, &metrics);
+    let (mut next, mut measurements) = (state.clone(), Measurements::new(model.rod.nodes));
+    let mut samples = Vec::with_capacity(steps as usize + 1);
+    samples.push(MotionSample::of(&dynamics, &state));
     for step in 1..=steps {
         next.t = duration * step as f64 / steps as f64;
         let h = next.t - state.t;
-        mover.step(&mut dynamics, &mut newton, &state, h, &mut next)?;
-        reading.take(&mut dynamics, &next)?;
+        model_stepper.step(&mut dynamics, &mut newton, &state, h, &mut next)?;
+        measurements.measure(&mut dynamics, &next)?;
         let load = dynamics.load_work([state.t, next.t], &state.q, &next.q);
-        meter.count(&mut reading, None, load, dynamics.head_mass())?;
+        metrics.count_step(&mut measurements, None, load, dynamics.head_mass())?;
         swap(&mut state, &mut next);
-        cycles.follow(&dynamics, &state, &meter, None);
-        moments.push(Moment::of(&dynamics, &state));
+        cycles.follow(&dynamics, &state, &metrics, None);
+        samples.push(MotionSample::of(&dynamics, &state));
     }
-    let means = Means::of(&cycles, &dynamics).ok_or_else(nothing)?;
-    let from = moments.partition_point(|moment| moment.time <= span.measured_from() + ROUNDING * duration);
-    Ok(Followed { means, motion: motion(&moments[from.saturating_sub(1)..], model.head.is_some()) })
+    let means = MotionAndPower::of(&cycles, &dynamics).ok_or_else(nothing)?;
+    let from = samples.partition_point(|sample| sample.time <= span.measured_from() + ROUNDING * duration);
+    Ok(ShortRunResult { means, motion: motion(&samples[from.saturating_sub(1)..], model.head.is_some()) })
 }
 
 /// How the rod moves against the fluid at one time: mean squares over its nodes.
-struct Moment {
+struct MotionSample {
     time: f64,
     along: f64,
     across: f64,
@@ -163,13 +163,13 @@ struct Moment {
     from: Vector2<f64>,
 }
 
-impl Moment {
+impl MotionSample {
     /// That of `state`, to which `dynamics` was moved last.
     fn of(dynamics: &Dynamics, State { t, q, v, .. }: &State) -> Self {
         let rod = &dynamics.model.rod;
         let last = rod.nodes - 1;
         let from = if dynamics.model.head.is_some() { node(q, 0) } else { rod.mean(q) };
-        let mut moment = Self {
+        let mut sample = Self {
             time: *t,
             along: 0.0,
             across: 0.0,
@@ -182,7 +182,7 @@ impl Moment {
         };
         if rod.body.is_some() {
             let Fluid { density, viscosity, flow, .. } = dynamics.fluid_at(node(q, 0));
-            moment.body = (node(v, 0) - flow).norm_squared() * (density / viscosity).powi(2);
+            sample.body = (node(v, 0) - flow).norm_squared() * (density / viscosity).powi(2);
         }
         let part = 1.0 / (rod.nodes - rod.front) as f64;
         for k in rod.front..rod.nodes {
@@ -191,39 +191,39 @@ impl Moment {
             let velocity = node(v, k) - flow;
             let along = tangent.dot(&velocity).powi(2);
             let across = tangent.perp(&velocity).powi(2) + MISALIGNED * MISALIGNED * along;
-            moment.along += part * along;
-            moment.across += part * across;
-            moment.inertia += part * across * (density / viscosity).powi(2);
-            moment.density += part * density;
-            moment.viscosity += part * viscosity;
+            sample.along += part * along;
+            sample.across += part * across;
+            sample.inertia += part * across * (density / viscosity).powi(2);
+            sample.density += part * density;
+            sample.viscosity += part * viscosity;
         }
-        moment
+        sample
     }
 }
 
-/// The motion from the first of equally spaced `moments`, which is the start of it, to the last.
-fn motion(moments: &[Moment], held: bool) -> Motion {
-    let later = moments.get(1..).unwrap_or_default();
-    let mean = |of: fn(&Moment) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
-    let root = |of: fn(&Moment) -> f64| mean(of).sqrt();
+/// The motion from the first of equally spaced `samples`, which is the start of it, to the last.
+fn motion(samples: &[MotionSample], held: bool) -> Motion {
+    let later = samples.get(1..).unwrap_or_default();
+    let mean = |of: fn(&MotionSample) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
+    let root = |of: fn(&MotionSample) -> f64| mean(of).sqrt();
     // What carries the head, or the centre of mass, on: all of a free rod's motion, of a held head its mean.
-    let gone = |moment: &Moment| match (moments.first(), moments.last()) {
+    let gone = |sample: &MotionSample| match (samples.first(), samples.last()) {
         (Some(first), Some(last)) if held && last.time > first.time => {
-            (last.from - first.from) * ((moment.time - first.time) / (last.time - first.time))
+            (last.from - first.from) * ((sample.time - first.time) / (last.time - first.time))
         }
         _ if held => Vector2::zeros(),
-        _ => moment.from,
+        _ => sample.from,
     };
-    let tips: Vec<_> = later.iter().map(|moment| moment.tip - gone(moment)).collect();
+    let tips: Vec<_> = later.iter().map(|sample| sample.tip - gone(sample)).collect();
     Motion {
-        along: root(|moment| moment.along),
+        along: root(|sample| sample.along),
         across: Across {
-            speed: root(|moment| moment.across),
-            per_depth: root(|moment| moment.inertia),
-            body: root(|moment| moment.body),
+            speed: root(|sample| sample.across),
+            per_depth: root(|sample| sample.inertia),
+            body: root(|sample| sample.body),
             fluid: Fluid {
-                density: mean(|moment| moment.density),
-                viscosity: mean(|moment| moment.viscosity),
+                density: mean(|sample| sample.density),
+                viscosity: mean(|sample| sample.viscosity),
                 ..Fluid::NONE
             },
         },
@@ -239,7 +239,7 @@ pub struct FluidEstimate {
     /// True with the water that the rod accelerates.
     pub reactive: bool,
     /// Motion and power, of a coarse and short run.
-    pub means: Means,
+    pub means: MotionAndPower,
     /// Estimated relative errors of motion and power against the highest law.
     pub errors: [f64; 2],
 }
@@ -268,13 +268,13 @@ pub struct FluidEstimates {
 impl FluidEstimates {
     /// The estimates from what the scene comes to under each law, the highest last.
     pub fn of(
-        found: Vec<(&'static DragLaw, bool, Means)>,
+        found: Vec<(&'static DragLaw, bool, MotionAndPower)>,
         uncertainty: [f64; 2],
         held: bool,
         regime: Regime,
     ) -> Option<Self> {
         let highest = found.last()?.2;
-        let error = |difference: f64| (MARGIN * difference.abs()).max(FLOOR);
+        let error = |difference: f64| (SAFETY_FACTOR * difference.abs()).max(MIN_ERROR);
         let count = found.len();
         let laws = found.into_iter().enumerate().map(|(i, (law, reactive, means))| FluidEstimate {
             law,
@@ -292,7 +292,7 @@ impl FluidEstimates {
     }
 
     /// Those of the laws that are `allowed`, against the highest of them; none where there is none.
-    pub fn among(&self, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
+    pub fn restricted_to(&self, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
         let of = self.laws.iter().filter(|estimate| allowed(estimate.law, estimate.reactive));
         let found: Vec<_> = of.map(|estimate| (estimate.law, estimate.reactive, estimate.means)).collect();
         let (highest, reactive, _) = *found.last()?;
@@ -327,17 +327,17 @@ pub struct FluidChoice {
 }
 
 /// The part of the highest law's own uncertainty that a simpler one may differ from it by.
-const SHARE: f64 = 0.25;
+const UNCERTAINTY_FRACTION: f64 = 0.25;
 
 impl FluidChoice {
     /// The cheapest law that is `allowed` and differs little from the highest of those, as seen beside that one's own uncertainty; with the
     /// water's inertia where that counts for the rod's stability, as a motion from rest may not show it.
     pub fn of(estimates: &FluidEstimates, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
-        let open = estimates.among(&allowed)?;
+        let open = estimates.restricted_to(&allowed)?;
         let is_kept = estimates.regime.water_decides_stability() && open.laws.iter().any(|law| law.reactive);
         let left_out = is_kept && open.laws.iter().any(|law| !law.reactive);
-        let estimates = if is_kept { open.among(|_, reactive| reactive)? } else { open };
-        let limits = estimates.uncertainty.map(|uncertain| SHARE * uncertain);
+        let estimates = if is_kept { open.restricted_to(|_, reactive| reactive)? } else { open };
+        let limits = estimates.uncertainty.map(|uncertain| UNCERTAINTY_FRACTION * uncertain);
         let highest = estimates.laws.last()?;
         let within = |law: &&FluidEstimate| law.errors.iter().zip(limits).all(|(error, limit)| *error <= limit);
         let excess =
@@ -383,7 +383,7 @@ impl FluidChoice {
             law.name
         );
         let known = self.errors.unwrap_or_default();
-        self.errors = Some([0, 1].map(|i| known[i].max(MARGIN * changes[i].abs()).max(FLOOR)));
+        self.errors = Some([0, 1].map(|i| known[i].max(SAFETY_FACTOR * changes[i].abs()).max(MIN_ERROR)));
     }
 
     /// What is taken, in words.

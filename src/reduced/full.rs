@@ -1,6 +1,6 @@
 //! The whole model, M a = F, by the integrator that the scene names.
 
-use super::{Mover, Rung};
+use super::{ModelKind, ModelStepper};
 use crate::error::Result;
 use crate::integrator::{Integrator, Rule, StepError};
 use crate::model::{Dynamics, Mechanics};
@@ -8,7 +8,7 @@ use crate::newton::Newton;
 use crate::system::{Direction, State};
 
 /// What is known of it.
-pub static RUNG: Rung = Rung {
+pub static MODEL: ModelKind = ModelKind {
     name: "full",
     meaning: "elasticity, inertia and drag",
     method: None,
@@ -25,7 +25,7 @@ struct Full {
     accelerations: Vec<f64>,
 }
 
-impl Mover for Full {
+impl ModelStepper for Full {
     fn mechanics(&self) -> Mechanics {
         Mechanics::Full
     }
@@ -41,7 +41,7 @@ impl Mover for Full {
         Ok(())
     }
 
-    fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+    fn reinitialise(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
         self.accelerations.clone_from(&state.a);
         newton.iterate(dynamics, state, Direction::ACCELERATIONS)?;
         for (w, (new, old)) in state.memory.iter_mut().zip(state.a.iter().zip(&self.accelerations)) {

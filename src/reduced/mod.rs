@@ -1,16 +1,19 @@
-//! The ladder of models of one scene: the whole rod, and cheaper models that keep less of its mechanics.
+//! The models of one scene, which `solver.model` chooses between: the full rod, and cheaper reduced models that leave out
+//! elasticity or inertia.
 //!
-//! Every rung moves the same [`State`]: positions, velocities and accelerations of all nodes. So stepper, variables,
-//! outputs and sweeps are the same for each.
+//! Each model advances the same [`State`], the positions, velocities and accelerations of all nodes, so the stepper,
+//! variables, outputs and sweeps serve all of them.
 
+pub mod comparison;
 pub mod estimate;
 pub mod fluids;
 mod full;
-pub mod measure;
+mod motion_and_power;
 mod overdamped;
 mod rigid;
 mod runge_kutta;
 mod shape;
+mod time_scales;
 
 use std::sync::Arc;
 
@@ -19,108 +22,109 @@ use crate::integrator::{Integrator, Rule, StepError};
 use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
+pub use comparison::{Differences, ErrorMeasure};
 pub use estimate::{Estimate, Estimates};
 pub use fluids::{FluidChoice, FluidEstimates};
-pub(crate) use full::RUNG as FULL;
-pub use measure::{Differences, Measure};
+pub(crate) use full::MODEL as FULL;
+pub use motion_and_power::MotionAndPower;
 
-/// All rungs, the cheapest first; adding one is its file and its line here.
-pub static RUNGS: &[&Rung] = &[&shape::RUNG, &overdamped::RUNG, &full::RUNG];
+/// All models, the cheapest first. A new model is a file and a line here.
+pub static MODELS: &[&ModelKind] = &[&shape::MODEL, &overdamped::MODEL, &full::MODEL];
 
-/// What is known of a rung, and how to make it.
+/// A kind of model: its name, its limits, and how it is built.
 #[derive(Debug)]
-pub struct Rung {
+pub struct ModelKind {
     /// Name in a scene.
     pub name: &'static str,
-    /// What it keeps and what it leaves out.
+    /// The terms that it keeps and those that it omits.
     pub meaning: &'static str,
-    /// What it is solved by; `None`: by the scene's integrator.
+    /// Name of its own integrator; `None` if it uses the integrator of the scene.
     pub method: Option<&'static str>,
-    /// True where it makes no sense without drag.
+    /// True if it is undefined without drag.
     pub needs_drag: bool,
-    /// What is estimated of its errors; `None`: it leaves nothing out.
+    /// Selects its estimated errors; `None` if it omits nothing.
     pub estimate: Option<fn(&Estimates) -> &Estimate>,
-    /// Why it cannot run a model for so long (s), where it cannot.
+    /// Why it cannot simulate a model for a duration (s), if so.
     pub refuses: fn(&Arc<Model>, f64) -> Option<String>,
-    /// The rung, for a scene with that integrator.
-    pub build: fn(Box<dyn Integrator>) -> Box<dyn Mover>,
+    /// Builds its stepper, with the integrator of the scene.
+    pub build: fn(Box<dyn Integrator>) -> Box<dyn ModelStepper>,
 }
 
-impl Rung {
-    /// The rung of this name.
+impl ModelKind {
+    /// The model of this name.
     pub fn named(name: &str) -> Option<&'static Self> {
-        RUNGS.iter().copied().find(|rung| rung.name == name)
+        MODELS.iter().copied().find(|kind| kind.name == name)
     }
 }
 
-/// A rung, and why it was taken.
+/// The kind of model that a run uses, and why.
 #[derive(Debug, Clone)]
-pub struct Choice {
-    /// The rung.
-    pub rung: &'static Rung,
-    /// Why, where the program has chosen.
+pub struct ModelChoice {
+    /// The kind of model.
+    pub kind: &'static ModelKind,
+    /// The reason, if the program chose it.
     pub reason: Option<String>,
-    /// What the program has chosen by.
+    /// The estimates that the choice is based on.
     pub estimates: Option<Estimates>,
 }
 
-impl Choice {
-    /// The rung that a scene names.
-    pub fn asked(rung: &'static Rung) -> Self {
-        Self { rung, reason: None, estimates: None }
+impl ModelChoice {
+    /// The model that a scene names.
+    pub fn asked(kind: &'static ModelKind) -> Self {
+        Self { kind, reason: None, estimates: None }
     }
 
-    /// The cheapest rung whose estimated errors of `measures` are at most `accuracy`; `drag` says whether there is any.
-    pub fn of(estimates: Estimates, accuracy: f64, measures: &[Measure], drag: bool) -> Self {
-        let (mut taken, mut reasons) = (&full::RUNG, Vec::new());
-        for rung in RUNGS.iter().filter(|rung| drag || !rung.needs_drag) {
-            let Some(estimate) = rung.estimate else { continue };
-            match estimate(&estimates).as_ref().map(|errors| errors.worst(measures)) {
+    /// The cheapest model whose estimated errors in `measures` do not exceed `accuracy`; `drag` tells whether the scene has drag.
+    pub fn of(estimates: Estimates, accuracy: f64, measures: &[ErrorMeasure], drag: bool) -> Self {
+        let (mut taken, mut reasons) = (&full::MODEL, Vec::new());
+        for kind in MODELS.iter().filter(|kind| drag || !kind.needs_drag) {
+            let Some(estimate) = kind.estimate else { continue };
+            match estimate(&estimates).as_ref().map(|errors| errors.largest(measures)) {
                 Ok(Some((measure, error))) if error <= accuracy => {
                     let [name, relative] = measure.meaning();
                     reasons = vec![format!(
                         "its largest estimated error, of the {name}, is {error:.1e} of {relative}: within the accuracy {accuracy:e}"
                     )];
-                    taken = rung;
+                    taken = kind;
                     break;
                 }
                 Ok(Some((measure, error))) => reasons.push(format!(
                     "{}: estimated error of the {} {error:.1e}, above the accuracy {accuracy:e}",
-                    rung.name,
+                    kind.name,
                     measure.meaning()[0]
                 )),
                 Ok(None) => {}
-                Err(reason) => reasons.push(format!("{}: {reason}", rung.name)),
+                Err(reason) => reasons.push(format!("{}: {reason}", kind.name)),
             }
         }
-        Self { rung: taken, reason: Some(reasons.join("; ")), estimates: Some(estimates) }
+        Self { kind: taken, reason: Some(reasons.join("; ")), estimates: Some(estimates) }
     }
 }
 
-/// A rung at work: it moves the state of a rod.
-pub trait Mover: std::fmt::Debug + Send {
-    /// What it keeps of the rod's mechanics.
+/// Advances the state of a rod in time, by the equations of one kind of model.
+pub trait ModelStepper: std::fmt::Debug + Send {
+    /// The mechanics of the rod that the model keeps.
     fn mechanics(&self) -> Mechanics;
 
     /// Order of convergence in the step size.
     fn order(&self) -> u32;
 
-    /// Largest error of a step over the length where the scene gives the step; it is halved where it has more.
-    fn limit(&self) -> f64 {
+    /// The largest error of a fixed step, relative to the length. A step with a larger error is halved.
+    fn error_limit(&self) -> f64 {
         f64::INFINITY
     }
 
-    /// Prepares for a run from `state`, a [`Start`](crate::start::Start), and makes it one of its own.
+    /// Prepares a run from `state`, which a [`Start`](crate::start::Start) gives, and makes it consistent with the model.
     ///
     /// # Errors
     /// Those of [`Newton::iterate`].
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
 
-    /// Makes `state` one of its own again after inputs have changed.
+    /// Makes `state` consistent with the model again after a jump of inputs.
     ///
     /// # Errors
     /// Those of [`Newton::iterate`].
-    fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
+    fn reinitialise(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()>;
 
     /// Steps as [`Integrator::step`] does.
     ///
@@ -135,24 +139,24 @@ pub trait Mover: std::fmt::Debug + Send {
         to: &mut State,
     ) -> Result<StepError>;
 
-    /// The rule of its steps of `h` (s), where it solves the whole model by a method of one stage.
+    /// The rule of a step of `h` (s), if it solves the full model by a method of one stage.
     fn rule(&self, _h: f64) -> Option<Rule> {
         None
     }
 
-    /// True where it knows the state within a step as well as at its end: work is read in the middle too.
-    fn knows_between(&self) -> bool {
+    /// True if it has dense output as accurate as the end of the step. Work is then integrated with the midpoint too.
+    fn has_dense_output(&self) -> bool {
         false
     }
 
-    /// Writes the state at time `t` (s) of the last step, which began at `from`, to `out`; only where it
-    /// [knows](Self::knows_between) it.
-    fn between(&mut self, _dynamics: &mut Dynamics, _from: &State, _t: f64, _out: &mut State) {}
+    /// Writes the state at time `t` (s) of the last step, which began at `from`, to `out`. Called only if it
+    /// [has dense output](Self::has_dense_output).
+    fn interpolate(&mut self, _dynamics: &mut Dynamics, _from: &State, _t: f64, _out: &mut State) {}
 }
 
-impl From<Box<dyn Integrator>> for Box<dyn Mover> {
-    /// The whole model.
+impl From<Box<dyn Integrator>> for Box<dyn ModelStepper> {
+    /// The full model.
     fn from(integrator: Box<dyn Integrator>) -> Self {
-        (full::RUNG.build)(integrator)
+        (full::MODEL.build)(integrator)
     }
 }

@@ -3,7 +3,7 @@
 //! The residual is the model's own at a = 0. Steps are those of ESDIRK3(2), L-stable, on q' = v: a stage solves for its
 //! velocity with q_i = qⁿ + h Σ_{j<i} a_ij v_j + hγ v_i.
 
-use super::{Mover, Rung};
+use super::{ModelKind, ModelStepper};
 use crate::error::{Error, Result};
 use crate::fluid::Force;
 use crate::integrator::esdirk3::{G, STAGES, TIMES, WEIGHTS, error};
@@ -13,7 +13,7 @@ use crate::newton::{Convergence, MAX_ITERATIONS, Newton};
 use crate::system::{Direction, State, System};
 
 /// What is known of it.
-pub static RUNG: Rung = Rung {
+pub static MODEL: ModelKind = ModelKind {
     name: "overdamped",
     meaning: "elasticity and drag, without inertia",
     method: Some("esdirk3 of first order"),
@@ -24,10 +24,10 @@ pub static RUNG: Rung = Rung {
 };
 
 /// Velocities are found where an iteration moves them by no more than this part of the largest …
-const SETTLED: f64 = 1e-10;
+const VELOCITY_TOLERANCE: f64 = 1e-10;
 
 /// … or by no more than this and no less than half of the one before: by rounding.
-const ROUNDED: f64 = 1e-6;
+const ROUNDING_TOLERANCE: f64 = 1e-6;
 
 /// The velocities of the first three stages.
 #[derive(Debug, Default)]
@@ -37,7 +37,7 @@ struct Overdamped {
     before: Vec<f64>,
 }
 
-impl Mover for Overdamped {
+impl ModelStepper for Overdamped {
     fn mechanics(&self) -> Mechanics {
         Mechanics::Overdamped
     }
@@ -50,12 +50,12 @@ impl Mover for Overdamped {
         for stage in &mut self.v {
             stage.resize(state.q.len(), 0.0);
         }
-        self.settle(dynamics, newton, state)
+        self.reinitialise(dynamics, newton, state)
     }
 
     /// Solves F(q, v) = 0 for the velocities: by one iteration where all forces are linear in them, else to where an iteration
-    /// moves them by no more than [`SETTLED`] of the largest.
-    fn settle(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
+    /// moves them by no more than [`VELOCITY_TOLERANCE`] of the largest.
+    fn reinitialise(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
         if dynamics.coupling().is_none() && dynamics.model.forces.iter().all(Force::is_linear) {
             return newton.iterate(dynamics, state, Direction::VELOCITIES).map(|_| ());
         }
@@ -67,8 +67,8 @@ impl Mover for Overdamped {
             let changes = state.v.iter().zip(&self.before).map(|(v, before)| (v - before).abs());
             let (change, speed) =
                 (changes.fold(0.0, f64::max), state.v.iter().fold(0.0, |max: f64, v| max.max(v.abs())));
-            let stalled = change >= 0.5 * last && change <= ROUNDED * speed;
-            if change <= SETTLED * speed || stalled {
+            let stalled = change >= 0.5 * last && change <= ROUNDING_TOLERANCE * speed;
+            if change <= VELOCITY_TOLERANCE * speed || stalled {
                 return Ok(());
             }
             if iterations >= MAX_ITERATIONS {

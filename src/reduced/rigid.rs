@@ -19,17 +19,17 @@ use crate::rod::{Edge, Rod, bend, node};
 use crate::system::State;
 
 /// Numbers that describe the rigid motion.
-pub const RIGID: usize = 6;
+pub const RIGID_COORDINATES: usize = 6;
 
 /// X, φ, V, Λ, or their rates.
-pub type Rigid = [f64; RIGID];
+pub type RigidMotion = [f64; RIGID_COORDINATES];
 
 /// How the direction that a chain starts from moves: unit vector, rate and second rate of its angle.
 type Base = (Vector2<f64>, f64, f64);
 
 /// An inextensible chain with room for its motion.
 #[derive(Debug, Default)]
-pub struct Chain {
+pub struct RigidChain {
     /// Of the rod, kg.
     mass: f64,
     edges: Vec<Edge>,
@@ -51,7 +51,7 @@ pub struct Chain {
     unused: [Vec<f64>; 2],
 }
 
-impl Chain {
+impl RigidChain {
     /// Room for the nodes of `rod`.
     pub fn new(rod: &Rod) -> Self {
         let zeros = || vec![0.0; 2 * rod.nodes];
@@ -97,7 +97,7 @@ impl Chain {
 
     /// Lays the chain of curvatures κ, their rates and, if asked for, second rates, from node 0 at rest at the origin;
     /// returns the means of positions, velocities and accelerations.
-    fn lay<const ACCELERATIONS: bool>(
+    fn place_nodes<const ACCELERATIONS: bool>(
         &mut self,
         rod: &Rod,
         [kappa, rate, second]: [&[f64]; 3],
@@ -156,17 +156,17 @@ impl Chain {
     }
 
     /// The rates of the rigid motion `rigid` with curvatures κ and their rates; inputs are those of `dynamics`.
-    pub fn rates(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &Rigid) -> Rigid {
+    pub fn rates(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &RigidMotion) -> RigidMotion {
         let &[_, _, angle, vx, vy, momentum] = rigid;
         let rod = &dynamics.model.rod;
-        let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(angle), 0.0, 0.0));
+        let means = self.place_nodes::<false>(rod, [kappa, rate, &[]], (direction(angle), 0.0, 0.0));
         let of_shape = self.centre(rod, means);
         if dynamics.model.forces.are_inertial() {
             let flow = dynamics.inputs.fluid.flow;
             let of_fluid = self.of_fluid(dynamics, 1.0, [0.0; 3], flow);
             let inertias = self.inertias(dynamics);
             let left = Vector3::new(self.mass * vx, self.mass * vy, momentum - of_shape) - of_fluid;
-            let Some(motion) = inertias.lu().solve(&left) else { return [f64::NAN; RIGID] };
+            let Some(motion) = inertias.lu().solve(&left) else { return [f64::NAN; RIGID_COORDINATES] };
             let [fx, fy, moment] = self.applied(dynamics, motion.into());
             let velocity = motion.xy();
             let munk = (velocity - flow).perp(&(Vector2::new(vx, vy) * self.mass - velocity * self.mass));
@@ -178,13 +178,18 @@ impl Chain {
     }
 
     /// The same without inertia: V and Λ play no part.
-    pub fn rates_without_inertia(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], rigid: &Rigid) -> Rigid {
+    pub fn rates_without_inertia(
+        &mut self,
+        dynamics: &Dynamics,
+        [kappa, rate]: [&[f64]; 2],
+        rigid: &RigidMotion,
+    ) -> RigidMotion {
         /// Most Newton iterations; one is exact for a drag linear in velocity.
         const ITERATIONS: u32 = 30;
         /// Increments of this part of the shape's own speed are rounding, for derivatives that are differences.
         const CONVERGED: f64 = 1e-13;
         let rod = &dynamics.model.rod;
-        let means = self.lay::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
+        let means = self.place_nodes::<false>(rod, [kappa, rate, &[]], (direction(rigid[2]), 0.0, 0.0));
         self.centre(rod, means);
         let mut motion = Vector3::zeros();
         for _ in 0..ITERATIONS {
@@ -197,7 +202,9 @@ impl Chain {
                 moved[i] += scale[i];
                 (Vector3::from(self.applied(dynamics, moved.into())) - here) / scale[i]
             });
-            let Some(inverse) = Matrix3::from_columns(&columns).try_inverse() else { return [f64::NAN; RIGID] };
+            let Some(inverse) = Matrix3::from_columns(&columns).try_inverse() else {
+                return [f64::NAN; RIGID_COORDINATES];
+            };
             let increment = inverse * here;
             motion -= increment;
             if increment.component_div(&Vector3::from(scale)).amax() < CONVERGED {
@@ -236,11 +243,11 @@ impl Chain {
     }
 
     /// Writes the motion of the chain of curvatures κ, their rates and second rates, that moves by `rigid` at `rates`.
-    pub fn place(&mut self, dynamics: &Dynamics, natural: [&[f64]; 3], rigid: &Rigid, rates: &Rigid) {
+    pub fn place(&mut self, dynamics: &Dynamics, natural: [&[f64]; 3], rigid: &RigidMotion, rates: &RigidMotion) {
         let rod = &dynamics.model.rod;
         let &[x, y, angle, ..] = rigid;
         let &[vx, vy, spin, mut ax, mut ay, moment] = rates;
-        let means = self.lay::<true>(rod, natural, (direction(angle), spin, 0.0));
+        let means = self.place_nodes::<true>(rod, natural, (direction(angle), spin, 0.0));
         self.centre(rod, means);
         let [_, _, mean] = means;
         let mut change = 0.0;
@@ -275,8 +282,8 @@ impl Chain {
     }
 
     /// Writes the motion of the chain that hangs on a held head.
-    pub fn hang(&mut self, rod: &Rod, natural: [&[f64]; 3], [x, y, angle]: &Pose) {
-        self.lay::<true>(rod, natural, (direction(angle.value), angle.rate, angle.acceleration));
+    pub fn place_on_head(&mut self, rod: &Rod, natural: [&[f64]; 3], [x, y, angle]: &Pose) {
+        self.place_nodes::<true>(rod, natural, (direction(angle.value), angle.rate, angle.acceleration));
         for (of_head, values) in [
             (Vector2::new(x.value, y.value), &mut self.x),
             (Vector2::new(x.rate, y.rate), &mut self.v),
@@ -290,9 +297,9 @@ impl Chain {
     }
 
     /// The rigid motion that fits the chain of curvatures κ to `state` best, with the centre of mass and the momenta of it.
-    pub fn fit(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], state: &State) -> Rigid {
+    pub fn fit_state(&mut self, dynamics: &Dynamics, [kappa, rate]: [&[f64]; 2], state: &State) -> RigidMotion {
         let rod = &dynamics.model.rod;
-        let means = self.lay::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
+        let means = self.place_nodes::<false>(rod, [kappa, rate, &[]], (Vector2::x(), 0.0, 0.0));
         self.centre(rod, means);
         let (x, v) = (rod.mean(&state.q), rod.mean(&state.v));
         let (mut cross, mut dot, mut momentum) = (0.0, 0.0, 0.0);

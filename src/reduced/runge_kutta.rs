@@ -39,7 +39,7 @@ const DENSE: [f64; STAGES] = [
 
 /// A step of y' = f(t, y), N numbers.
 #[derive(Debug, Clone, Copy)]
-pub struct Step<const N: usize> {
+pub struct DormandPrinceStep<const N: usize> {
     from: (f64, [f64; N]),
     h: f64,
     stages: [[f64; N]; STAGES],
@@ -47,7 +47,7 @@ pub struct Step<const N: usize> {
     pub end: [f64; N],
 }
 
-impl<const N: usize> Step<N> {
+impl<const N: usize> DormandPrinceStep<N> {
     /// From `y` with the rates `rate` at `t`, over `h`.
     pub fn new(t: f64, y: [f64; N], rate: [f64; N], h: f64, mut rates: impl FnMut(f64, &[f64; N]) -> [f64; N]) -> Self {
         let mut step = Self { from: (t, y), h, stages: [rate; STAGES], end: y };

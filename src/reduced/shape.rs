@@ -6,62 +6,85 @@
 //! Where inputs change at once the shape does too: the centre of mass, its velocity and Λ stay, and the new shape is
 //! turned to fit the old one best (mass-weighted least squares).
 
-use super::rigid::{Chain, RIGID, Rigid};
-use super::runge_kutta::{ORDER, Step};
-use super::{Mover, Rung};
+use std::sync::Arc;
+
+use super::rigid::{RIGID_COORDINATES, RigidChain, RigidMotion};
+use super::runge_kutta::{DormandPrinceStep, ORDER};
+use super::time_scales::TimeScales;
+use super::{ModelKind, ModelStepper};
 use crate::error::{Error, Result};
 use crate::integrator::StepError;
-use crate::model::{Dynamics, Mechanics};
+use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
 
 /// What is known of it.
-pub static RUNG: Rung = Rung {
+pub static MODEL: ModelKind = ModelKind {
     name: "shape",
     meaning: "the rigid motion of the prescribed shape: inertia of rod and fluid, and drag, without elasticity",
     method: Some("Dormand-Prince 5(4)"),
     needs_drag: false,
     estimate: Some(|estimates| &estimates.shape),
-    refuses: super::estimate::endless,
+    refuses: too_many_steps,
     build: |_| Box::new(Shape::default()),
 };
 
 /// Largest error of a step over the length.
-const LIMIT: f64 = 1e-8;
+const ERROR_LIMIT: f64 = 1e-8;
 
-/// Longest step that is stable, in times in which drag stops the rod.
-pub const STABLE: f64 = 3.3;
+/// The longest stable step, in multiples of the time in which drag stops the rod.
+const STABLE: f64 = 3.3;
+
+/// The most steps of a run: half a minute of computing for ten nodes.
+const MAX_STEPS: f64 = 1e7;
+
+/// Steps per second that keep the explicit method stable where drag stops a free rod.
+pub fn stable_rate(model: &Model, times: &TimeScales) -> f64 {
+    if model.head.is_none() { 1.0 / (STABLE * times.stops[0]) } else { 0.0 }
+}
+
+/// Why a run of `duration` (s) cannot be solved by this model, if it would take too many steps.
+fn too_many_steps(model: &Arc<Model>, duration: f64) -> Option<String> {
+    let times = TimeScales::of(&Dynamics::new(Arc::clone(model)), duration);
+    let steps = stable_rate(model, &times) * duration;
+    (steps > MAX_STEPS).then(|| {
+        format!(
+            "drag stops this rod within {:.1e} s, which the explicit method of the shape model resolves in {steps:.1e} steps; allowed: a model that fits, \"overdamped\" or \"full\"",
+            times.stops[0]
+        )
+    })
+}
 
 /// The method and its last step.
 #[derive(Debug)]
 struct Shape {
-    chain: Chain,
+    chain: RigidChain,
     acceleration: Vec<f64>,
-    step: Step<RIGID>,
+    step: DormandPrinceStep<RIGID_COORDINATES>,
 }
 
 impl Default for Shape {
     fn default() -> Self {
-        Self { chain: Chain::default(), acceleration: Vec::new(), step: Step::none() }
+        Self { chain: RigidChain::default(), acceleration: Vec::new(), step: DormandPrinceStep::none() }
     }
 }
 
 /// The rates of the rigid motion of the prescribed shape at time `t` (s).
-pub fn rates_at(chain: &mut Chain, dynamics: &mut Dynamics, t: f64, rigid: &Rigid) -> Rigid {
+pub fn rates_at(chain: &mut RigidChain, dynamics: &mut Dynamics, t: f64, rigid: &RigidMotion) -> RigidMotion {
     dynamics.look_at(t);
     chain.rates(dynamics, [&dynamics.natural, &dynamics.natural_rate], rigid)
 }
 
 impl Shape {
     /// Writes the state at time `t` of the rigid motion `rigid` with its `rates`.
-    fn place(&mut self, dynamics: &mut Dynamics, t: f64, motion: Option<[&Rigid; 2]>, state: &mut State) {
+    fn place(&mut self, dynamics: &mut Dynamics, t: f64, motion: Option<[&RigidMotion; 2]>, state: &mut State) {
         dynamics.look_at(t);
         dynamics.natural_acceleration(t, &mut self.acceleration);
         state.t = t;
         let (chain, natural) = (&mut self.chain, [&dynamics.natural[..], &dynamics.natural_rate, &self.acceleration]);
         match motion {
             Some([rigid, rates]) => chain.place(dynamics, natural, rigid, rates),
-            None => chain.hang(&dynamics.model.rod, natural, &dynamics.held.unwrap_or_default()),
+            None => chain.place_on_head(&dynamics.model.rod, natural, &dynamics.held.unwrap_or_default()),
         }
         state.q.copy_from_slice(&chain.x);
         state.v.copy_from_slice(&chain.v);
@@ -69,7 +92,7 @@ impl Shape {
     }
 }
 
-impl Mover for Shape {
+impl ModelStepper for Shape {
     fn mechanics(&self) -> Mechanics {
         Mechanics::Shape
     }
@@ -78,23 +101,23 @@ impl Mover for Shape {
         ORDER
     }
 
-    fn limit(&self) -> f64 {
-        LIMIT
+    fn error_limit(&self) -> f64 {
+        ERROR_LIMIT
     }
 
     fn begin(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
-        self.chain = Chain::new(&dynamics.model.rod);
+        self.chain = RigidChain::new(&dynamics.model.rod);
         self.acceleration.resize(dynamics.model.rod.nodes, 0.0);
-        self.settle(dynamics, newton, state)
+        self.reinitialise(dynamics, newton, state)
     }
 
-    fn settle(&mut self, dynamics: &mut Dynamics, _: &mut Newton, state: &mut State) -> Result<()> {
+    fn reinitialise(&mut self, dynamics: &mut Dynamics, _: &mut Newton, state: &mut State) -> Result<()> {
         if dynamics.model.head.is_some() {
             self.place(dynamics, state.t, None, state);
             return Ok(());
         }
         dynamics.look_at(state.t);
-        let rigid = self.chain.fit(dynamics, [&dynamics.natural, &dynamics.natural_rate], state);
+        let rigid = self.chain.fit_state(dynamics, [&dynamics.natural, &dynamics.natural_rate], state);
         let rates = rates_at(&mut self.chain, dynamics, state.t, &rigid);
         state.memory.clear();
         state.memory.extend(rigid.iter().chain(&rates));
@@ -110,13 +133,13 @@ impl Mover for Shape {
         h: f64,
         to: &mut State,
     ) -> Result<StepError> {
-        let Some((&rigid, rates)) = from.memory.split_first_chunk::<RIGID>() else {
+        let Some((&rigid, rates)) = from.memory.split_first_chunk::<RIGID_COORDINATES>() else {
             self.place(dynamics, to.t, None, to);
             return Ok(StepError::default());
         };
-        let rates = rates.first_chunk().copied().unwrap_or([0.0; RIGID]);
+        let rates = rates.first_chunk().copied().unwrap_or([0.0; RIGID_COORDINATES]);
         let chain = &mut self.chain;
-        self.step = Step::new(from.t, rigid, rates, h, |t, rigid| rates_at(chain, dynamics, t, rigid));
+        self.step = DormandPrinceStep::new(from.t, rigid, rates, h, |t, rigid| rates_at(chain, dynamics, t, rigid));
         let (error, length) = (self.step.error(), dynamics.model.rod.length);
         let [x, y, turn, vx, vy, momentum] = error.map(f64::abs);
         let error = StepError {
@@ -133,11 +156,11 @@ impl Mover for Shape {
         Ok(error)
     }
 
-    fn knows_between(&self) -> bool {
+    fn has_dense_output(&self) -> bool {
         true
     }
 
-    fn between(&mut self, dynamics: &mut Dynamics, from: &State, t: f64, out: &mut State) {
+    fn interpolate(&mut self, dynamics: &mut Dynamics, from: &State, t: f64, out: &mut State) {
         if from.memory.is_empty() {
             self.place(dynamics, t, None, out);
         } else {

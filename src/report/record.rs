@@ -51,7 +51,7 @@ impl Times {
     ) -> Result<ControlFlow<()>> {
         match self {
             Self::Steps(every, last) => {
-                let step = stepper.meter().totals.steps;
+                let step = stepper.metrics().totals.steps;
                 if std::mem::replace(last, step) == step {
                     return Ok(ControlFlow::Continue(())); // half a step
                 }
@@ -123,7 +123,7 @@ impl Frame {
         Self {
             time: view.state.t,
             points: (0..points).map(point).collect(),
-            com: view.meter.now.com.into(),
+            com: view.metrics.now.com.into(),
             body: Self::body(&view.dynamics.model.rod, &view.state.q),
             medium: inputs.layers.filter(|layers| layers.iter().len() > 0).map(|layers| (inputs.fluid, layers)),
         }

@@ -4,7 +4,7 @@ use serde::de::Error;
 use serde::{Deserialize, Deserializer};
 
 use super::Scene;
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::rod::check_points;
 use super::value::{self, Finite, NotNegative, Positive};
 use crate::actuation::sine_wave::STEEPEST;
@@ -74,8 +74,8 @@ impl ActuationTable {
         keys.into_iter().filter_map(|(key, given)| given.then_some(key))
     }
 
-    pub(super) fn check(&self) -> Result<(), Fault> {
-        let fault = |key: &str, problem: String| Err(Fault { key: format!("actuation.{key}"), problem });
+    pub(super) fn check(&self) -> Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: format!("actuation.{key}"), problem });
         let kind = self.kind;
         if let Some(key) = self.given().find(|key| !kind.keys.contains(key)) {
             let owners = KINDS.iter().filter(|kind| kind.keys.contains(&key)).map(|kind| kind.name);

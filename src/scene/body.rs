@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::parameter::List;
 use super::rod::SIZES;
 use super::value::{self, NotNegative, Positive};
@@ -79,9 +79,9 @@ impl Scene {
     }
 
     /// Checks the body's table.
-    pub(super) fn check_body(&self) -> Result<(), Fault> {
+    pub(super) fn check_body(&self) -> Result<(), KeyError> {
         let Some(body) = &self.head_body else { return Ok(()) };
-        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+        let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         if self.head.kind != HeadKind::Free {
             let problem = "found with a held head; a host's vehicle brings its own body: remove [head_body], or take head.kind = \"free\"";
             return fault("head_body", problem.into());

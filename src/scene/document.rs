@@ -9,6 +9,7 @@ use toml::de::{DeString, DeTable, DeValue};
 use twox_hash::XxHash3_128;
 
 use super::files::{Contents, Files};
+use super::key_error::{KeyError, unknown_key};
 use super::value::{SIGNAL_KEYS, refused};
 use super::{Scene, Unchecked};
 use crate::error::{Error, Result, did_you_mean, nearest};
@@ -20,15 +21,6 @@ const LARGEST: u64 = 16 << 20;
 
 /// Up to this many bytes of a wrong value are shown as they are written.
 const LONGEST_FOUND: usize = 60;
-
-/// What is wrong with a key, before it is known where the key stands.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Fault {
-    /// Dotted key; where it is absent, its nearest parent is shown.
-    pub key: String,
-    /// What was found and what is allowed.
-    pub problem: String,
-}
 
 /// The text of a scene and the overrides of its keys.
 #[derive(Debug, Clone)]
@@ -280,14 +272,14 @@ impl Document {
     }
 
     /// The error of a fault that was found after reading, at its key.
-    pub fn refuse(&self, fault: &Fault) -> Error {
+    pub fn refuse(&self, fault: &KeyError) -> Error {
         let at = |root: &Spanned<DeTable<'_>>| Ok(self.error(root, span_of(root.get_ref(), &fault.key), fault));
         self.with_root(at).unwrap_or_else(|error| error)
     }
 
     /// The place of a key as errors name it.
     pub fn place_of(&self, key: &str) -> String {
-        match self.refuse(&Fault { key: key.to_string(), problem: String::new() }) {
+        match self.refuse(&KeyError { key: key.to_string(), problem: String::new() }) {
             Error::Scene { place, .. } => place,
             _ => self.path.display().to_string(),
         }
@@ -311,8 +303,9 @@ impl Document {
         let mut order: Vec<usize> = (0..texts.len()).collect();
         order.sort_by_key(|i| (self.layers[*i], depth(&texts[*i])));
         for (text, number) in order.into_iter().map(|i| (&texts[i], &self.layers[i])) {
-            let table = DeTable::parse(text)
-                .map_err(|e| self.error(&root, e.span(), &Fault { key: String::new(), problem: e.message().into() }))?;
+            let table = DeTable::parse(text).map_err(|e| {
+                self.error(&root, e.span(), &KeyError { key: String::new(), problem: e.message().into() })
+            })?;
             if layer.0 != *number {
                 overlay(root.get_mut(), std::mem::replace(&mut layer, (*number, DeTable::new())).1);
             }
@@ -334,7 +327,7 @@ impl Document {
     fn scene_of(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         if root.get_ref().contains_key("axes") && root.get_ref().contains_key("scene") {
             let problem = "this is a sweep, not a scene; `caudal sweep` runs it".to_string();
-            let fault = Fault { key: "axes".to_string(), problem };
+            let fault = KeyError { key: "axes".to_string(), problem };
             return Err(self.error(root, span_of(root.get_ref(), &fault.key), &fault));
         }
         let mut scene = self.parsed(root).map_err(|first| self.all_mistakes(root, first))?;
@@ -394,11 +387,11 @@ impl Document {
             let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
             let found = span.as_ref().and_then(|span| self.source(span));
             let (key, problem) = reworded(key, e.message(), found);
-            self.error(root, span, &Fault { key, problem })
+            self.error(root, span, &KeyError { key, problem })
         })
     }
 
-    fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &Fault) -> Error {
+    fn error(&self, root: &Spanned<DeTable<'_>>, span: Option<Range<usize>>, fault: &KeyError) -> Error {
         let span = span.filter(|span| *span != root.span());
         Error::Scene { place: self.place(span), key: fault.key.clone(), problem: fault.problem.clone() }
     }
@@ -510,7 +503,11 @@ pub(crate) fn rivals(key: &str) -> impl Iterator<Item = String> {
 }
 
 /// Puts the overrides of a layer together; what is a table in one of them and none in another has no meaning.
-fn unite<'a>(base: &mut DeTable<'a>, more: DeTable<'a>, path: &str) -> std::result::Result<(), (Fault, Range<usize>)> {
+fn unite<'a>(
+    base: &mut DeTable<'a>,
+    more: DeTable<'a>,
+    path: &str,
+) -> std::result::Result<(), (KeyError, Range<usize>)> {
     for (key, value) in more {
         let place = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
         let there = base.get(&key).map(|value| value.get_ref().is_table());
@@ -519,7 +516,7 @@ fn unite<'a>(base: &mut DeTable<'a>, more: DeTable<'a>, path: &str) -> std::resu
             (_, (value, span)) => {
                 if there.is_some_and(|table| table != value.is_table()) {
                     let found = refused("a table of its keys beside another value", "one of the two");
-                    return Err((Fault { key: place, problem: found }, key.span()));
+                    return Err((KeyError { key: place, problem: found }, key.span()));
                 }
                 base.remove(&key); // with its old span
                 base.insert(key, Spanned::new(span, value));
@@ -689,10 +686,10 @@ fn unplaced<'a>(value: &DeValue<'a>) -> DeValue<'a> {
 
 /// Refuses what serde would let pass or complain of in the wrong words: lists in the place of tables, whose values
 /// would be taken in the order of our own structs, and unknown keys of `[solver]`, which stand behind missing ones.
-fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), Fault> {
+fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     for (key, value) in root {
         if value.get_ref().is_array() {
-            return Err(Fault { key: key.get_ref().to_string(), problem: refused("a list", "a table") });
+            return Err(KeyError { key: key.get_ref().to_string(), problem: refused("a list", "a table") });
         }
     }
     let inside = |table: &str, key: &str| root.get(table)?.get_ref().as_table()?.get(key).map(Spanned::get_ref);
@@ -700,7 +697,7 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), Fault> {
         && let Some(i) = points.iter().position(|point| !point.get_ref().is_table())
     {
         let problem = format!("point {i} is no table; allowed: tables {{ node, force_n }}");
-        return Err(Fault { key: "loads.point".to_string(), problem });
+        return Err(KeyError { key: "loads.point".to_string(), problem });
     }
     let Some(DeValue::Table(solver)) = root.get("solver").map(Spanned::get_ref) else { return Ok(()) };
     let integrator = inside("solver", "integrator").and_then(DeValue::as_str);
@@ -758,9 +755,4 @@ fn reworded(key: String, message: &str, source: Option<&str>) -> (String, String
         }
         other => (key, other.to_string()),
     }
-}
-
-/// The complaint about a key that is not among those `allowed`.
-pub(super) fn unknown_key(allowed: &str, near: Option<&str>) -> String {
-    format!("unknown key; allowed: {allowed}{}", did_you_mean(near))
 }

@@ -8,20 +8,19 @@ use serde::de::value::MapAccessDeserializer;
 use serde::de::{MapAccess, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer};
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::layers::{LayerTable, ShearTable};
 use super::solver::FormKey;
 use super::value::{self, Along, NotNegative, Positive, VectorSignal, Wanted};
 use super::{HeadKind, LoadsTable, NODES, Scene};
-use crate::cycle::Means;
 use crate::error::{Result as Read, nearest};
 use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes, Uncertainty};
 use crate::fluid::range::{self, Motion};
 use crate::fluid::reactive::{self, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
-use crate::reduced::fluids::{Followed, Span, follow, nodes};
-use crate::reduced::{FluidChoice, FluidEstimates};
+use crate::reduced::fluids::{ShortRun, ShortRunResult, nodes, simulate};
+use crate::reduced::{FluidChoice, FluidEstimates, MotionAndPower};
 use crate::regime::{Across, Regime};
 use crate::rod::{Rod, Shape};
 use crate::spectrum::Spectrum;
@@ -182,11 +181,11 @@ impl DragTable {
     }
 
     /// Its law.
-    pub(super) fn law(&self) -> Result<&'static DragLaw, Fault> {
+    pub(super) fn law(&self) -> Result<&'static DragLaw, KeyError> {
         named(self.law_name(), "drag.law", |_| true)
     }
 
-    fn viscous(&self) -> Result<&'static DragLaw, Fault> {
+    fn viscous(&self) -> Result<&'static DragLaw, KeyError> {
         let Some(name) = &self.viscous else { return Ok(laws::DEFAULT) };
         named(name, "drag.viscous", |law| law.resistance.is_some())
     }
@@ -209,7 +208,7 @@ impl DragTable {
     }
 
     /// The keys that its law takes: its own, and those of the law of its viscous part.
-    fn allowed(&self) -> Result<Vec<&'static str>, Fault> {
+    fn allowed(&self) -> Result<Vec<&'static str>, KeyError> {
         let law = self.law()?;
         let mut keys = law.keys.to_vec();
         if keys.contains(&"viscous") {
@@ -224,8 +223,8 @@ impl DragTable {
         self.given().filter(|key| !kept.contains(key)).collect()
     }
 
-    fn check(&self, scene: &Scene) -> Result<(), Fault> {
-        let fault = |key: &str, problem: String| Err(Fault { key: format!("drag.{key}"), problem });
+    fn check(&self, scene: &Scene) -> Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: format!("drag.{key}"), problem });
         let law = self.law()?;
         let allowed = self.allowed()?;
         if let Some(key) = self.given().find(|key| !allowed.contains(key)) {
@@ -290,9 +289,9 @@ impl DragTable {
     }
 
     /// Checks what a `law` for the whole rod at once cannot do; it takes at most `most` nodes, at least `least` (m) apart.
-    fn check_whole(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), Fault> {
+    fn check_whole(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), KeyError> {
         let name = law.name;
-        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+        let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let (length, nodes) = (scene.rod.length_m.get(), scene.rod.nodes.get());
         let spacing = length / (nodes - 1) as f64;
         if spacing < least || nodes > most {
@@ -323,7 +322,7 @@ impl DragTable {
         Ok(())
     }
 
-    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<Recipe<'a>, Fault> {
+    fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<Recipe<'a>, KeyError> {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
         let profile = |along: &Option<Along<NotNegative>>| along.as_ref().map_or(0.0.into(), Along::profile);
         Ok(Recipe {
@@ -381,13 +380,13 @@ impl DragTable {
         (table, dropped)
     }
 
-    fn build(&self, scene: &Scene, rod: &Rod) -> Result<Box<dyn Force>, Fault> {
+    fn build(&self, scene: &Scene, rod: &Rod) -> Result<Box<dyn Force>, KeyError> {
         Ok((self.law()?.build)(&self.recipe(scene, rod)?))
     }
 }
 
 /// The law of that name among those that are `allowed`.
-fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'static DragLaw, Fault> {
+fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'static DragLaw, KeyError> {
     let names = || LAWS.iter().filter(|law| allowed(law)).map(|law| law.name);
     match DragLaw::named(name).filter(|law| allowed(law)) {
         Some(law) => Ok(law),
@@ -395,7 +394,7 @@ fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'
             let near = nearest(name, names()).map_or(String::new(), |near| format!("; did you mean `{near}`?"));
             let listed = names().map(|name| format!("`{name}`")).collect::<Vec<_>>().join(", ");
             let problem = value::refused(format_args!("{name:?}"), format_args!("{listed}{near}"));
-            Err(Fault { key: key.to_string(), problem })
+            Err(KeyError { key: key.to_string(), problem })
         }
     }
 }
@@ -435,7 +434,7 @@ impl Scene {
         scene.taken = None;
         let (drag, dropped) = self.drag.clone().unwrap_or_default().with_law(law);
         scene.drag = Some(drag);
-        scene.check().map_err(|Fault { key, problem }| format!("{key}: {problem}"))?;
+        scene.check().map_err(|KeyError { key, problem }| format!("{key}: {problem}"))?;
         Ok((scene, dropped))
     }
 
@@ -453,7 +452,7 @@ impl Scene {
     /// # Errors
     /// Those of [`model`](Self::model).
     pub fn parts_of_fluid(&self, rod: &Rod) -> Read<Causes> {
-        let parts = || -> Result<Causes, Fault> {
+        let parts = || -> Result<Causes, KeyError> {
             let mut parts = Causes::new();
             let mut others = self.forces(rod)?.0;
             if let Some(drag) = &self.drag {
@@ -470,7 +469,7 @@ impl Scene {
             }));
             Ok(parts)
         };
-        parts().map_err(|Fault { key, problem }| self.error(&key, problem))
+        parts().map_err(|KeyError { key, problem }| self.error(&key, problem))
     }
 
     /// How far its results may be from the truth for what its fluid leaves out: what is published of its law at its own Reynolds
@@ -489,8 +488,8 @@ impl Scene {
     }
 
     /// Checks the tables of the fluid.
-    pub(super) fn check_fluid(&self) -> Result<(), Fault> {
-        let fault = |key: &str, problem: &str| Err(Fault { key: key.to_string(), problem: problem.to_string() });
+    pub(super) fn check_fluid(&self) -> Result<(), KeyError> {
+        let fault = |key: &str, problem: &str| Err(KeyError { key: key.to_string(), problem: problem.to_string() });
         if self.medium.is_none() {
             if self.drag.is_some() {
                 return fault("drag", "found without [medium], which has the viscosity; add it or remove [drag]");
@@ -529,20 +528,20 @@ impl Scene {
     }
 
     /// The nodes on which its motion is followed coarsely, and the part of its run.
-    fn coarse(&self) -> (u64, Span) {
+    fn coarse(&self) -> (u64, ShortRun) {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let most = if self.has_whole_drag() { MOST_NODES_OF_WHOLE } else { u64::MAX };
         let ramp = self.start.ramp_s.map_or(0.0, Positive::get);
         let nodes = nodes(waves).min(self.rod.nodes.get() as u64).min(most);
-        (nodes, Span::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
+        (nodes, ShortRun::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
     /// What it comes to on a coarse mesh and over its first periods, as it stands, and the flow around the rod in that motion.
-    fn followed(&self) -> Result<(Means, Regime), String> {
+    fn followed(&self) -> Result<(MotionAndPower, Regime), String> {
         let (nodes, span) = self.coarse();
         let model = self.clone().named_model().with_nodes(nodes).model().map_err(|error| error.to_string())?;
         let (model, strongest) = (Arc::new(model), self.spectrum().strongest());
-        let Followed { means, motion } = follow(&model, span).map_err(|error| error.to_string())?;
+        let ShortRunResult { means, motion } = simulate(&model, span).map_err(|error| error.to_string())?;
         Ok((means, Regime::of(&model.rod, strongest, &motion)))
     }
 
@@ -579,7 +578,7 @@ impl Scene {
     /// `[reactive]`, where it is taken: `auto` takes it where estimates of the scene's own motion say that it matters, and where there are
     /// none but the model can hold it.
     pub fn reactive_on(&self) -> Option<&ReactiveTable> {
-        let matters = self.taken.as_ref().map_or(!self.refuses_water(), |taken| taken.reactive);
+        let matters = self.taken.as_ref().map_or(!self.excludes_added_mass(), |taken| taken.reactive);
         self.reactive.as_ref().filter(|reactive| !reactive.auto || matters)
     }
 
@@ -623,7 +622,7 @@ impl Scene {
         self.taken = FluidChoice::of(&estimates, |law, with| {
             let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
             let water = if reactive_left { counts || !with } else { with == reactive };
-            drag && water && !(with && self.refuses_water())
+            drag && water && !(with && self.excludes_added_mass())
         });
         let is_below = LAWS.iter().any(|law| law.is_whole() && law.validity.holds(&motion));
         if let Some((law, changes)) = is_below.then(|| self.whole_drag()).flatten()
@@ -675,8 +674,8 @@ impl Scene {
                 }
                 let Ok((scene, dropped)) = self.with_fluid(law, reactive) else { continue };
                 let model = Arc::new(scene.with_nodes(nodes).model().map_err(|error| error.to_string())?);
-                match follow(&model, span) {
-                    Ok(Followed { means, motion }) => {
+                match simulate(&model, span) {
+                    Ok(ShortRunResult { means, motion }) => {
                         let regime = regime.get_or_insert_with(|| Regime::of(&model.rod, strongest, &motion));
                         let counts = !reactive || reactive::COUNTS.left(&self.motion(&rod, regime.across)).is_none();
                         found.push((law, reactive, means, dropped, known(regime).filter(|_| counts)));
@@ -690,7 +689,8 @@ impl Scene {
         found.reverse();
         let regime = regime.ok_or("no law holds")?;
         // The highest law: it drops least of what the scene says, knows the water's inertia, and is least uncertain.
-        let rank = |(.., dropped, known): &(&DragLaw, bool, Means, usize, Option<Uncertainty>), reactive: bool| {
+        let rank = |(.., dropped, known): &(&DragLaw, bool, MotionAndPower, usize, Option<Uncertainty>),
+                    reactive: bool| {
             (*dropped, !reactive, known.map_or(f64::INFINITY, |known| known.measured(held)[0]))
         };
         let order = |a: &usize, b: &usize| {
@@ -723,7 +723,7 @@ impl Scene {
     }
 
     /// The forces of the fluid on `rod`.
-    pub(super) fn forces(&self, rod: &Rod) -> Result<Forces, Fault> {
+    pub(super) fn forces(&self, rod: &Rod) -> Result<Forces, KeyError> {
         let mut forces = Vec::new();
         if let Some(drag) = &self.drag {
             let law = drag.build(self, rod)?;

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde::Deserialize;
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::value::{ScalarSignal, VectorSignal, Wanted};
 use super::{Scene, table};
 use crate::error::Result;
@@ -41,16 +41,16 @@ pub enum HeadKind {
 }
 
 impl HeadTable {
-    pub(super) fn check(&self) -> std::result::Result<(), Fault> {
+    pub(super) fn check(&self) -> std::result::Result<(), KeyError> {
         if self.input.is_some() && self.kind == HeadKind::Free {
             let problem = "found with a free head; allowed: only with a held one".into();
-            return Err(Fault { key: "head.input".into(), problem });
+            return Err(KeyError { key: "head.input".into(), problem });
         }
         let found = [("head.position_m", self.position_m.is_some()), ("head.angle_rad", self.angle_rad.is_some())];
         match found.into_iter().find(|(_, found)| *found && self.kind != HeadKind::Driven) {
             Some((key, _)) => {
                 let problem = "found without kind = \"driven\"; allowed: only with it".into();
-                Err(Fault { key: key.into(), problem })
+                Err(KeyError { key: key.into(), problem })
             }
             None => Ok(()),
         }

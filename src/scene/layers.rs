@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde::Deserialize;
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::value::{self, Finite, Positive};
 use super::{MediumTable, Scene};
 use crate::fluid::Fluid;
@@ -99,8 +99,8 @@ impl MediumTable {
     }
 
     /// Checks what the layers are and what goes with them.
-    pub(super) fn check(&self, scene: &Scene) -> Result<(), Fault> {
-        let fault = |key: String, problem: String| Err(Fault { key, problem });
+    pub(super) fn check(&self, scene: &Scene) -> Result<(), KeyError> {
+        let fault = |key: String, problem: String| Err(KeyError { key, problem });
         if self.beyond.is_some() && !self.layers.is_empty() {
             let problem = "found beside [[medium.layers]]; make it the first of them";
             return fault("medium.beyond".into(), problem.into());

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use serde::Deserialize;
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::record::{allowed_nodes, is_node};
 use super::value::{self, Finite};
 use crate::rod::Rod;
@@ -37,11 +37,11 @@ pub struct PointLoad {
 }
 
 impl LoadsTable {
-    pub(super) fn check(&self, nodes: usize) -> Result<(), Fault> {
+    pub(super) fn check(&self, nodes: usize) -> Result<(), KeyError> {
         for (i, load) in self.point.iter().enumerate() {
             if !is_node(load.node, nodes) {
                 let problem = value::refused(load.node, allowed_nodes(nodes));
-                return Err(Fault { key: format!("loads.point.{i}.node"), problem });
+                return Err(KeyError { key: format!("loads.point.{i}.node"), problem });
             }
         }
         Ok(())

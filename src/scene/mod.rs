@@ -7,6 +7,7 @@ mod failure;
 pub mod files;
 pub mod fluid;
 mod head;
+mod key_error;
 pub mod layers;
 mod loads;
 pub mod parameter;
@@ -28,12 +29,13 @@ use twox_hash::XxHash3_128;
 
 pub use actuation::ActuationTable;
 pub use body::HeadBodyTable;
+pub use document::Document;
 #[cfg(feature = "report")]
 pub(crate) use document::rivals;
-pub use document::{Document, Fault};
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
+pub use key_error::KeyError;
 pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
 pub use parcel::Parcel;
@@ -132,7 +134,7 @@ impl Scene {
     }
 
     /// Checks what no single key can tell.
-    fn check(&self) -> std::result::Result<(), Fault> {
+    fn check(&self) -> std::result::Result<(), KeyError> {
         self.check_name()?;
         self.rod.check()?;
         self.actuation.as_ref().map_or(Ok(()), ActuationTable::check)?;
@@ -152,9 +154,9 @@ impl Scene {
     }
 
     /// A name is also that of a folder.
-    fn check_name(&self) -> std::result::Result<(), Fault> {
+    fn check_name(&self) -> std::result::Result<(), KeyError> {
         let refuse = |found: std::fmt::Arguments<'_>| {
-            Err(Fault { key: "name".into(), problem: value::refused(found, "a name that can be a folder's") })
+            Err(KeyError { key: "name".into(), problem: value::refused(found, "a name that can be a folder's") })
         };
         if let Some(bad) = self.name.chars().find(|c| c.is_control() || ['/', '\\'].contains(c)) {
             return refuse(format_args!("{bad:?} in it"));
@@ -183,7 +185,7 @@ impl Scene {
         Ok(Model {
             actuation: self.drive(&rod),
             start: self.start.build(),
-            forces: self.forces(&rod).map_err(|Fault { key, problem }| self.error(&key, problem))?,
+            forces: self.forces(&rod).map_err(|KeyError { key, problem }| self.error(&key, problem))?,
             fluid,
             flow,
             layers,

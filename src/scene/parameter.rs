@@ -28,7 +28,7 @@ impl Parameter {
         self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
     }
 
-    /// True if it may change between steps while the state stays, see [`Stepper::retune`](crate::stepper::Stepper::retune).
+    /// True if it may change between steps while the state stays, see [`Stepper::change_parameters`](crate::stepper::Stepper::change_parameters).
     /// Drive and medium do too, as inputs.
     pub fn is_tunable(&self) -> bool {
         self.key == "rod.youngs_modulus_pa" || self.key == "reactive.shedding" || self.key.starts_with("drag.")

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::Scene;
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::value::{self, NotNegative, Positive, Whole};
 
 /// `[record]`.
@@ -64,15 +64,15 @@ pub(super) fn allowed_nodes(nodes: usize) -> String {
 }
 
 impl RecordTable {
-    pub(super) fn check_nodes(&self, nodes: usize) -> Result<(), Fault> {
+    pub(super) fn check_nodes(&self, nodes: usize) -> Result<(), KeyError> {
         // A library that writes no files leaves them to the program that has read the scene.
         let writes = cfg!(feature = "report") && !cfg!(feature = "parquet");
         if writes && self.nodes_table == Some(NodesTable::Parquet) {
             let problem = "found \"parquet\", which this program was built without (its feature `parquet`); allowed: `csv`, `none`";
-            return Err(Fault { key: "record.nodes_table".into(), problem: problem.into() });
+            return Err(KeyError { key: "record.nodes_table".into(), problem: problem.into() });
         }
         let refuse = |found: &dyn std::fmt::Display| {
-            Err(Fault { key: "record.nodes".into(), problem: value::refused(found, allowed_nodes(nodes)) })
+            Err(KeyError { key: "record.nodes".into(), problem: value::refused(found, allowed_nodes(nodes)) })
         };
         if let Some(bad) = self.nodes.iter().flatten().find(|node| !is_node(**node, nodes)) {
             return refuse(bad);
@@ -84,8 +84,8 @@ impl RecordTable {
     }
 
     /// Refuses more rows than a run of `duration` (s) may have.
-    pub(super) fn check_rows(&self, duration: f64) -> Result<(), Fault> {
-        let fault = |problem: String| Err(Fault { key: "record.interval_s".into(), problem });
+    pub(super) fn check_rows(&self, duration: f64) -> Result<(), KeyError> {
+        let fault = |problem: String| Err(KeyError { key: "record.interval_s".into(), problem });
         if self.every.is_some() && self.interval_s.is_some() {
             return fault("found beside every; allowed: one of the two".into());
         }

@@ -4,7 +4,7 @@ use std::ops::RangeInclusive;
 
 use serde::Deserialize;
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::value::{self, Along, Gradient, NotNegative, Positive, Whole};
 use super::{HeadKind, NODES, Scene};
 use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Shape, Stiffness};
@@ -53,13 +53,13 @@ fn solid() -> Along<NotNegative> {
 
 impl RodTable {
     /// Checks profiles.
-    pub(super) fn check(&self) -> Result<(), Fault> {
+    pub(super) fn check(&self) -> Result<(), KeyError> {
         self.check_sections()?;
         let Some(profile) = &self.stiffness_profile else { return Ok(()) };
         let key = "rod.stiffness_profile";
         if self.stiffness_gradient.is_some() {
             let problem = "found beside stiffness_gradient; allowed: one of the two".into();
-            return Err(Fault { key: key.into(), problem });
+            return Err(KeyError { key: key.into(), problem });
         }
         let allowed = "points [xi, factor] with rising xi from 0 to 1 and positive factors";
         check_points(key, profile.iter().map(|point| point.map(NotNegative::get)), allowed, |factor| factor > 0.0)
@@ -82,8 +82,8 @@ impl RodTable {
     }
 
     /// Refuses profiles that are none, and a rod without wall.
-    fn check_sections(&self) -> Result<(), Fault> {
-        let fault = |key: &str, problem: String| Err(Fault { key: format!("rod.{key}"), problem });
+    fn check_sections(&self) -> Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: format!("rod.{key}"), problem });
         let disorders = [
             ("outer_radius_m", self.outer_radius_m.disorder()),
             ("inner_radius_m", self.inner_radius_m.disorder()),
@@ -136,7 +136,7 @@ impl RodTable {
     }
 
     /// Refuses numbers so large or so small that the rod made of them has, anywhere, a mass or a stiffness that is none.
-    pub(super) fn check_sizes(&self, held_head: bool) -> Result<(), Fault> {
+    pub(super) fn check_sizes(&self, held_head: bool) -> Result<(), KeyError> {
         let (sections, stiffness) = (self.sections(), self.stiffness());
         let part = 1.0 / (self.nodes.get() - 1) as f64;
         let (spacing, youngs) = (self.length_m.get() * part, self.youngs_modulus_pa.get());
@@ -174,7 +174,7 @@ impl RodTable {
                     let at = if even { String::new() } else { format!(" at xi = {place}") };
                     let found = format_args!("{found:e}, which makes the {what} {size:e} {unit}{at}");
                     let allowed = format_args!("what makes it {low:e} to {high:e} {unit}");
-                    return Err(Fault { key: format!("rod.{key}"), problem: value::refused(found, allowed) });
+                    return Err(KeyError { key: format!("rod.{key}"), problem: value::refused(found, allowed) });
                 }
             }
         }
@@ -199,8 +199,8 @@ pub(super) fn check_points(
     points: impl Iterator<Item = [f64; 2]>,
     allowed: &str,
     ok: impl Fn(f64) -> bool,
-) -> Result<(), Fault> {
-    let fault = |found: String| Err(Fault { key: key.to_string(), problem: value::refused(found, allowed) });
+) -> Result<(), KeyError> {
+    let fault = |found: String| Err(KeyError { key: key.to_string(), problem: value::refused(found, allowed) });
     let mut last = None;
     for [xi, value] in points {
         let after = last.filter(|last| xi <= *last);

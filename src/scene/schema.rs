@@ -8,7 +8,7 @@ use super::Scene;
 use crate::actuation::KINDS;
 use crate::fluid::laws::LAWS;
 use crate::integrator::METHODS;
-use crate::reduced::RUNGS;
+use crate::reduced::MODELS;
 
 /// The schema of a type that is read from TOML, which has no null; doc comments are its descriptions.
 pub(crate) fn of<T: JsonSchema>() -> Value {
@@ -73,7 +73,7 @@ impl Scene {
         let viscous = LAWS.iter().filter(|law| law.resistance.is_some());
         named(&mut schema, "DragTable", "viscous", viscous.map(|law| law.name));
         named(&mut schema, "SolverTable", "integrator", METHODS.iter().map(|method| method.name));
-        named(&mut schema, "SolverTable", "model", RUNGS.iter().map(|rung| rung.name).chain(["auto"]));
+        named(&mut schema, "SolverTable", "model", MODELS.iter().map(|kind| kind.name).chain(["auto"]));
         // The methods' own parameters are no fields.
         if let Some(solver) = schema.pointer_mut("/$defs/SolverTable") {
             solver["additionalProperties"] = false.into();

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use serde::Deserialize;
 
-use super::document::{self, Fault};
+use super::key_error::{KeyError, unknown_key};
 use super::value::{self, Positive, Tolerance};
 use super::{HeadKind, Scene, StartKind};
 use crate::error::{Result, nearest};
@@ -13,8 +13,8 @@ use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear;
 use crate::model::Model;
 use crate::model::chain;
-use crate::reduced::estimate::Run;
-use crate::reduced::{Choice, Estimates, FULL, Measure, RUNGS, Rung};
+use crate::reduced::estimate::PlannedRun;
+use crate::reduced::{ErrorMeasure, Estimates, FULL, MODELS, ModelChoice, ModelKind};
 use crate::rod::Rod;
 use crate::system::Form;
 
@@ -31,7 +31,7 @@ pub struct SolverTable {
     #[serde(default = "default_accuracy")]
     pub accuracy: Positive,
     /// What that error is of; all that the scene has where it is not given.
-    pub accuracy_of: Option<Vec<Measure>>,
+    pub accuracy_of: Option<Vec<ErrorMeasure>>,
     /// Step size, s.
     pub time_step_s: Option<Positive>,
     /// Largest estimated error of an adaptive step, see [`Pace::Adaptive`].
@@ -85,7 +85,7 @@ const SOLVER_KEYS: [&str; 10] = [
 ];
 
 /// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
-pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), Fault> {
+pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), KeyError> {
     let parameters = |method: &'static Method| method.parameters.iter().map(|parameter| parameter.name);
     if SOLVER_KEYS.contains(&key) || METHODS.iter().any(|method| parameters(method).any(|name| name == key)) {
         return Ok(());
@@ -93,8 +93,8 @@ pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::resu
     let mut keys = SOLVER_KEYS.to_vec();
     keys.extend(integrator.and_then(Method::named).into_iter().flat_map(parameters));
     let near = nearest(key, keys.iter().copied());
-    let problem = document::unknown_key(&format!("`{}`", keys.join("`, `")), near);
-    Err(Fault { key: format!("solver.{key}"), problem })
+    let problem = unknown_key(&format!("`{}`", keys.join("`, `")), near);
+    Err(KeyError { key: format!("solver.{key}"), problem })
 }
 
 /// The model that the program chooses.
@@ -130,7 +130,7 @@ fn default_accuracy() -> Positive {
 
 impl SolverTable {
     /// Refuses steps too many to be counted.
-    pub(super) fn check_steps(&self) -> std::result::Result<(), Fault> {
+    pub(super) fn check_steps(&self) -> std::result::Result<(), KeyError> {
         let duration = self.duration_s.get();
         let Some(step) = self.time_step_s.map(Positive::get).filter(|step| duration > MOST_STEPS * step) else {
             return Ok(());
@@ -138,20 +138,20 @@ impl SolverTable {
         let allowed =
             format!("at least {:e}, so that duration_s has at most {MOST_STEPS:e} steps", duration / MOST_STEPS);
         let problem = value::refused(format_args!("{step:e}"), allowed);
-        Err(Fault { key: "solver.time_step_s".into(), problem })
+        Err(KeyError { key: "solver.time_step_s".into(), problem })
     }
 }
 
 impl Scene {
     /// Checks that its model holds what the scene has.
-    pub(super) fn check_model(&self) -> std::result::Result<(), Fault> {
-        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
-        let rung = self.rung()?;
-        if rung.is_some_and(|rung| rung.needs_drag) && self.drag.is_none() {
+    pub(super) fn check_model(&self) -> std::result::Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
+        let kind = self.kind()?;
+        if kind.is_some_and(|kind| kind.needs_drag) && self.drag.is_none() {
             let problem = format!("found {:?} without [drag]; add it, or take another model", self.solver.model);
             return fault("solver.model", problem);
         }
-        if rung.is_some_and(|rung| rung.needs_drag) && !self.is_dragged() {
+        if kind.is_some_and(|kind| kind.needs_drag) && !self.is_dragged() {
             let problem = format!(
                 "found 0 with solver.model = {:?}: without inertia nothing says how nodes without drag move; allowed: a positive weight, or another model",
                 self.solver.model
@@ -160,15 +160,15 @@ impl Scene {
         }
         // What is left to the program is not taken with a model that cannot hold it.
         let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
-        if let (Some(rung), Some(_)) = (rung.filter(|rung| rung.needs_drag), reactive) {
+        if let (Some(kind), Some(_)) = (kind.filter(|kind| kind.needs_drag), reactive) {
             let problem = format!(
                 "found {:?} with [reactive]: without inertia there is none of the water either, and the reactive force is nothing else; remove one, or take another model",
-                rung.name
+                kind.name
             );
             return fault("solver.model", problem);
         }
-        if let (Some(rung), Some(part)) = (rung.filter(|rung| rung.method.is_some()), self.only_whole()) {
-            let problem = format!("found {:?} with {part}, which only the whole model holds; remove one", rung.name);
+        if let (Some(kind), Some(part)) = (kind.filter(|kind| kind.method.is_some()), self.requires_full_model()) {
+            let problem = format!("found {:?} with {part}, which only the whole model holds; remove one", kind.name);
             return fault("solver.model", problem);
         }
         let held = self.head.kind != HeadKind::Free;
@@ -183,16 +183,16 @@ impl Scene {
     }
 
     /// True where it names a model that cannot hold the water's inertia.
-    pub(super) fn refuses_water(&self) -> bool {
-        self.rung().ok().flatten().is_some_and(|rung| rung.needs_drag)
+    pub(super) fn excludes_added_mass(&self) -> bool {
+        self.kind().ok().flatten().is_some_and(|kind| kind.needs_drag)
     }
 
     /// Checks its method with its steps and form.
-    pub(super) fn check_method(&self) -> std::result::Result<(), Fault> {
-        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+    pub(super) fn check_method(&self) -> std::result::Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let (method, _) = self.method()?;
         let adaptive = || METHODS.iter().filter(|other| other.adaptive).map(|other| other.name).collect::<Vec<_>>();
-        let own_method = self.rung()?.is_some_and(|rung| rung.method.is_some());
+        let own_method = self.kind()?.is_some_and(|kind| kind.method.is_some());
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(_), Some(_)) => {
                 return fault("solver.tolerance", "found beside time_step_s; allowed: one of the two".into());
@@ -232,26 +232,26 @@ impl Scene {
     }
 
     /// The rung of the ladder of models it names, none where the program chooses.
-    fn rung(&self) -> std::result::Result<Option<&'static Rung>, Fault> {
+    fn kind(&self) -> std::result::Result<Option<&'static ModelKind>, KeyError> {
         let model = self.solver.model.as_str();
-        let rung = Rung::named(model);
-        if rung.is_none() && model != AUTO {
-            let allowed = RUNGS.iter().map(|rung| rung.name).chain([AUTO]).collect::<Vec<_>>().join(", ");
-            return Err(Fault {
+        let kind = ModelKind::named(model);
+        if kind.is_none() && model != AUTO {
+            let allowed = MODELS.iter().map(|kind| kind.name).chain([AUTO]).collect::<Vec<_>>().join(", ");
+            return Err(KeyError {
                 key: "solver.model".into(),
                 problem: value::refused(format_args!("{model:?}"), allowed),
             });
         }
-        Ok(rung)
+        Ok(kind)
     }
 
     /// True where it names a model that leaves some of the rod's mechanics out.
     pub fn names_a_cheaper_model(&self) -> bool {
-        self.rung().is_ok_and(|rung| rung.is_some_and(|rung| rung.method.is_some()))
+        self.kind().is_ok_and(|kind| kind.is_some_and(|kind| kind.method.is_some()))
     }
 
     /// What of its medium cheaper models cannot hold.
-    fn only_whole(&self) -> Option<&'static str> {
+    fn requires_full_model(&self) -> Option<&'static str> {
         let stack = self.medium.as_ref().filter(|medium| medium.is_stacked())?;
         Some(if stack.interfaces().next().is_some() { "an interface in [medium]" } else { "[medium.shear]" })
     }
@@ -261,24 +261,25 @@ impl Scene {
     /// # Errors
     /// Those of [`model`](Self::model) and [`integrator`](Self::integrator).
     pub fn estimates(&self) -> Result<Estimates> {
-        if self.only_whole().is_some() {
+        if self.requires_full_model().is_some() {
             return Ok(Estimates::none("it cannot hold a medium that changes with the place"));
         }
         let nodes = (self.rod.nodes.get() as u64).min(ESTIMATES_UP_TO);
         let step = self.typical_step();
-        let (method, _) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;
+        let (method, _) = self.method().map_err(|KeyError { key, problem }| self.error(&key, problem))?;
         let iterations = match (method.implicit, self.integrator()?.rule(step)) {
             (false, _) => 1.0,
             (true, Some(_)) => 2.0,
             (true, None) => 6.0,
         };
-        let run = Run {
+        let run = PlannedRun {
             duration: self.solver.duration_s.get(),
             nodes: self.nodes(),
             pace: [self.pace(), self.cheaper_pace()],
             iterations,
             accuracy: self.solver.accuracy.get(),
-            measures: Measure::ALL.map(|measure| Some(measure).filter(|measure| self.measures().contains(measure))),
+            measures: ErrorMeasure::ALL
+                .map(|measure| Some(measure).filter(|measure| self.measures().contains(measure))),
         };
         Ok(Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), run))
     }
@@ -287,18 +288,18 @@ impl Scene {
     ///
     /// # Errors
     /// Those of [`estimates`](Self::estimates).
-    pub fn choice(&self) -> Result<Choice> {
-        match self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))? {
-            Some(rung) if rung.method.is_some() => {
-                match (rung.refuses)(&Arc::new(self.model()?), self.solver.duration_s.get()) {
-                    Some(reason) => Err(self.error("solver.model", format!("found {:?}, but {reason}", rung.name))),
-                    None => Ok(Choice::asked(rung)),
+    pub fn choice(&self) -> Result<ModelChoice> {
+        match self.kind().map_err(|KeyError { key, problem }| self.error(&key, problem))? {
+            Some(kind) if kind.method.is_some() => {
+                match (kind.refuses)(&Arc::new(self.model()?), self.solver.duration_s.get()) {
+                    Some(reason) => Err(self.error("solver.model", format!("found {:?}, but {reason}", kind.name))),
+                    None => Ok(ModelChoice::asked(kind)),
                 }
             }
-            Some(rung) => Ok(Choice::asked(rung)),
+            Some(kind) => Ok(ModelChoice::asked(kind)),
             None => {
                 let accuracy = self.solver.accuracy.get();
-                Ok(Choice::of(self.estimates()?, accuracy, self.measures(), self.is_dragged()))
+                Ok(ModelChoice::of(self.estimates()?, accuracy, self.measures(), self.is_dragged()))
             }
         }
     }
@@ -307,17 +308,17 @@ impl Scene {
     ///
     /// # Errors
     /// [`Error::Scene`](crate::Error::Scene).
-    pub(crate) fn rung_or_whole(&self, model: &Arc<Model>) -> Result<&'static Rung> {
-        let rung = self.rung().map_err(|Fault { key, problem }| self.error(&key, problem))?.unwrap_or(&FULL);
-        match (rung.refuses)(model, self.solver.duration_s.get()).filter(|_| rung.method.is_some()) {
-            Some(reason) => Err(self.error("solver.model", format!("found {:?}, but {reason}", rung.name))),
-            None => Ok(rung),
+    pub(crate) fn kind_or_full(&self, model: &Arc<Model>) -> Result<&'static ModelKind> {
+        let kind = self.kind().map_err(|KeyError { key, problem }| self.error(&key, problem))?.unwrap_or(&FULL);
+        match (kind.refuses)(model, self.solver.duration_s.get()).filter(|_| kind.method.is_some()) {
+            Some(reason) => Err(self.error("solver.model", format!("found {:?}, but {reason}", kind.name))),
+            None => Ok(kind),
         }
     }
 
     /// What its accuracy is asked of.
-    fn measures(&self) -> &[Measure] {
-        self.solver.accuracy_of.as_deref().unwrap_or(&Measure::ALL)
+    fn measures(&self) -> &[ErrorMeasure] {
+        self.solver.accuracy_of.as_deref().unwrap_or(&ErrorMeasure::ALL)
     }
 
     /// How a cheaper model that `auto` takes chooses its steps at most: for itself.
@@ -327,13 +328,13 @@ impl Scene {
     }
 
     /// The method and the values of its parameters.
-    pub(crate) fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), Fault> {
+    pub(crate) fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), KeyError> {
         let solver = &self.solver;
         let names = || METHODS.iter().map(|method| method.name);
         let Some(method) = Method::named(self.integrator_name()) else {
             let allowed = names().collect::<Vec<_>>().join(", ");
             let problem = value::refused(format_args!("{:?}", self.integrator_name()), allowed);
-            return Err(Fault { key: "solver.integrator".into(), problem });
+            return Err(KeyError { key: "solver.integrator".into(), problem });
         };
         for key in solver.parameters.keys() {
             if method.parameters.iter().any(|parameter| parameter.name == key) {
@@ -343,7 +344,7 @@ impl Scene {
             let owners = METHODS.iter().filter(|other| other.parameters.iter().any(|p| p.name == key));
             let owners = owners.map(|other| other.name).collect::<Vec<_>>().join(", ");
             let problem = format!("found with integrator = \"{}\"; allowed: only with {owners}", method.name);
-            return Err(Fault { key: format!("solver.{key}"), problem });
+            return Err(KeyError { key: format!("solver.{key}"), problem });
         }
         let mut values = Vec::new();
         for parameter in method.parameters {
@@ -356,7 +357,7 @@ impl Scene {
             if !(parameter.range[0]..=parameter.range[1]).contains(&value) {
                 let found = solver.parameters.get(parameter.name).map_or(String::new(), ToString::to_string);
                 let problem = value::refused(found, parameter.allowed);
-                return Err(Fault { key: format!("solver.{}", parameter.name), problem });
+                return Err(KeyError { key: format!("solver.{}", parameter.name), problem });
             }
             values.push(value);
         }
@@ -424,7 +425,7 @@ impl Scene {
     /// # Errors
     /// `Error::Scene`; none for a scene that was read by `Document::scene`.
     pub fn integrator(&self) -> Result<Box<dyn Integrator>> {
-        let (method, values) = self.method().map_err(|Fault { key, problem }| self.error(&key, problem))?;
+        let (method, values) = self.method().map_err(|KeyError { key, problem }| self.error(&key, problem))?;
         Ok((method.build)(&values))
     }
 

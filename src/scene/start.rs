@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use super::document::Fault;
+use super::key_error::KeyError;
 use super::value::{Finite, Positive};
 use super::{HeadKind, HeadTable};
 use crate::start::Start;
@@ -36,8 +36,8 @@ pub enum StartKind {
 }
 
 impl StartTable {
-    pub(super) fn check(&self, head: &HeadTable) -> Result<(), Fault> {
-        let fault = |key: &str, problem: &str| Err(Fault { key: key.into(), problem: problem.into() });
+    pub(super) fn check(&self, head: &HeadTable) -> Result<(), KeyError> {
+        let fault = |key: &str, problem: &str| Err(KeyError { key: key.into(), problem: problem.into() });
         match (self.kind, &self.ramp_s) {
             (StartKind::Ramp, None) => return fault("start.ramp_s", "missing; a ramp has no default duration"),
             (StartKind::Jump | StartKind::Shaped, Some(_)) => {

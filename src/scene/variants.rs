@@ -6,7 +6,7 @@ use super::solver::{DEFAULT_INTEGRATORS, full};
 use super::value::{Finite, Positive, Tolerance, Whole};
 use super::{Scene, SolverTable};
 use crate::integrator::{Method, Pace};
-use crate::reduced::{Choice, Rung};
+use crate::reduced::{ModelChoice, ModelKind};
 
 /// The tolerance of [`Scene::whole`], and its Newton's method's: forces of stiff rods are differences of tiny stretches.
 const WHOLE_TOLERANCE: f64 = 1e-6;
@@ -78,15 +78,15 @@ impl Scene {
     }
 
     /// The same scene by a rung of the ladder of models.
-    pub fn with_model(&self, rung: &Rung) -> Self {
+    pub fn with_model(&self, kind: &ModelKind) -> Self {
         let mut scene = self.clone();
-        scene.solver.model = rung.name.to_string();
+        scene.solver.model = kind.name.to_string();
         scene
     }
 
     /// The same scene by the whole model, where it leaves the model to the program.
     pub(super) fn named_model(mut self) -> Self {
-        if Rung::named(&self.solver.model).is_none() {
+        if ModelKind::named(&self.solver.model).is_none() {
             self.solver.model = full();
         }
         self
@@ -105,15 +105,15 @@ impl Scene {
 
     /// The same scene as its run takes it by `choice`: a cheaper model that `auto` takes has steps of its own, and solves as
     /// well as what it is compared with.
-    pub fn taken(&self, choice: &Choice) -> Self {
-        if choice.reason.is_none() || choice.rung.method.is_none() {
-            return self.with_model(choice.rung);
+    pub fn taken(&self, choice: &ModelChoice) -> Self {
+        if choice.reason.is_none() || choice.kind.method.is_none() {
+            return self.with_model(choice.kind);
         }
         let pace = match (self.cheaper_pace(), &choice.estimates) {
             (Pace::Adaptive(tolerance), Some(estimates)) => Pace::Adaptive(tolerance.min(estimates.tolerance)),
             (pace, _) => pace,
         };
-        self.with_pace(pace).with_model(choice.rung).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)
+        self.with_pace(pace).with_model(choice.kind).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)
     }
 
     /// The same scene with Young's modulus times `factor`.

@@ -1,13 +1,13 @@
 //! Derivatives of one number by all parameters: back over a stored simulation, one transposed solve a step.
 
 use super::controls::{Controls, Cotangents, Weights};
-use super::ends::Ends;
 use super::equations::Equations;
-use super::output::{At, Gradient, Output, Point};
-use super::parameter::{Effect, Parameter, Shape, direct, keys};
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext};
+use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
 use super::problem::Problem;
+use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
-use super::{Column, dot, start};
+use super::{TangentState, dot, start};
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Rule};
 use crate::model::Bent;
@@ -68,33 +68,33 @@ impl Problem {
                 return Err(Error::WrongLength { name: "weights", expected, found });
             }
         }
-        let (rules, go_on) = (self.rules()?, self.go_on());
+        let (rules, check_interruption) = (self.rules()?, self.check_interruption());
         let summing = outputs.iter().any(|output| !output.work.is_empty());
         let mut equations = Equations::new(self.model())?;
-        let mut point = Point::new(nodes, &keys(parameters));
-        let mut shape = Shape::new(nodes);
-        let mut ends = Ends::new(nodes);
+        let mut point = LocalDerivatives::new(nodes, &keys(parameters));
+        let mut shape = ActuationShape::new(nodes);
+        let mut ends = StepEnds::new(nodes);
         let mut gradient = Gradient::new(nodes, &keys(parameters));
-        let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
+        let mut effects: Vec<ParameterEffect> = Vec::with_capacity(parameters.len());
         let zeros = || vec![0.0; 2 * nodes];
         // The cotangents of a state, and of the one before it.
-        let mut bar = Column { q: zeros(), v: zeros(), a: zeros(), memory: zeros() };
+        let mut bar = TangentState { q: zeros(), v: zeros(), a: zeros(), memory: zeros() };
         let mut mu = zeros();
         let mut force = zeros();
         let mut total = vec![0.0; parameters.len()];
         let mut state = State::zeros(2 * nodes);
-        let Self { dynamics, moved, controls, start: given, .. } = self;
+        let Self { dynamics, finite_differences, controls, start: given, .. } = self;
         let mut scratch = Gradient::new(nodes, &[]);
         let held = dynamics.model.head.is_some();
         let joints = dynamics.model.rod.joints();
         let bends = if by_controls { Controls::effects(&dynamics.model.rod, &shape) } else { Vec::new() };
         let mut natural = vec![0.0; times * bends.len()];
         let mut by_force = vec![0.0; if by_controls { times * 2 * nodes } else { 0 }];
-        let mut by_moved = vec![zeros(); moved.len()];
+        let mut force_by = vec![zeros(); finite_differences.len()];
         // Weights of all later times, for what is summed or counted from the start.
         let mut later = vec![0.0; outputs.len()];
         for n in (0..=steps.count()).rev() {
-            go_on()?;
+            check_interruption()?;
             trajectory.load(n, &mut state);
             if summing {
                 ends.look(dynamics, controls, steps, n);
@@ -112,9 +112,9 @@ impl Problem {
             point.look(&bent);
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&bent.dynamics.model.rod, &shape)));
-            let at = At { bent, point: &point };
-            for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
-                moved.look(&bent, (controls, steps, n), summing, by)?;
+            let at = OutputContext { bent, point: &point };
+            for (difference, force) in finite_differences.iter_mut().zip(&mut force_by) {
+                difference.move_to(&bent, (controls, steps, n), summing, force)?;
             }
             for (bar, weights) in [(&mut bar.q, weights.positions), (&mut bar.v, weights.velocities)] {
                 bar.iter_mut().zip(weights.iter().skip(2 * nodes * n)).for_each(|(bar, weight)| *bar += weight);
@@ -131,7 +131,7 @@ impl Problem {
                     }
                     gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
                     for (i, total) in of_scene(&effects, &mut total) {
-                        *total += moved[i].output((output, &gradient, own), None, &point, &mut scratch)?;
+                        *total += finite_differences[i].output((output, &gradient, own), None, &point, &mut scratch)?;
                     }
                     for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
                         natural[n * bends.len() + j] += gradient.natural[k] * effect.natural(&shape, k);
@@ -139,7 +139,7 @@ impl Problem {
                     add_row(&mut by_force, n, &gradient.force);
                 }
                 for (i, factor) in [later[o], begun].into_iter().enumerate() {
-                    let span = &ends.spans[i];
+                    let span = &ends.intervals[i];
                     if output.work.is_empty() || span.h == 0.0 || factor == 0.0 {
                         continue;
                     }
@@ -150,7 +150,8 @@ impl Problem {
                     let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at));
                     gather(&gradient, &effects, &shape, step, &mut bar, &mut total);
                     for (j, total) in of_scene(&effects, &mut total) {
-                        *total += moved[j].output((output, &gradient, factor), Some(i), &point, &mut scratch)?;
+                        *total +=
+                            finite_differences[j].output((output, &gradient, factor), Some(i), &point, &mut scratch)?;
                     }
                     for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
                         let own = effect.natural(&shape, k);
@@ -197,7 +198,7 @@ impl Problem {
                 *total += pushed(&at, effect, &shape, &force);
             }
             for (i, total) in of_scene(&effects, &mut total) {
-                *total += dot(&by_moved[i], &force);
+                *total += dot(&force_by[i], &force);
             }
             for (by, effect) in natural.iter_mut().skip(n * bends.len()).zip(&bends) {
                 *by += pushed(&at, effect, &shape, &force);
@@ -211,7 +212,7 @@ impl Problem {
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
                 for (i, total) in of_scene(&effects, &mut total) {
-                    let [mut q, mut v] = moved[i].first();
+                    let [mut q, mut v] = finite_differences[i].first();
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
@@ -227,12 +228,12 @@ fn add_row(rows: &mut [f64], n: usize, row: &[f64]) {
 }
 
 /// The numbers of the scene among the parameters, with their totals.
-fn of_scene<'a>(effects: &'a [Effect], total: &'a mut [f64]) -> impl Iterator<Item = (usize, &'a mut f64)> {
-    effects.iter().zip(total).filter_map(|(effect, total)| Some((effect.moved?, total)))
+fn of_scene<'a>(effects: &'a [ParameterEffect], total: &'a mut [f64]) -> impl Iterator<Item = (usize, &'a mut f64)> {
+    effects.iter().zip(total).filter_map(|(effect, total)| Some((effect.scene_parameter?, total)))
 }
 
 /// How `effect` moves the force f along `force`: f_p·force.
-fn pushed(at: &At<'_>, effect: &Effect, shape: &Shape, force: &[f64]) -> f64 {
+fn pushed(at: &OutputContext<'_>, effect: &ParameterEffect, shape: &ActuationShape, force: &[f64]) -> f64 {
     let Bent { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
@@ -247,10 +248,10 @@ fn pushed(at: &At<'_>, effect: &Effect, shape: &Shape, force: &[f64]) -> f64 {
 /// Adds an output's gradient to the cotangents and to the totals.
 fn gather(
     gradient: &Gradient,
-    effects: &[Effect],
-    shape: &Shape,
-    step: Option<([&Shape; 2], &[Parameter], &At<'_>)>,
-    bar: &mut Column,
+    effects: &[ParameterEffect],
+    shape: &ActuationShape,
+    step: Option<([&ActuationShape; 2], &[Parameter], &OutputContext<'_>)>,
+    bar: &mut TangentState,
     total: &mut [f64],
 ) {
     bar.q.iter_mut().zip(&gradient.q).for_each(|(bar, g)| *bar += g);
@@ -264,9 +265,9 @@ fn gather(
 /// The transpose of it: moves the cotangents of the first accelerations to positions and velocities, and writes the force
 /// that parameters push along.
 fn first_cotangents(
-    at: &At<'_>,
+    at: &OutputContext<'_>,
     equations: &mut Equations,
-    bar: &mut Column,
+    bar: &mut TangentState,
     force: &mut [f64],
     held: bool,
     integrator: &dyn Integrator,

@@ -1,6 +1,6 @@
 //! What acts on a simulation over time, and the derivatives by all that it can be differentiated by at once.
 
-use super::parameter::{Effect, Parameter, Shape};
+use super::parameter::{ActuationShape, Parameter, ParameterEffect};
 use crate::model::Dynamics;
 use crate::rod::Rod;
 
@@ -30,7 +30,7 @@ impl Controls {
     }
 
     /// How the natural curvature of each joint moves the equations.
-    pub(super) fn effects(rod: &Rod, shape: &Shape) -> Vec<Effect> {
+    pub(super) fn effects(rod: &Rod, shape: &ActuationShape) -> Vec<ParameterEffect> {
         rod.joints().map(|k| Parameter::NaturalCurvature(k).effect(rod, shape)).collect()
     }
 }

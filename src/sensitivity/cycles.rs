@@ -7,23 +7,23 @@ use super::output::{Output, Quantity, Work};
 use super::parameter::Parameter;
 use super::problem::Problem;
 use super::trajectory::Trajectory;
-use crate::cycle::slopes::{Dependence, End, Weights};
-use crate::cycle::{Cycles, Measure};
+use crate::cycle::derivatives::{CycleEnd, IntegralDerivatives, IntegralWeights};
+use crate::cycle::{CycleMeasure, Cycles};
 use crate::error::Result;
-use crate::metrics::{Meter, Reading};
+use crate::metrics::{Measurements, RunMetrics};
 use crate::system::System;
 
 /// An output, what the mean depends on it by in a cycle, and its weights at the times of one.
-type Part = (Output, By, fn(&Weights) -> &[f64]);
+type Part = (Output, Coefficient, fn(&IntegralWeights) -> &[f64]);
 
-type By = fn(&Dependence) -> f64;
+type Coefficient = fn(&IntegralDerivatives) -> f64;
 
 /// What all measures are made of.
 fn parts(held: bool) -> Vec<Part> {
     use Quantity as Q;
-    let value: fn(&Weights) -> &[f64] = |weights| &weights.value;
-    let rate: fn(&Weights) -> &[f64] = |weights| &weights.rate;
-    let summed: fn(&Weights) -> &[f64] = |weights| &weights.summed;
+    let value: fn(&IntegralWeights) -> &[f64] = |weights| &weights.value;
+    let rate: fn(&IntegralWeights) -> &[f64] = |weights| &weights.rate;
+    let summed: fn(&IntegralWeights) -> &[f64] = |weights| &weights.summed;
     let mut parts: Vec<Part> = Vec::new();
     if held {
         // A held head moves as it must, whatever the parameters are.
@@ -42,7 +42,7 @@ fn parts(held: bool) -> Vec<Part> {
     }
     parts.push((Q::Flow(0).into(), |d| d.flow[0], summed));
     parts.push((Q::Flow(1).into(), |d| d.flow[1], summed));
-    let works: [(Output, Quantity, By); 6] = [
+    let works: [(Output, Quantity, Coefficient); 6] = [
         (Work::Actuation.into(), Q::ActuationPower, |d| d.work[0]),
         (Work::Viscous.into(), Q::ViscousPower, |d| d.work[1]),
         (Work::Load.into(), Q::LoadPower, |d| d.work[2]),
@@ -61,34 +61,34 @@ impl Problem {
     /// Simulates, and follows the cycles as a run does, with all their ends.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate) and of [`Reading::take`].
-    pub fn followed(&mut self) -> Result<(Trajectory, Cycles, Vec<End>)> {
-        let (trajectory, cycles, ends, _) = self.follow()?;
+    /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
+    pub fn simulate_cycles(&mut self) -> Result<(Trajectory, Cycles, Vec<CycleEnd>)> {
+        let (trajectory, cycles, ends, _) = self.simulate_and_measure()?;
         Ok((trajectory, cycles, ends))
     }
 
     /// Simulates, and measures as a run does; with the positions at the end.
     #[cfg(feature = "faer")]
-    pub(super) fn measured(&mut self) -> Result<(Meter, Vec<f64>)> {
-        let (trajectory, .., meter) = self.follow()?;
-        Ok((meter, trajectory.positions(trajectory.times.len() - 1).to_vec()))
+    pub(super) fn simulate_metrics(&mut self) -> Result<(RunMetrics, Vec<f64>)> {
+        let (trajectory, .., metrics) = self.simulate_and_measure()?;
+        Ok((metrics, trajectory.positions(trajectory.times.len() - 1).to_vec()))
     }
 
-    fn follow(&mut self) -> Result<(Trajectory, Cycles, Vec<End>, Meter)> {
+    fn simulate_and_measure(&mut self) -> Result<(Trajectory, Cycles, Vec<CycleEnd>, RunMetrics)> {
         let mut trajectory = Trajectory::default();
         let mut ends = Vec::new();
-        let mut run: Option<(Meter, Cycles, Reading)> = None;
+        let mut run: Option<(RunMetrics, Cycles, Measurements)> = None;
         let controls = Arc::clone(&self.controls);
         self.advance(|dynamics, n, state, _| {
             match &mut run {
                 None => {
-                    let meter = Meter::start(dynamics, state)?;
-                    let cycles = Cycles::start(dynamics, state, &meter);
+                    let metrics = RunMetrics::start(dynamics, state)?;
+                    let cycles = Cycles::start(dynamics, state, &metrics);
                     ends.push(cycles.first_end());
-                    run = Some((meter, cycles, Reading::new(dynamics.nodes())));
+                    run = Some((metrics, cycles, Measurements::new(dynamics.nodes())));
                 }
-                Some((meter, cycles, reading)) => {
-                    reading.take(dynamics, state)?;
+                Some((metrics, cycles, measurements)) => {
+                    measurements.measure(dynamics, state)?;
                     let times = [trajectory.times[n - 1], state.t];
                     let mut load = dynamics.load_work(times, trajectory.positions(n - 1), &state.q);
                     if controls.force.is_some() {
@@ -97,54 +97,54 @@ impl Problem {
                         load = 0.5 * (load + dynamics.load_work(times, trajectory.positions(n - 1), &state.q));
                         controls.apply(dynamics, n);
                     }
-                    meter.count(reading, None, load, dynamics.head_mass())?;
+                    metrics.count_step(measurements, None, load, dynamics.head_mass())?;
                     let before = *cycles;
-                    cycles.follow(dynamics, state, meter, None);
+                    cycles.follow(dynamics, state, metrics, None);
                     ends.extend(cycles.ends_since(&before));
                 }
             }
             trajectory.push(state);
             Ok(())
         })?;
-        let (cycles, meter) = match run {
-            Some((meter, cycles, _)) => (cycles, meter),
+        let (cycles, metrics) = match run {
+            Some((metrics, cycles, _)) => (cycles, metrics),
             None => {
                 // `advance` looks at the start at least.
                 let state = self.dynamics.first_state();
-                let meter = Meter::start(&mut self.dynamics, &state)?;
-                (Cycles::start(&self.dynamics, &state, &meter), meter)
+                let metrics = RunMetrics::start(&mut self.dynamics, &state)?;
+                (Cycles::start(&self.dynamics, &state, &metrics), metrics)
             }
         };
-        Ok((trajectory, cycles, ends, meter))
+        Ok((trajectory, cycles, ends, metrics))
     }
 
     /// Why its simulation has no whole cycle, where it has none.
     ///
     /// # Errors
-    /// Those of [`followed`](Self::followed).
+    /// Those of [`simulate_cycles`](Self::simulate_cycles).
     pub fn no_cycle(&mut self) -> Result<Option<String>> {
-        let (_, cycles, _) = self.followed()?;
+        let (_, cycles, _) = self.simulate_cycles()?;
         Ok(cycles.reason(&self.dynamics))
     }
 
     /// The mean of `measure` over the last whole cycles, as a run's summary has it, with its derivatives by `parameters`;
-    /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::slopes::is_smooth). What
+    /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::derivatives::is_differentiable). What
     /// changes the frequency of what drives the cycles moves their ends too.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
-    pub fn cycle_mean(&mut self, measure: &Measure, parameters: &[Parameter]) -> Result<Option<(f64, Vec<f64>)>> {
-        let (trajectory, cycles, ends) = self.followed()?;
+    pub fn cycle_mean(&mut self, measure: &CycleMeasure, parameters: &[Parameter]) -> Result<Option<(f64, Vec<f64>)>> {
+        let (trajectory, cycles, ends) = self.simulate_cycles()?;
         let Some(mean) = cycles.averages(&self.dynamics).mean(measure) else { return Ok(None) };
         if parameters.is_empty() {
             return Ok(Some((mean, Vec::new())));
         }
-        let Some(dependences) = cycles.dependences(measure, &self.dynamics) else { return Ok(None) };
+        let Some(integral_derivatives) = cycles.integral_derivatives(measure, &self.dynamics) else { return Ok(None) };
         let weights = cycles.weights(&self.dynamics, &trajectory.times);
         let mut parts = parts(self.dynamics.model.head.is_some());
-        parts.retain(|(_, by, _)| dependences.iter().any(|dependence| by(dependence) != 0.0));
+        parts.retain(|(_, by, _)| integral_derivatives.iter().any(|dependence| by(dependence) != 0.0));
         let mut rows = vec![0.0; parts.len() * trajectory.times.len()];
-        for (dependence, weights) in dependences.iter().zip(&weights) {
+        for (dependence, weights) in integral_derivatives.iter().zip(&weights) {
             for (o, (_, by, of)) in parts.iter().enumerate() {
                 let by = by(dependence);
                 let row = rows.iter_mut().skip(o).step_by(parts.len());
@@ -156,13 +156,13 @@ impl Problem {
         for (by, parameter) in by.iter_mut().zip(parameters) {
             match parameter {
                 Parameter::OfForces(key) => {
-                    let own = dependences.iter().flat_map(|dependence| &dependence.by_key);
+                    let own = integral_derivatives.iter().flat_map(|dependence| &dependence.by_key);
                     *by += own.filter(|(own, _)| own == key).map(|(_, by)| by).sum::<f64>();
                 }
                 // The measure's own formula, of the same sums between ends that have moved.
                 Parameter::OfScene(i) => {
                     let own = cycles.frequency(&self.dynamics);
-                    *by += self.moved[*i].by(|place| {
+                    *by += self.finite_differences[*i].of_value(|place| {
                         let ratio = own.zip(cycles.frequency(&place.dynamics)).map_or(1.0, |(own, now)| own / now);
                         Ok(cycles.mean_as(measure, &place.dynamics, &ends, ratio - 1.0).unwrap_or(f64::NAN))
                     })?;

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use super::ends::Ends;
 use super::equations::Equations;
-use super::output::{At, Gradient, Output, Point, Work};
-use super::parameter::{Effect, Parameter, Shape, direct, keys};
-use super::problem::{First, Problem};
-use super::{Column, dot, start};
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext, Work};
+use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys};
+use super::problem::{GivenStart, Problem};
+use super::step_ends::StepEnds;
+use super::trajectory::Trajectory;
+use super::{TangentState, dot, start};
 use crate::error::{Error, Result};
 use crate::integrator::Rule;
 use crate::model::{Bent, Dynamics};
@@ -40,6 +41,16 @@ impl Sensitivities {
 }
 
 impl Problem {
+    /// Simulates, with the values of `outputs` at every time.
+    ///
+    /// # Errors
+    /// A step that fails; it is not halved.
+    pub fn simulate_with(&mut self, outputs: &[Output]) -> Result<(Trajectory, Sensitivities)> {
+        let mut trajectory = Trajectory::default();
+        let values = self.forward(&[], outputs, 1, |state| trajectory.push(state))?;
+        Ok((trajectory, values))
+    }
+
     /// Simulates and carries the derivatives of all `outputs` by all `parameters` along; records every `every` steps,
     /// and the end. `look` sees every state.
     ///
@@ -59,13 +70,13 @@ impl Problem {
         }
         let (nodes, steps) = (self.dynamics.nodes(), self.steps);
         let mut equations = Equations::new(self.model())?;
-        let mut point = Point::new(nodes, &keys(parameters));
-        let mut shape = Shape::new(nodes);
+        let mut point = LocalDerivatives::new(nodes, &keys(parameters));
+        let mut shape = ActuationShape::new(nodes);
         let mut gradient = Gradient::new(nodes, &keys(parameters));
-        let mut effects: Vec<Effect> = Vec::with_capacity(parameters.len());
-        let mut columns: Vec<Column> = Vec::new();
+        let mut effects: Vec<ParameterEffect> = Vec::with_capacity(parameters.len());
+        let mut columns: Vec<TangentState> = Vec::new();
         let summing = outputs.iter().any(|output| !output.work.is_empty());
-        let mut ends = Ends::new(nodes);
+        let mut ends = StepEnds::new(nodes);
         let (width, size) = (parameters.len(), outputs.len() * parameters.len());
         let mut first = vec![0.0; outputs.len() + size];
         let mut sums = vec![0.0; outputs.len() + size];
@@ -76,8 +87,8 @@ impl Problem {
         let mut found = Sensitivities { outputs: outputs.len(), parameters: width, ..Sensitivities::default() };
         let rules = self.rules()?;
         // Out of the way of the simulation.
-        let mut moved = std::mem::take(&mut self.moved);
-        let mut by_moved = vec![vec![0.0; 2 * nodes]; moved.len()];
+        let mut finite_differences = std::mem::take(&mut self.finite_differences);
+        let mut force_by = vec![vec![0.0; 2 * nodes]; finite_differences.len()];
         let mut scratch = Gradient::new(nodes, &[]);
         let controls = Arc::clone(&self.controls);
         let given = self.start.clone();
@@ -85,15 +96,15 @@ impl Problem {
         let done = self.advance(|dynamics, n, state, h| {
             look(state);
             let bent = dynamics.shape(state)?;
-            for (moved, by) in moved.iter_mut().zip(&mut by_moved) {
-                moved.look(&bent, (&controls, steps, n), summing, by)?;
+            for (difference, force) in finite_differences.iter_mut().zip(&mut force_by) {
+                difference.move_to(&bent, (&controls, steps, n), summing, force)?;
             }
             shape.take(dynamics, state.t);
             effects.clear();
             effects.extend(parameters.iter().map(|parameter| parameter.effect(&dynamics.model.rod, &shape)));
             if n == 0 {
-                let first = |i: usize| moved[i].first();
-                let parameters = (&effects[..], &by_moved[..], &given);
+                let first = |i: usize| finite_differences[i].first();
+                let parameters = (&effects[..], &force_by[..], &given);
                 columns = first_columns(dynamics, state, parameters, &shape, &mut equations, &mut point, first)?;
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
@@ -101,17 +112,25 @@ impl Problem {
                 equations.assemble(dynamics, state, direction)?;
                 let bent = dynamics.shape(state)?;
                 point.look(&bent);
-                let at = At { bent, point: &point };
+                let at = OutputContext { bent, point: &point };
                 for (j, (column, effect)) in columns.iter_mut().zip(&effects).enumerate() {
-                    feet(&rule, h, column, &mut star);
+                    predict(&rule, h, column, &mut star);
                     equations.differences(&star, &mut rhs);
-                    resist(&mut equations, &at, (effect, &by_moved), &shape, rule.q_new, &column.v, &mut rhs);
+                    subtract_damping_and_force(
+                        &mut equations,
+                        &at,
+                        (effect, &force_by),
+                        &shape,
+                        rule.q_new,
+                        &column.v,
+                        &mut rhs,
+                    );
                     if j == 0 {
                         equations.factor(&mut rhs, false)?;
                     } else {
                         equations.solve(&mut rhs, false);
                     }
-                    land(&rule, column, &star, &rhs);
+                    correct(&rule, column, &star, &rhs);
                 }
             }
             let recorded = n % every == 0 || n == steps.count();
@@ -121,8 +140,8 @@ impl Problem {
             if summing {
                 ends.look(dynamics, &controls, steps, n);
             }
-            let at = At { bent: dynamics.shape(state)?, point: &point };
-            let derivatives = |gradient: &Gradient, step: Option<[&Shape; 2]>, row: &mut [f64]| {
+            let at = OutputContext { bent: dynamics.shape(state)?, point: &point };
+            let derivatives = |gradient: &Gradient, step: Option<[&ActuationShape; 2]>, row: &mut [f64]| {
                 for ((entry, column), (effect, parameter)) in
                     row.iter_mut().zip(&columns).zip(effects.iter().zip(parameters))
                 {
@@ -136,7 +155,7 @@ impl Problem {
                 let block = outputs.len() + o * width;
                 let own = || [o].into_iter().chain(block..block + width);
                 let mut sum = |i: usize, sums: &mut [f64]| -> Result<()> {
-                    let span = &ends.spans[i];
+                    let span = &ends.intervals[i];
                     if output.work.is_empty() || span.h == 0.0 {
                         return Ok(());
                     }
@@ -146,9 +165,13 @@ impl Problem {
                     derivatives(&gradient, Some([&ends.shapes[i], &ends.shapes[i + 1]]), &mut row);
                     sums[block..block + width].iter_mut().zip(&row).for_each(|(sum, x)| *sum += x);
                     for (j, effect) in effects.iter().enumerate() {
-                        if let Some(m) = effect.moved {
-                            sums[block + j] +=
-                                moved[m].output((output, &gradient, 1.0), Some(i), &point, &mut scratch)?;
+                        if let Some(m) = effect.scene_parameter {
+                            sums[block + j] += finite_differences[m].output(
+                                (output, &gradient, 1.0),
+                                Some(i),
+                                &point,
+                                &mut scratch,
+                            )?;
                         }
                     }
                     Ok(())
@@ -161,8 +184,9 @@ impl Problem {
                 derivatives(&gradient, None, &mut row);
                 now[block..block + width].iter_mut().zip(&row).for_each(|(now, x)| *now += x);
                 for (j, effect) in effects.iter().enumerate() {
-                    if let Some(m) = effect.moved {
-                        now[block + j] += moved[m].output((output, &gradient, 1.0), None, &point, &mut scratch)?;
+                    if let Some(m) = effect.scene_parameter {
+                        now[block + j] +=
+                            finite_differences[m].output((output, &gradient, 1.0), None, &point, &mut scratch)?;
                     }
                 }
                 if n == 0 && output.since_start {
@@ -179,7 +203,7 @@ impl Problem {
             }
             Ok(())
         });
-        self.moved = moved;
+        self.finite_differences = finite_differences;
         done.map(|()| found)
     }
 }
@@ -188,35 +212,41 @@ impl Problem {
 fn first_columns(
     dynamics: &mut Dynamics,
     state: &State,
-    (effects, by_moved, given): (&[Effect], &[Vec<f64>], &First),
-    shape: &Shape,
+    (effects, force_by, given): (&[ParameterEffect], &[Vec<f64>], &GivenStart),
+    shape: &ActuationShape,
     equations: &mut Equations,
-    point: &mut Point,
+    point: &mut LocalDerivatives,
     mut first: impl FnMut(usize) -> [Vec<f64>; 2],
-) -> Result<Vec<Column>> {
+) -> Result<Vec<TangentState>> {
     equations.assemble(dynamics, state, Direction::POSITIONS)?;
     let bent = dynamics.shape(state)?;
     point.look(&bent);
-    let (dynamics, at) = (bent.dynamics, At { bent, point });
+    let (dynamics, at) = (bent.dynamics, OutputContext { bent, point });
     let mut columns = Vec::with_capacity(effects.len());
     for effect in effects {
-        let [mut q, mut v] = match effect.moved {
-            Some(moved) => first(moved),
+        let [mut q, mut v] = match effect.scene_parameter {
+            Some(i) => first(i),
             None => start::first_by(dynamics, effect, shape),
         };
         given.hold([&mut q, &mut v]);
         let mut a = vec![0.0; q.len()];
         equations.differences(&q, &mut a);
-        resist(equations, &at, (effect, by_moved), shape, 1.0, &v, &mut a);
+        subtract_damping_and_force(equations, &at, (effect, force_by), shape, 1.0, &v, &mut a);
         equations.divide_by_inertia(&dynamics.model.rod.mass, &mut a)?;
-        columns.push(Column { q, v, memory: a.clone(), a });
+        columns.push(TangentState { q, v, memory: a.clone(), a });
     }
     Ok(columns)
 }
 
 /// Adds `factor`·f_p to `force`.
 #[inline]
-fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f64]) {
+fn add_parameter_force(
+    at: &OutputContext<'_>,
+    effect: &ParameterEffect,
+    shape: &ActuationShape,
+    factor: f64,
+    force: &mut [f64],
+) {
     let Bent { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     if let Some(key) = effect.key {
@@ -231,8 +261,8 @@ fn push(at: &At<'_>, effect: &Effect, shape: &Shape, factor: f64, force: &mut [f
 
 /// Q* to `star` and V* to the column's velocities; its memory becomes what it keeps of the old accelerations.
 #[inline]
-fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
-    let Column { q, v, a, memory } = column;
+fn predict(rule: &Rule, h: f64, column: &mut TangentState, star: &mut [f64]) {
+    let TangentState { q, v, a, memory } = column;
     match rule.memory {
         None => {
             for (((star, q), v), a) in star.iter_mut().zip(&*q).zip(v).zip(&*a) {
@@ -251,18 +281,18 @@ fn feet(rule: &Rule, h: f64, column: &mut Column, star: &mut [f64]) {
 }
 
 /// Adds −A (f_v V* + f_p), and makes the whole zero at a held node.
-fn resist(
+fn subtract_damping_and_force(
     equations: &mut Equations,
-    at: &At<'_>,
-    (effect, by_moved): (&Effect, &[Vec<f64>]),
-    shape: &Shape,
+    at: &OutputContext<'_>,
+    (effect, force_by): (&ParameterEffect, &[Vec<f64>]),
+    shape: &ActuationShape,
     size: f64,
     v_star: &[f64],
     rhs: &mut [f64],
 ) {
     rhs.iter_mut().zip(equations.damp(v_star, false)).for_each(|(rhs, damped)| *rhs -= size * damped);
-    push(at, effect, shape, -size, rhs);
-    if let Some(by) = effect.moved.and_then(|i| by_moved.get(i)) {
+    add_parameter_force(at, effect, shape, -size, rhs);
+    if let Some(by) = effect.scene_parameter.and_then(|i| force_by.get(i)) {
         rhs.iter_mut().zip(by).for_each(|(rhs, by)| *rhs -= size * by);
     }
     if at.bent.dynamics.held.is_some() {
@@ -272,8 +302,8 @@ fn resist(
 
 /// The column at the new time from Q − Q*.
 #[inline]
-fn land(rule: &Rule, column: &mut Column, star: &[f64], moved: &[f64]) {
-    let Column { q, v, a, memory } = column;
+fn correct(rule: &Rule, column: &mut TangentState, star: &[f64], moved: &[f64]) {
+    let TangentState { q, v, a, memory } = column;
     let per = 1.0 / rule.q_new;
     for ((((q, v), a), star), new) in q.iter_mut().zip(v).zip(&mut *a).zip(star).zip(moved) {
         *q = star + new;

@@ -20,21 +20,22 @@
 mod adjoint;
 mod controls;
 mod cycles;
-mod ends;
 mod equations;
+mod finite_difference;
 mod forward;
-mod moved;
-pub mod number;
 pub mod output;
 pub mod parameter;
 mod problem;
+pub mod scene_parameter;
 pub mod simulation;
 mod start;
+mod step_ends;
+mod time_grid;
 mod trajectory;
 
 pub use controls::{Controls, Cotangents, Weights};
+pub use finite_difference::FiniteDifference;
 pub use forward::Sensitivities;
-pub use moved::Moved;
 pub use output::{Output, Quantity, Work};
 pub use parameter::Parameter;
 pub use problem::Problem;
@@ -43,7 +44,7 @@ pub use trajectory::Trajectory;
 
 /// The derivatives of a state by one parameter.
 #[derive(Debug, Clone)]
-struct Column {
+struct TangentState {
     q: Vec<f64>,
     v: Vec<f64>,
     a: Vec<f64>,

@@ -60,7 +60,7 @@ pub enum Quantity {
     /// Moment of the tail on a held head about node 0, N m.
     HeadMoment,
     /// What the forces with that sink, those that store what they take without, push the rod with along an axis, N.
-    Push(Option<Sink>, usize),
+    Resultant(Option<Sink>, usize),
     /// Moment that the joint at a node carries, N m.
     JointMoment(usize),
     /// Strain of the outermost fibre there, beyond that of the natural curvature.
@@ -181,7 +181,7 @@ impl Quantity {
         };
         let axis = match self {
             Q::Position(_, i) | Q::Velocity(_, i) | Q::CentreOfMass(i) | Q::CentreVelocity(i) | Q::HeadAxis(i) => i,
-            Q::Flow(i) | Q::HeadForce(i) | Q::Push(_, i) | Q::RodMomentum(i) | Q::FluidMomentum(i) => i,
+            Q::Flow(i) | Q::HeadForce(i) | Q::Resultant(_, i) | Q::RodMomentum(i) | Q::FluidMomentum(i) => i,
             _ => 0,
         };
         let problem = match (within, axis) {
@@ -243,12 +243,12 @@ impl Output {
             "head_force_x_n" if model.head.is_some() => Q::HeadForce(0).into(),
             "head_force_y_n" if model.head.is_some() => Q::HeadForce(1).into(),
             "head_moment_n_m" if model.head.is_some() => Q::HeadMoment.into(),
-            "drag_force_x_n" => Q::Push(Some(Sink::Drag), 0).into(),
-            "drag_force_y_n" => Q::Push(Some(Sink::Drag), 1).into(),
-            "reactive_force_x_n" => Q::Push(None, 0).into(),
-            "reactive_force_y_n" => Q::Push(None, 1).into(),
-            "wake_force_x_n" => Q::Push(Some(Sink::Wake), 0).into(),
-            "wake_force_y_n" => Q::Push(Some(Sink::Wake), 1).into(),
+            "drag_force_x_n" => Q::Resultant(Some(Sink::Drag), 0).into(),
+            "drag_force_y_n" => Q::Resultant(Some(Sink::Drag), 1).into(),
+            "reactive_force_x_n" => Q::Resultant(None, 0).into(),
+            "reactive_force_y_n" => Q::Resultant(None, 1).into(),
+            "wake_force_x_n" => Q::Resultant(Some(Sink::Wake), 0).into(),
+            "wake_force_y_n" => Q::Resultant(Some(Sink::Wake), 1).into(),
             "rod_momentum_x_n_s" => Q::RodMomentum(0).into(),
             "rod_momentum_y_n_s" => Q::RodMomentum(1).into(),
             "fluid_momentum_x_n_s" => Q::FluidMomentum(0).into(),
@@ -365,7 +365,7 @@ impl Gradient {
 
 /// A step, seen from one of its ends.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Span {
+pub(super) struct StepInterval {
     /// Its length, s.
     pub(super) h: f64,
     /// Change of κ̄ over it, one entry per node.
@@ -378,14 +378,14 @@ pub(super) struct Span {
 
 /// What the derivatives at one state are made of.
 #[derive(Debug)]
-pub(super) struct Point {
+pub(super) struct LocalDerivatives {
     /// ∇κ_k by the nodes k−1, k, k+1.
     pub(super) slopes: Vec<[Vector2<f64>; 3]>,
     /// ∂f/∂p of the parameters of forces, two entries per node.
     keys: Vec<(Key, Vec<f64>)>,
 }
 
-impl Point {
+impl LocalDerivatives {
     pub(super) fn new(nodes: usize, keys: &[Key]) -> Self {
         Self {
             slopes: vec![[Vector2::zeros(); 3]; nodes],
@@ -440,12 +440,12 @@ impl Point {
 
 /// A state with all that its quantities need.
 #[derive(Clone, Copy)]
-pub(super) struct At<'a> {
+pub(super) struct OutputContext<'a> {
     pub(super) bent: Bent<'a>,
-    pub(super) point: &'a Point,
+    pub(super) point: &'a LocalDerivatives,
 }
 
-impl At<'_> {
+impl OutputContext<'_> {
     /// m_k = B_k(κ_k − κ̄_k), and κ_k − κ̄_k.
     fn moment(&self, k: usize) -> [f64; 2] {
         let deviation = self.bent.kappa()[k] - self.bent.dynamics.natural[k];
@@ -626,7 +626,7 @@ fn axis(i: usize) -> Vector2<f64> {
 
 impl Quantity {
     /// Its value; adds `factor` times its derivatives.
-    pub(super) fn add(self, at: &At<'_>, factor: f64, g: &mut Gradient) -> f64 {
+    pub(super) fn add(self, at: &OutputContext<'_>, factor: f64, g: &mut Gradient) -> f64 {
         let Bent { dynamics, state } = at.bent;
         let rod = &dynamics.model.rod;
         match self {
@@ -725,7 +725,7 @@ impl Quantity {
                 -inertia - at.push(axis(i), -factor, g)
             }
             Self::HeadMoment => Self::JointMoment(0).add(at, factor, g),
-            Self::Push(sink, i) => {
+            Self::Resultant(sink, i) => {
                 let chosen = |force: &dyn Force| force.sink() == sink;
                 -at.power_along(chosen, |_| axis(i), -factor, g)
             }
@@ -777,7 +777,14 @@ impl Quantity {
 impl Work {
     /// The share of the state at one end of `span` (its end, or its begin) in the work over it; adds `factor` times its
     /// derivatives.
-    pub(super) fn add(self, at: &At<'_>, span: &Span, end: bool, factor: f64, g: &mut Gradient) -> f64 {
+    pub(super) fn add(
+        self,
+        at: &OutputContext<'_>,
+        span: &StepInterval,
+        end: bool,
+        factor: f64,
+        g: &mut Gradient,
+    ) -> f64 {
         let half = 0.5 * span.h;
         let rod = &at.bent.dynamics.model.rod;
         match self {

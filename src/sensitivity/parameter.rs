@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 use std::ops::Range;
 
-use super::output::{At, Gradient};
+use super::output::{Gradient, OutputContext};
 use crate::actuation::Wave;
 use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::fluid::Key;
@@ -30,20 +30,20 @@ pub enum Parameter {
     Phase,
     /// A parameter of the forces, by its key.
     OfForces(Key),
-    /// A number of the scene, by its place in [`Problem::moved`](super::Problem::moved).
+    /// A number of the scene, by its place in [`Problem::finite_differences`](super::Problem::finite_differences).
     OfScene(usize),
 }
 
 /// The shape g of an actuation at a time, κ̄ = κ_amp r g(ψ), with its first two derivatives by phase.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Shape {
+pub(super) struct ActuationShape {
     wave: Option<Wave>,
     /// g, g' and g'', one entry per node.
     g: [Vec<f64>; 3],
     time: f64,
 }
 
-impl Shape {
+impl ActuationShape {
     pub(super) fn new(nodes: usize) -> Self {
         Self { g: std::array::from_fn(|_| vec![0.0; nodes]), ..Self::default() }
     }
@@ -72,7 +72,7 @@ impl Shape {
 /// How a parameter moves the equations at a time: at every one of `joints` B_k moves by `stiffness`, κ̄_k by
 /// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g', g''); or a parameter of the forces by itself.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Effect {
+pub(super) struct ParameterEffect {
     pub(super) joints: Range<usize>,
     pub(super) stiffness: f64,
     own: f64,
@@ -80,19 +80,19 @@ pub(super) struct Effect {
     rate: [f64; 3],
     pub(super) key: Option<Key>,
     /// A number of the scene, whose derivatives are not here.
-    pub(super) moved: Option<usize>,
+    pub(super) scene_parameter: Option<usize>,
 }
 
-impl Effect {
+impl ParameterEffect {
     /// dκ̄_k.
     #[inline]
-    pub(super) fn natural(&self, shape: &Shape, k: usize) -> f64 {
+    pub(super) fn natural(&self, shape: &ActuationShape, k: usize) -> f64 {
         self.own + shape.sum(&self.natural, k)
     }
 
     /// d(dκ̄_k/dt), 1/s.
     #[inline]
-    pub(super) fn rate(&self, shape: &Shape, k: usize) -> f64 {
+    pub(super) fn rate(&self, shape: &ActuationShape, k: usize) -> f64 {
         shape.sum(&self.rate, k)
     }
 
@@ -144,30 +144,30 @@ impl Parameter {
                 let near = did_you_mean(nearest(key, keys.iter().copied()));
                 refuse(format!("no force has this parameter{near}; allowed: {}", keys.join(", ")))
             }
-            Self::OfScene(i) if i >= moved => {
-                refuse(format!("Problem::moved has {moved} entries; allowed: a place in it (see sensitivity::number)"))
-            }
+            Self::OfScene(i) if i >= moved => refuse(format!(
+                "Problem::finite_differences has {moved} entries; allowed: an index into it (see sensitivity::scene_parameter)"
+            )),
             _ => Ok(()),
         }
     }
 
     /// How it moves the equations at the time of `shape`.
-    pub(super) fn effect(self, rod: &Rod, shape: &Shape) -> Effect {
-        let none = Effect {
+    pub(super) fn effect(self, rod: &Rod, shape: &ActuationShape) -> ParameterEffect {
+        let none = ParameterEffect {
             joints: 0..0,
             stiffness: 0.0,
             own: 0.0,
             natural: [0.0; 2],
             rate: [0.0; 3],
             key: None,
-            moved: None,
+            scene_parameter: None,
         };
         let half = |k: usize| rod.joint_part(k);
         // A change of amplitude, of phase ψ and of its rate.
         let driven = |joints: Range<usize>, amplitude: f64, phase: f64, phase_rate: f64| {
             let Some(wave) = shape.wave else { return none.clone() };
             let Wave { amplitude: size, gain, gain_rate, phase_rate: omega, .. } = wave;
-            Effect {
+            ParameterEffect {
                 joints,
                 natural: [amplitude * gain, size * gain * phase],
                 // κ̄' = S' g + S ω g', with S = κ_amp r.
@@ -181,15 +181,17 @@ impl Parameter {
         };
         let size = shape.wave.map_or(0.0, |wave| wave.amplitude);
         match self {
-            Self::Stiffness(k) => Effect { joints: k..k + 1, stiffness: 1.0 / (half(k) * rod.spacing), ..none },
-            Self::NaturalCurvature(k) => Effect { joints: k..k + 1, own: half(k) * rod.spacing, ..none },
+            Self::Stiffness(k) => {
+                ParameterEffect { joints: k..k + 1, stiffness: 1.0 / (half(k) * rod.spacing), ..none }
+            }
+            Self::NaturalCurvature(k) => ParameterEffect { joints: k..k + 1, own: half(k) * rod.spacing, ..none },
             Self::WaveAmplitude(k) => driven(k..k + 1, size, 0.0, 0.0),
             Self::WavePhase(k) => driven(k..k + 1, 0.0, -1.0, 0.0),
             Self::Amplitude => driven(rod.joints(), 1.0, 0.0, 0.0),
             Self::Frequency => driven(rod.joints(), 0.0, TAU * shape.time, TAU),
             Self::Phase => driven(rod.joints(), 0.0, -1.0, 0.0),
-            Self::OfForces(key) => Effect { key: Some(key), ..none },
-            Self::OfScene(i) => Effect { moved: Some(i), ..none },
+            Self::OfForces(key) => ParameterEffect { key: Some(key), ..none },
+            Self::OfScene(i) => ParameterEffect { scene_parameter: Some(i), ..none },
         }
     }
 }
@@ -203,9 +205,9 @@ pub(super) fn keys(parameters: &[Parameter]) -> Vec<Key> {
 /// The derivative that does not go through the state; over a step with the shapes at its ends.
 pub(super) fn direct(
     gradient: &Gradient,
-    effect: &Effect,
-    shape: &Shape,
-    step: Option<([&Shape; 2], Parameter, &At<'_>)>,
+    effect: &ParameterEffect,
+    shape: &ActuationShape,
+    step: Option<([&ActuationShape; 2], Parameter, &OutputContext<'_>)>,
 ) -> f64 {
     let mut sum = effect.key.map_or(0.0, |key| gradient.by_key(key));
     for k in effect.joints.clone() {

@@ -4,10 +4,10 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::controls::Controls;
-use super::forward::Sensitivities;
-use super::moved::Moved;
+use super::finite_difference::FiniteDifference;
 use super::output::Output;
 use super::parameter::Parameter;
+use super::time_grid::TimeGrid;
 use super::trajectory::Trajectory;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
@@ -25,14 +25,14 @@ pub struct Problem {
     /// The actuation as the scene has it.
     actuation: Option<Box<dyn Actuation>>,
     /// The scene with each of the numbers moved that it is differentiated by as [`Parameter::OfScene`](super::Parameter::OfScene).
-    pub moved: Vec<Moved>,
+    pub finite_differences: Vec<FiniteDifference>,
     pub(super) integrator: Box<dyn Integrator>,
     tolerance: f64,
     linear: Choice,
-    pub(super) steps: Steps,
+    pub(super) steps: TimeGrid,
     pub(super) controls: Arc<Controls>,
     /// First positions and velocities along both axes, where they are given in place of those of the scene's start.
-    pub(super) start: First,
+    pub(super) start: GivenStart,
     /// Raised to end what it computes.
     interrupted: Arc<AtomicBool>,
 }
@@ -40,11 +40,11 @@ pub struct Problem {
 /// Positions and velocities along x and y that a simulation begins with, so far as they are given; the others are those of the
 /// scene's start, and move with it.
 #[derive(Debug, Clone, Default)]
-pub(super) struct First {
+pub(super) struct GivenStart {
     parts: [[Option<Vec<f64>>; 2]; 2],
 }
 
-impl First {
+impl GivenStart {
     /// Writes what is given to `state`, its positions and velocities with two entries per node; true where anything is.
     fn write(&self, state: [&mut [f64]; 2]) -> bool {
         self.each(state, |to, value| *to = value);
@@ -66,34 +66,6 @@ impl First {
     }
 }
 
-/// The times of a simulation.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Steps {
-    pub(super) whole: usize,
-    length: f64,
-    last: Option<f64>,
-}
-
-impl Steps {
-    pub(super) fn count(&self) -> usize {
-        self.whole + usize::from(self.last.is_some())
-    }
-
-    pub(super) fn time(&self, n: usize) -> f64 {
-        if n <= self.whole { n as f64 * self.length } else { self.whole as f64 * self.length + self.length(n) }
-    }
-
-    /// The length of the step that ends at time `n`; zero where there is none.
-    pub(super) fn length(&self, n: usize) -> f64 {
-        match n {
-            0 => 0.0,
-            n if n <= self.whole => self.length,
-            n if n <= self.count() => self.last.unwrap_or(0.0),
-            _ => 0.0,
-        }
-    }
-}
-
 impl Problem {
     /// The problem of a scene.
     ///
@@ -110,7 +82,7 @@ impl Problem {
     /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
     pub fn of_model(scene: &Scene, model: Model) -> Result<Self> {
         scene.fits(&model)?;
-        let Some(law) = model.forces.whole() else { return Self::followed_only(scene, model) };
+        let Some(law) = model.forces.whole() else { return Self::without_derivatives(scene, model) };
         let problem = format!(
             "{:?} has no exact derivatives, as all of the rod acts on all of it; allowed here: a law for each edge, as \"cox\"",
             law.name()
@@ -122,7 +94,7 @@ impl Problem {
     ///
     /// # Errors
     /// Those of [`of`](Self::of) but for its law.
-    pub(crate) fn followed_only(scene: &Scene, model: Model) -> Result<Self> {
+    pub(crate) fn without_derivatives(scene: &Scene, model: Model) -> Result<Self> {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
         };
@@ -154,13 +126,13 @@ impl Problem {
         Ok(Self {
             dynamics: Dynamics::new(Arc::new(model)),
             actuation: scene.model()?.actuation.map(|(actuation, _)| actuation),
-            moved: Vec::new(),
+            finite_differences: Vec::new(),
             integrator,
             tolerance: scene.newton_tolerance(),
             linear: scene.solver.linear,
-            steps: Steps { whole: whole as usize, length, last },
+            steps: TimeGrid { whole: whole as usize, length, last },
             controls: Arc::default(),
-            start: First::default(),
+            start: GivenStart::default(),
             interrupted: Arc::default(),
         })
     }
@@ -224,8 +196,8 @@ impl Problem {
 
     /// Refuses what the model does not have, of which derivatives would be zero.
     pub(super) fn check(&self, parameters: &[Parameter], outputs: &[Output]) -> Result<()> {
-        let (model, moved) = (self.model(), self.moved.len());
-        parameters.iter().try_for_each(|parameter| parameter.check(model, moved))?;
+        let (model, finite_differences) = (self.model(), self.finite_differences.len());
+        parameters.iter().try_for_each(|parameter| parameter.check(model, finite_differences))?;
         outputs.iter().try_for_each(|output| output.check(model))
     }
 
@@ -241,7 +213,7 @@ impl Problem {
         &self.dynamics.model
     }
 
-    /// The inputs, which hold over the whole simulation. Derivatives by [`moved`](Self::moved) numbers are with those of the scene.
+    /// The inputs, which hold over the whole simulation. Derivatives by [`finite_differences`](Self::finite_differences) numbers are with those of the scene.
     pub fn inputs(&mut self) -> &mut Inputs {
         &mut self.dynamics.inputs
     }
@@ -306,9 +278,9 @@ impl Problem {
 
     /// The scene, and it with its numbers moved, each with its own actuation.
     fn everywhere(&mut self) -> impl Iterator<Item = (&mut Dynamics, Option<&dyn Actuation>)> {
-        let places = self.moved.iter_mut().flat_map(|moved| &mut moved.places);
-        let moved = places.map(|place| (&mut place.dynamics, place.actuation.as_deref()));
-        std::iter::once((&mut self.dynamics, self.actuation.as_deref())).chain(moved)
+        let scenes = self.finite_differences.iter_mut().flat_map(|difference| &mut difference.scenes);
+        let perturbed = scenes.map(|scene| (&mut scene.dynamics, scene.actuation.as_deref()));
+        std::iter::once((&mut self.dynamics, self.actuation.as_deref())).chain(perturbed)
     }
 
     /// A flag that another thread raises to end a simulation, or the way back over it, at the next step: with [`Error::Interrupted`].
@@ -317,7 +289,7 @@ impl Problem {
     }
 
     /// Looks at that flag.
-    pub(super) fn go_on(&self) -> impl Fn() -> Result<()> + use<> {
+    pub(super) fn check_interruption(&self) -> impl Fn() -> Result<()> + use<> {
         let flag = self.interrupt();
         move || if flag.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
     }
@@ -333,12 +305,12 @@ impl Problem {
         Ok([rule(self.steps.length)?, rule(self.steps.last.unwrap_or(self.steps.length))?])
     }
 
-    /// Steps through the simulation; `look` sees the number of the time, where it came from, and where it is.
+    /// TimeGrid through the simulation; `look` sees the number of the time, where it came from, and where it is.
     pub(super) fn advance(
         &mut self,
         mut look: impl FnMut(&mut Dynamics, usize, &State, f64) -> Result<()>,
     ) -> Result<()> {
-        let (steps, go_on) = (self.steps, self.go_on());
+        let (steps, check_interruption) = (self.steps, self.check_interruption());
         let dynamics = &mut self.dynamics;
         let mut newton = Newton::with(Form::Positions, self.linear, dynamics.nodes(), self.tolerance)?;
         self.controls.apply(dynamics, 0);
@@ -351,7 +323,7 @@ impl Problem {
         let mut next = state.clone();
         look(dynamics, 0, &state, 0.0)?;
         for n in 1..=steps.count() {
-            go_on()?;
+            check_interruption()?;
             let h = steps.length(n);
             next.t = steps.time(n);
             self.controls.apply(dynamics, n);
@@ -373,15 +345,5 @@ impl Problem {
             Ok(())
         })?;
         Ok(trajectory)
-    }
-
-    /// Simulates, with the values of `outputs` at every time.
-    ///
-    /// # Errors
-    /// A step that fails; it is not halved.
-    pub fn simulate_with(&mut self, outputs: &[Output]) -> Result<(Trajectory, Sensitivities)> {
-        let mut trajectory = Trajectory::default();
-        let values = self.forward(&[], outputs, 1, |state| trajectory.push(state))?;
-        Ok((trajectory, values))
     }
 }

@@ -5,12 +5,12 @@ use std::sync::atomic::AtomicBool;
 
 use super::controls::{Controls, Weights};
 use super::forward::Sensitivities;
-use super::number::{self, Number, Numbers};
 use super::output::Output;
 use super::parameter::Parameter;
 use super::problem::Problem;
+use super::scene_parameter::{self, SceneParameter, SceneParameters};
 use super::trajectory::Trajectory;
-use crate::cycle::slopes;
+use crate::cycle::derivatives;
 use crate::error::{Error, Result};
 use crate::scene::{Document, Scene};
 
@@ -44,7 +44,7 @@ impl Array {
 
 /// What a simulation is differentiated by.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum By {
+enum WithRespectTo {
     /// Numbers of the scene, by the place of their key.
     Scene(usize),
     Stiffness,
@@ -61,38 +61,38 @@ enum By {
 }
 
 /// Name, unit and meaning of what has an entry per joint or node, or is no key of the scene.
-const NAMED: [(By, &str, &str, &str); 11] = [
-    (By::Stiffness, "joint_stiffness_n_m2", "N m^2", "bending stiffness of the joints"),
+const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
+    (WithRespectTo::Stiffness, "joint_stiffness_n_m2", "N m^2", "bending stiffness of the joints"),
     (
-        By::Amplitude,
+        WithRespectTo::Amplitude,
         "joint_amplitude_factor",
         "1",
         "what the amplitude of the scene's actuation is multiplied by at the joints",
     ),
     (
-        By::PhaseProfile,
+        WithRespectTo::PhaseProfile,
         "joint_phase_rad",
         "rad",
         "phases subtracted inside the sine of the scene's actuation at the joints",
     ),
-    (By::Phase, "actuation_phase_rad", "rad", "phase subtracted inside the actuation's sine"),
+    (WithRespectTo::Phase, "actuation_phase_rad", "rad", "phase subtracted inside the actuation's sine"),
     (
-        By::Natural,
+        WithRespectTo::Natural,
         "natural_curvature_1_m",
         "1/m",
         "natural curvature of the joints beside the actuation's; may be given over time",
     ),
-    (By::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
-    (By::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
-    (By::Position(0), "x_m", "m", "nodes at the start, x"),
-    (By::Position(1), "y_m", "m", "nodes at the start, y"),
-    (By::Velocity(0), "vx_m_s", "m/s", "velocity of the nodes at the start, x"),
-    (By::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
+    (WithRespectTo::Force(0), "force_x_n", "N", "forces on the nodes, x; may be given over time"),
+    (WithRespectTo::Force(1), "force_y_n", "N", "forces on the nodes, y; may be given over time"),
+    (WithRespectTo::Position(0), "x_m", "m", "nodes at the start, x"),
+    (WithRespectTo::Position(1), "y_m", "m", "nodes at the start, y"),
+    (WithRespectTo::Velocity(0), "vx_m_s", "m/s", "velocity of the nodes at the start, x"),
+    (WithRespectTo::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
 ];
 
 /// Something that a scene's simulation can be differentiated by.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Named {
+pub struct NamedParameter {
     /// Its name: a key of the scene, or that of what has an entry per joint or node.
     pub name: String,
     /// SI unit; `1` where there is none.
@@ -107,73 +107,73 @@ pub struct Named {
 ///
 /// # Errors
 /// Those of [`Problem::of`].
-pub fn parameters(scene: &Scene) -> Result<Vec<Named>> {
-    let (mut problem, known) = (Problem::of(scene)?, Known::of(scene)?);
+pub fn parameters(scene: &Scene) -> Result<Vec<NamedParameter>> {
+    let (mut problem, known) = (Problem::of(scene)?, DifferentiableParameters::of(scene)?);
     let named = |name: &str| {
         let (by, unit, description) = known.named(name)?;
         let values = known.value(by, &mut problem);
         let shape = if known.is_single(by) { Vec::new() } else { vec![values.len()] };
-        Some(Named { name: name.to_string(), unit, description, value: Array { shape, values } })
+        Some(NamedParameter { name: name.to_string(), unit, description, value: Array { shape, values } })
     };
     Ok(known.names().into_iter().filter_map(named).collect())
 }
 
 /// All that a scene can be differentiated by.
 #[derive(Debug)]
-struct Known {
+struct DifferentiableParameters {
     /// The numbers of every key.
-    keys: Vec<Vec<Number>>,
+    keys: Vec<Vec<SceneParameter>>,
     driven: bool,
 }
 
-impl Known {
+impl DifferentiableParameters {
     fn of(scene: &Scene) -> Result<Self> {
         let model = scene.model()?;
-        let numbers = Numbers::of(scene, &model);
+        let numbers = SceneParameters::of(scene, &model);
         let keys = numbers.keys().into_iter().map(|key| numbers.of_key(key)).collect();
         Ok(Self { keys, driven: model.actuation.is_some() })
     }
 
     fn names(&self) -> Vec<&str> {
         let keys = self.keys.iter().map(|numbers| &*numbers[0].key);
-        let named = NAMED.iter().map(|named| named.1).filter(|name| self.named(name).is_some());
+        let named = NODE_PARAMETERS.iter().map(|named| named.1).filter(|name| self.named(name).is_some());
         keys.chain(named).collect()
     }
 
     /// What `name` says, with unit and meaning.
-    fn named(&self, name: &str) -> Option<(By, &'static str, String)> {
-        if let Some((by, _, unit, meaning)) = NAMED.iter().find(|(_, own, ..)| *own == name) {
-            let wave = matches!(by, By::Amplitude | By::PhaseProfile | By::Phase);
+    fn named(&self, name: &str) -> Option<(WithRespectTo, &'static str, String)> {
+        if let Some((by, _, unit, meaning)) = NODE_PARAMETERS.iter().find(|(_, own, ..)| *own == name) {
+            let wave = matches!(by, WithRespectTo::Amplitude | WithRespectTo::PhaseProfile | WithRespectTo::Phase);
             return (self.driven || !wave).then(|| (*by, *unit, meaning.to_string()));
         }
         let i = self.keys.iter().position(|numbers| numbers[0].key == name)?;
         let numbers = &self.keys[i];
         let meanings: Vec<&str> = numbers.iter().map(|number| &*number.description).collect();
         let meaning = if numbers[0].xi.is_some() { meanings[0].to_string() } else { meanings.join("; ") };
-        Some((By::Scene(i), numbers[0].unit, meaning))
+        Some((WithRespectTo::Scene(i), numbers[0].unit, meaning))
     }
 
     /// True where `by` is one number and no list.
-    fn is_single(&self, by: By) -> bool {
+    fn is_single(&self, by: WithRespectTo) -> bool {
         match by {
-            By::Phase => true,
-            By::Scene(i) => self.keys[i][0].place.is_empty(),
+            WithRespectTo::Phase => true,
+            WithRespectTo::Scene(i) => self.keys[i][0].place.is_empty(),
             _ => false,
         }
     }
 
     /// Its value now.
-    fn value(&self, by: By, problem: &mut Problem) -> Vec<f64> {
+    fn value(&self, by: WithRespectTo, problem: &mut Problem) -> Vec<f64> {
         let (nodes, joints) = (problem.model().rod.nodes, problem.model().rod.joints().len());
         match by {
-            By::Scene(i) => self.keys[i].iter().map(|number| number.own).collect(),
-            By::Phase => vec![0.0],
-            By::Stiffness => problem.stiffness(),
-            By::Amplitude => vec![1.0; joints],
-            By::PhaseProfile | By::Natural => vec![0.0; joints],
-            By::Force(_) => vec![0.0; nodes],
-            By::Position(i) => along(&problem.first()[0], i),
-            By::Velocity(i) => along(&problem.first()[1], i),
+            WithRespectTo::Scene(i) => self.keys[i].iter().map(|number| number.own).collect(),
+            WithRespectTo::Phase => vec![0.0],
+            WithRespectTo::Stiffness => problem.stiffness(),
+            WithRespectTo::Amplitude => vec![1.0; joints],
+            WithRespectTo::PhaseProfile | WithRespectTo::Natural => vec![0.0; joints],
+            WithRespectTo::Force(_) => vec![0.0; nodes],
+            WithRespectTo::Position(i) => along(&problem.first()[0], i),
+            WithRespectTo::Velocity(i) => along(&problem.first()[1], i),
         }
     }
 
@@ -186,7 +186,7 @@ impl Known {
 
 /// What is read of a simulation.
 #[derive(Debug, Clone, Copy)]
-enum Read {
+enum OutputSource {
     /// Its place among the outputs.
     Output(usize),
     Position(usize),
@@ -194,7 +194,7 @@ enum Read {
 }
 
 /// Begins the names of means over whole cycles.
-const MEAN: &str = "cycle_";
+const CYCLE_PREFIX: &str = "cycle_";
 
 /// Outputs that a control over time leaves without derivative.
 const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
@@ -208,9 +208,9 @@ pub struct Simulation {
     /// The scene, with the numbers that were given.
     document: Document,
     scene: Scene,
-    known: Known,
+    known: DifferentiableParameters,
     outputs: Vec<Output>,
-    reads: Vec<(String, Read)>,
+    reads: Vec<(String, OutputSource)>,
     /// Stiffness of the joints, where it was given.
     stiffness: Option<Vec<f64>>,
     /// Factors and phases of the actuation.
@@ -232,10 +232,10 @@ impl Simulation {
         let mut document = document.clone();
         let as_is = document.scene()?;
         document.keep_fluid_of(&as_is);
-        let known = Known::of(&as_is)?;
-        for (name, value) in values.iter().filter(|(name, _)| !NAMED.iter().any(|named| named.1 == *name)) {
+        let known = DifferentiableParameters::of(&as_is)?;
+        for (name, value) in values.iter().filter(|(name, _)| !NODE_PARAMETERS.iter().any(|named| named.1 == *name)) {
             finite(name, value)?;
-            let Some((By::Scene(i), ..)) = known.named(name) else {
+            let Some((WithRespectTo::Scene(i), ..)) = known.named(name) else {
                 // The scene says what is near to it, where it knows no such key.
                 document.set(&format!("{name}={:e}", value.values.first().unwrap_or(&0.0)))?;
                 document.scene()?;
@@ -245,12 +245,12 @@ impl Simulation {
             if own.len() != found {
                 return Err(refusal(format!("{name}: found {found} values; allowed: {}", own.len())));
             }
-            for (key, value) in number::keys_with(own, &value.values) {
+            for (key, value) in scene_parameter::keys_with(own, &value.values) {
                 document.put("a simulation's values", &key, &value);
             }
         }
         let scene = document.scene()?;
-        let (known, problem) = (Known::of(&scene)?, Problem::of(&scene)?);
+        let (known, problem) = (DifferentiableParameters::of(&scene)?, Problem::of(&scene)?);
         let joints = problem.model().rod.joints().len();
         let mut own = Self {
             problem,
@@ -269,13 +269,13 @@ impl Simulation {
         own.take_values(values)?;
         for name in outputs {
             let read = match *name {
-                "x_m" => Read::Position(0),
-                "y_m" => Read::Position(1),
-                "vx_m_s" => Read::Velocity(0),
-                "vy_m_s" => Read::Velocity(1),
+                "x_m" => OutputSource::Position(0),
+                "y_m" => OutputSource::Position(1),
+                "vx_m_s" => OutputSource::Velocity(0),
+                "vy_m_s" => OutputSource::Velocity(1),
                 _ => {
                     own.outputs.push(Output::named(name, own.problem.model())?);
-                    Read::Output(own.outputs.len() - 1)
+                    OutputSource::Output(own.outputs.len() - 1)
                 }
             };
             own.reads.push((name.to_string(), read));
@@ -292,15 +292,18 @@ impl Simulation {
         for (name, value) in values {
             let Some((by, ..)) = self.known.named(name) else { return Err(self.known.refuse(&self.scene.name, name)) };
             let width = match by {
-                By::Scene(_) => continue, // the scene has it
-                By::Phase => 1,
-                By::Stiffness | By::Amplitude | By::PhaseProfile | By::Natural => joints,
-                By::Force(_) | By::Position(_) | By::Velocity(_) => nodes,
+                WithRespectTo::Scene(_) => continue, // the scene has it
+                WithRespectTo::Phase => 1,
+                WithRespectTo::Stiffness
+                | WithRespectTo::Amplitude
+                | WithRespectTo::PhaseProfile
+                | WithRespectTo::Natural => joints,
+                WithRespectTo::Force(_) | WithRespectTo::Position(_) | WithRespectTo::Velocity(_) => nodes,
             };
             finite(name, value)?;
-            let may_be_timed = matches!(by, By::Natural | By::Force(_));
+            let may_be_timed = matches!(by, WithRespectTo::Natural | WithRespectTo::Force(_));
             let timed = match value.shape[..] {
-                [] if by == By::Phase => false,
+                [] if by == WithRespectTo::Phase => false,
                 [n] if n == width => false,
                 [t, n] if may_be_timed && t == times && n == width => true,
                 _ => {
@@ -315,20 +318,20 @@ impl Simulation {
                 self.over_time.push(name.to_string());
             }
             match by {
-                By::Scene(_) => {}
-                By::Phase => self.phase = row[0],
-                By::Stiffness => {
+                WithRespectTo::Scene(_) => {}
+                WithRespectTo::Phase => self.phase = row[0],
+                WithRespectTo::Stiffness => {
                     if let Some(bad) = row.iter().find(|ei| **ei <= 0.0) {
                         return Err(refusal(format!("{name}: found {bad}; allowed: positive numbers")));
                     }
                     self.stiffness = Some(row);
                 }
-                By::Amplitude => self.factors = row,
-                By::PhaseProfile => self.phases = row,
-                By::Natural => natural = Some(spread(row)),
-                By::Force(axis) => force[axis] = Some(spread(row)),
-                By::Position(axis) => first.push((false, axis, row)),
-                By::Velocity(axis) => first.push((true, axis, row)),
+                WithRespectTo::Amplitude => self.factors = row,
+                WithRespectTo::PhaseProfile => self.phases = row,
+                WithRespectTo::Natural => natural = Some(spread(row)),
+                WithRespectTo::Force(axis) => force[axis] = Some(spread(row)),
+                WithRespectTo::Position(axis) => first.push((false, axis, row)),
+                WithRespectTo::Velocity(axis) => first.push((true, axis, row)),
             }
         }
         self.set()?;
@@ -386,12 +389,12 @@ impl Simulation {
         self.simulate()?;
         let (nodes, Some((trajectory, values))) = (self.nodes(), &self.simulated) else { return Ok(Vec::new()) };
         let times = 0..trajectory.times.len();
-        let read = |read: Read| match read {
-            Read::Output(o) => times.clone().map(|n| values.value(n, o)).collect::<Vec<f64>>().into(),
-            Read::Position(i) => {
+        let read = |read: OutputSource| match read {
+            OutputSource::Output(o) => times.clone().map(|n| values.value(n, o)).collect::<Vec<f64>>().into(),
+            OutputSource::Position(i) => {
                 Array::rows(times.clone().flat_map(|n| along(trajectory.positions(n), i)).collect(), nodes)
             }
-            Read::Velocity(i) => {
+            OutputSource::Velocity(i) => {
                 Array::rows(times.clone().flat_map(|n| along(trajectory.velocities(n), i)).collect(), nodes)
             }
         };
@@ -405,52 +408,61 @@ impl Simulation {
     #[cfg(feature = "faer")]
     pub fn notes(&mut self) -> Result<Vec<String>> {
         let warnings = crate::check::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
-        let (meter, end) = self.problem.measured()?;
-        Ok(crate::run::notes(&self.scene, self.problem.model(), &meter, &end, self.scene.pace(), &warnings))
+        let (metrics, end) = self.problem.simulate_metrics()?;
+        Ok(crate::run::notes(&self.scene, self.problem.model(), &metrics, &end, self.scene.pace(), &warnings))
     }
 
     /// What is named.
-    fn by(&self, names: &[&str]) -> Result<Vec<By>> {
+    fn by(&self, names: &[&str]) -> Result<Vec<WithRespectTo>> {
         let find = |name: &&str| self.known.named(name).map(|named| named.0);
         names.iter().map(|name| find(name).ok_or_else(|| self.known.refuse(&self.scene.name, name))).collect()
     }
 
     /// The parameters behind `by`, in their order, with the problem ready for them.
-    fn parameters(&mut self, by: &[By]) -> Result<Vec<Parameter>> {
-        if by.contains(&By::Amplitude) && self.factors.contains(&0.0) {
+    fn parameters(&mut self, by: &[WithRespectTo]) -> Result<Vec<Parameter>> {
+        if by.contains(&WithRespectTo::Amplitude) && self.factors.contains(&0.0) {
             return Err(refusal("joint_amplitude_factor: no derivative where a factor is 0".to_string()));
         }
-        let of_scene = |by: &By| if let By::Scene(i) = by { &self.known.keys[*i][..] } else { &[] };
-        let mut numbers: Vec<Number> = by.iter().flat_map(of_scene).cloned().collect();
-        number::count(&mut numbers);
+        let of_scene =
+            |by: &WithRespectTo| if let WithRespectTo::Scene(i) = by { &self.known.keys[*i][..] } else { &[] };
+        let mut numbers: Vec<SceneParameter> = by.iter().flat_map(of_scene).cloned().collect();
+        scene_parameter::assign_indices(&mut numbers);
         let own: Vec<f64> = numbers.iter().map(|number| number.own).collect();
-        self.problem.moved = number::moved(&self.document, &numbers, &own)?;
+        self.problem.finite_differences = scene_parameter::finite_differences(&self.document, &numbers, &own)?;
         self.set()?;
         let joints = || self.problem.model().rod.joints();
         let mut numbers = numbers.into_iter();
-        let of = |by: &By| -> Vec<Parameter> {
+        let of = |by: &WithRespectTo| -> Vec<Parameter> {
             match by {
-                By::Scene(i) => numbers.by_ref().take(self.known.keys[*i].len()).map(|number| number.by).collect(),
-                By::Phase => vec![Parameter::Phase],
-                By::Stiffness => joints().map(Parameter::Stiffness).collect(),
-                By::Amplitude => joints().map(Parameter::WaveAmplitude).collect(),
-                By::PhaseProfile => joints().map(Parameter::WavePhase).collect(),
-                By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_) => Vec::new(),
+                WithRespectTo::Scene(i) => {
+                    numbers.by_ref().take(self.known.keys[*i].len()).map(|number| number.by).collect()
+                }
+                WithRespectTo::Phase => vec![Parameter::Phase],
+                WithRespectTo::Stiffness => joints().map(Parameter::Stiffness).collect(),
+                WithRespectTo::Amplitude => joints().map(Parameter::WaveAmplitude).collect(),
+                WithRespectTo::PhaseProfile => joints().map(Parameter::WavePhase).collect(),
+                WithRespectTo::Natural
+                | WithRespectTo::Force(_)
+                | WithRespectTo::Position(_)
+                | WithRespectTo::Velocity(_) => Vec::new(),
             }
         };
         Ok(by.iter().flat_map(of).collect())
     }
 
     /// Takes what belongs to `by` from derivatives by its parameters.
-    fn take(&self, by: By, from: &mut impl Iterator<Item = f64>) -> Array {
+    fn take(&self, by: WithRespectTo, from: &mut impl Iterator<Item = f64>) -> Array {
         let joints = self.joints();
         let values: Vec<f64> = match by {
-            By::Scene(i) => from.take(self.known.keys[i].len()).collect(),
-            By::Phase => from.take(1).collect(),
-            By::Stiffness | By::PhaseProfile => from.take(joints).collect(),
+            WithRespectTo::Scene(i) => from.take(self.known.keys[i].len()).collect(),
+            WithRespectTo::Phase => from.take(1).collect(),
+            WithRespectTo::Stiffness | WithRespectTo::PhaseProfile => from.take(joints).collect(),
             // The parameter is relative to what it is.
-            By::Amplitude => from.take(joints).zip(&self.factors).map(|(by, factor)| by / factor).collect(),
-            By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_) => Vec::new(),
+            WithRespectTo::Amplitude => from.take(joints).zip(&self.factors).map(|(by, factor)| by / factor).collect(),
+            WithRespectTo::Natural
+            | WithRespectTo::Force(_)
+            | WithRespectTo::Position(_)
+            | WithRespectTo::Velocity(_) => Vec::new(),
         };
         if self.known.is_single(by) { Array { shape: Vec::new(), values } } else { values.into() }
     }
@@ -463,7 +475,7 @@ impl Simulation {
     pub fn pull_back(&mut self, weights: &[(&str, Array)], names: &[&str]) -> Result<Vec<Array>> {
         let by = self.by(names)?;
         for (name, by) in names.iter().zip(&by) {
-            if let Some((velocities, axis)) = of_first(*by)
+            if let Some((velocities, axis)) = initial_state_axis(*by)
                 && !self.problem.has_first(velocities, axis)
             {
                 let problem =
@@ -480,7 +492,9 @@ impl Simulation {
                 return Err(refusal(format!("`{name}` was not read")));
             };
             if let Some(control) = names.iter().zip(&by).find(|(own, by)| {
-                **by == By::Natural && self.over_time.iter().any(|name| name == *own) && NEEDS_RATE.contains(name)
+                **by == WithRespectTo::Natural
+                    && self.over_time.iter().any(|name| name == *own)
+                    && NEEDS_RATE.contains(name)
             }) {
                 let control = control.0;
                 return Err(refusal(format!(
@@ -488,9 +502,9 @@ impl Simulation {
                 )));
             }
             let (list, width, stride, offset) = match read {
-                Read::Output(o) => (&mut all[0], 1, count, *o),
-                Read::Position(i) => (&mut all[1], nodes, 2 * nodes, *i),
-                Read::Velocity(i) => (&mut all[2], nodes, 2 * nodes, *i),
+                OutputSource::Output(o) => (&mut all[0], 1, count, *o),
+                OutputSource::Position(i) => (&mut all[1], nodes, 2 * nodes, *i),
+                OutputSource::Velocity(i) => (&mut all[2], nodes, 2 * nodes, *i),
             };
             list.resize(times * stride, 0.0);
             if given.values.len() != times * width {
@@ -511,10 +525,10 @@ impl Simulation {
         let mut result = Vec::with_capacity(by.len());
         for (name, by) in names.iter().zip(by) {
             let (rows, width) = match by {
-                By::Natural => (found.natural.clone(), self.joints()),
-                By::Force(i) => (along(&found.force, i), nodes),
-                By::Position(i) => (along(&found.start[0], i), nodes),
-                By::Velocity(i) => (along(&found.start[1], i), nodes),
+                WithRespectTo::Natural => (found.natural.clone(), self.joints()),
+                WithRespectTo::Force(i) => (along(&found.force, i), nodes),
+                WithRespectTo::Position(i) => (along(&found.start[0], i), nodes),
+                WithRespectTo::Velocity(i) => (along(&found.start[1], i), nodes),
                 _ => {
                     result.push(self.take(by, &mut parts));
                     continue;
@@ -537,11 +551,19 @@ impl Simulation {
     /// [`Error::Derivative`] for what there is no derivative of or by; those of [`simulate`](Self::simulate).
     pub fn cycle_mean(&mut self, measure: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
         let by = self.by(names)?;
-        let Some(measure) = slopes::smooth().find(|own| own.key == measure) else {
-            let known: Vec<&str> = slopes::smooth().map(|own| own.key).collect();
+        let Some(measure) = derivatives::differentiable().find(|own| own.key == measure) else {
+            let known: Vec<&str> = derivatives::differentiable().map(|own| own.key).collect();
             return Err(refusal(format!("`{measure}` has no derivative; allowed: {}", known.join(", "))));
         };
-        let other = |by: &By| matches!(by, By::Natural | By::Force(_) | By::Position(_) | By::Velocity(_));
+        let other = |by: &WithRespectTo| {
+            matches!(
+                by,
+                WithRespectTo::Natural
+                    | WithRespectTo::Force(_)
+                    | WithRespectTo::Position(_)
+                    | WithRespectTo::Velocity(_)
+            )
+        };
         if let Some((name, _)) = names.iter().zip(&by).find(|(_, by)| other(by)) {
             return Err(refusal(format!("means over cycles have no derivative by {name}")));
         }
@@ -560,10 +582,10 @@ impl Simulation {
     /// # Errors
     /// Those of [`pull_back`](Self::pull_back) and [`cycle_mean`](Self::cycle_mean).
     pub fn value_and_grad(&mut self, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
-        if output.starts_with(MEAN) {
+        if output.starts_with(CYCLE_PREFIX) {
             return self.cycle_mean(output, names);
         }
-        for (velocities, axis) in self.by(names)?.into_iter().filter_map(of_first) {
+        for (velocities, axis) in self.by(names)?.into_iter().filter_map(initial_state_axis) {
             if !self.problem.has_first(velocities, axis) {
                 let first = &self.problem.first()[usize::from(velocities)];
                 self.problem.set_first(velocities, axis, along(first, axis))?;
@@ -588,15 +610,15 @@ impl Simulation {
 /// # Errors
 /// Those of [`Simulation::of`] and [`Simulation::value_and_grad`].
 pub fn value_and_grad(document: &Document, output: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
-    let read = if output.starts_with(MEAN) { &[][..] } else { &[output] };
+    let read = if output.starts_with(CYCLE_PREFIX) { &[][..] } else { &[output] };
     Simulation::of(document, read, &[])?.value_and_grad(output, names)
 }
 
 /// The part of the first state that `by` is: velocities or positions, along an axis.
-fn of_first(by: By) -> Option<(bool, usize)> {
+fn initial_state_axis(by: WithRespectTo) -> Option<(bool, usize)> {
     match by {
-        By::Position(axis) => Some((false, axis)),
-        By::Velocity(axis) => Some((true, axis)),
+        WithRespectTo::Position(axis) => Some((false, axis)),
+        WithRespectTo::Velocity(axis) => Some((true, axis)),
         _ => None,
     }
 }

@@ -2,14 +2,14 @@
 
 use nalgebra::{Rotation2, Vector2};
 
-use super::parameter::{Effect, Shape};
+use super::parameter::{ActuationShape, ParameterEffect};
 use crate::head::Pose;
 use crate::model::Dynamics;
 use crate::rod::{Rod, bend};
 use crate::start::Start;
 
 /// A vector and its derivative.
-type Tangent = [Vector2<f64>; 2];
+type DualVector = [Vector2<f64>; 2];
 
 /// Turned by +90°.
 fn turned(x: Vector2<f64>) -> Vector2<f64> {
@@ -17,7 +17,7 @@ fn turned(x: Vector2<f64>) -> Vector2<f64> {
 }
 
 /// The derivatives of the first positions and velocities.
-pub(super) fn first_by(dynamics: &Dynamics, effect: &Effect, shape: &Shape) -> [Vec<f64>; 2] {
+pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &ActuationShape) -> [Vec<f64>; 2] {
     let rod = &dynamics.model.rod;
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
     if dynamics.model.start == Start::Shaped && effect.bends() {
@@ -45,8 +45,8 @@ fn shaped(
 ) {
     let zero = [Vector2::zeros(); 2];
     let (mut angle, mut spin) = held.map_or(([0.0; 2], [0.0; 2]), |pose| ([pose[2].value, 0.0], [pose[2].rate, 0.0]));
-    let mut x: Vec<Tangent> = vec![zero; rod.nodes];
-    let mut w: Vec<Tangent> = vec![zero; rod.nodes];
+    let mut x: Vec<DualVector> = vec![zero; rod.nodes];
+    let mut w: Vec<DualVector> = vec![zero; rod.nodes];
     if let Some(pose) = held {
         x[0][0] = Vector2::new(pose[0].value, pose[1].value);
         w[0][0] = Vector2::new(pose[0].rate, pose[1].rate);
@@ -73,13 +73,13 @@ fn shaped(
 }
 
 /// Mass-weighted mean.
-fn mean(rod: &Rod, values: &[Tangent]) -> Tangent {
+fn mean(rod: &Rod, values: &[DualVector]) -> DualVector {
     let sum = |i: usize| rod.mass.iter().zip(values).map(|(m, x)| x[i] * *m).sum::<Vector2<f64>>() / rod.total_mass();
     [sum(0), sum(1)]
 }
 
-fn straighten(rod: &Rod, x: &mut [Tangent], w: &mut [Tangent]) {
-    let straight: Vec<Tangent> =
+fn straighten(rod: &Rod, x: &mut [DualVector], w: &mut [DualVector]) {
+    let straight: Vec<DualVector> =
         (0..rod.nodes).map(|k| [Vector2::new(rod.arc_length(k), 0.0), Vector2::zeros()]).collect();
     let ([centre, centre_by], [target, _]) = (mean(rod, x), mean(rod, &straight));
     let (mut cross, mut dot) = ([0.0; 2], [0.0; 2]);
@@ -99,7 +99,7 @@ fn straighten(rod: &Rod, x: &mut [Tangent], w: &mut [Tangent]) {
     }
 }
 
-fn rest(rod: &Rod, x: &[Tangent], w: &mut [Tangent]) {
+fn rest(rod: &Rod, x: &[DualVector], w: &mut [DualVector]) {
     let ([centre, centre_by], [drift, drift_by]) = (mean(rod, x), mean(rod, w));
     let (mut momentum, mut inertia) = ([0.0; 2], [0.0; 2]);
     for ((m, x), w) in rod.mass.iter().zip(x).zip(&*w) {

@@ -13,7 +13,7 @@ use crate::error::{Error, Result};
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::medium::{Property, by_key};
 use crate::fluid::{Fluid, Layers, Sink};
-use crate::metrics::{Energy, Meter, Momentum, Power, Push, Reading, Totals};
+use crate::metrics::{Energy, Measurements, Momentum, Power, Resultants, RunMetrics, RunningTotals};
 use crate::model::{Bent, Dynamics, Inputs, Mechanics};
 use crate::newton::Work;
 use crate::rod::bend;
@@ -22,19 +22,19 @@ use crate::system::{State, System};
 use crate::variable::{Variable, View};
 
 /// The motion of a head is differenced over this part of an internal step to either side: it changes little in a step.
-const DIFFERENCE: f64 = 1e-3;
+const TIME_DIFFERENCE: f64 = 1e-3;
 
 /// The longest internal step (s) that this is taken of.
-const LONGEST: f64 = 0.1;
+const MAX_DIFFERENCED_STEP: f64 = 0.1;
 
 /// What inputs bring that change by a rate is differenced over this part of densities, speeds and thicknesses.
-const BROUGHT: f64 = 1e-4;
+const FLUID_DIFFERENCE: f64 = 1e-4;
 
 /// The first change of a state and of what is read from it along some direction.
 #[derive(Debug)]
-pub(super) struct Tangent {
+pub(super) struct StateTangent {
     state: State,
-    meter: Meter,
+    metrics: RunMetrics,
     natural: Vec<f64>,
     natural_rate: Vec<f64>,
     force: Vec<f64>,
@@ -50,15 +50,15 @@ pub(super) struct Tangent {
     inputs: Inputs,
 }
 
-impl Tangent {
+impl StateTangent {
     fn new(dynamics: &Dynamics) -> Self {
         let nodes = dynamics.nodes();
         let zeros = || vec![0.0; 2 * nodes];
         Self {
             state: State::zeros(2 * nodes),
-            meter: Meter {
-                now: Reading::new(nodes),
-                totals: Totals::default(),
+            metrics: RunMetrics {
+                now: Measurements::new(nodes),
+                totals: RunningTotals::default(),
                 first_energy: 0.0,
                 first_momentum: Vector2::zeros(),
                 first: (0.0, Vector2::zeros()),
@@ -100,31 +100,32 @@ impl Tangent {
         if dynamics.mechanics == Mechanics::Shape {
             // The shape follows with the next step.
             self.natural.fill(0.0);
-            self.meter.totals.work = Power::default();
+            self.metrics.totals.work = Power::default();
             return;
         }
         // The work of a change of κ̄ at once.
         let moment = |k: usize| rod.joint[k] * (bent.kappa()[k] - dynamics.natural[k]);
         let actuation = -rod.joints().map(|k| moment(k) * self.natural[k]).sum::<f64>();
-        self.meter.totals.work = Power { actuation, ..Power::default() };
+        self.metrics.totals.work = Power { actuation, ..Power::default() };
     }
 
-    /// Fills the change of the `reading` from the changes of everything that it is read from.
-    fn read(&mut self, bent: &Bent<'_>, reading: &Reading, by_time: bool) {
+    /// Fills the change of the `measurements` from the changes of everything that it is read from.
+    fn read(&mut self, bent: &Bent<'_>, measurements: &Measurements, by_time: bool) {
         let Bent { dynamics, state } = bent;
         let rod = &dynamics.model.rod;
         let (edges, kappa) = (bent.edges(), bent.kappa());
-        let Self { state: d, meter, natural, natural_rate, force, fluid, layers, opposing, applied, angle, .. } = self;
+        let Self { state: d, metrics, natural, natural_rate, force, fluid, layers, opposing, applied, angle, .. } =
+            self;
         // Of a rod that takes its natural curvature the moments follow from balance, further down.
         let shape = dynamics.mechanics == Mechanics::Shape;
         for (applied, force) in applied.iter_mut().zip(&*force) {
             *applied = -force;
         }
-        let now = &mut meter.now;
+        let now = &mut metrics.now;
         (now.energy, now.power) = (Energy::default(), Power::default());
-        (now.push, now.momentum) = (Push::default(), Momentum::default());
+        (now.resultants, now.momentum) = (Resultants::default(), Momentum::default());
         now.momentum.rod = (0..rod.nodes).map(|k| node(&d.v, k) * rod.mass[k]).sum();
-        now.push.load = (0..rod.nodes).map(|k| node(force, k)).sum();
+        now.resultants.load = (0..rod.nodes).map(|k| node(force, k)).sum();
         let (energy, power) = (&mut now.energy, &mut now.power);
         now.com = rod.mean(&d.q);
         // Changes of an edge's length and direction.
@@ -198,7 +199,7 @@ impl Tangent {
             }
             on_head[1] += node(opposing, 0);
             applied.iter_mut().zip(&*opposing).for_each(|(sum, own)| *sum += own);
-            *now.push.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
+            *now.resultants.from(own.sink()) -= (0..rod.nodes).map(|k| node(opposing, k)).sum::<Vector2<f64>>();
             match own.sink() {
                 Some(Sink::Drag) => power.viscous += taken,
                 Some(Sink::Wake) => power.wake += taken,
@@ -236,7 +237,7 @@ impl Tangent {
         }
         // Buoyancy follows the density.
         if let Some(buoyancy) = &dynamics.model.buoyancy {
-            now.push.load += (0..rod.nodes).map(|k| node(buoyancy, k)).sum::<Vector2<f64>>() * fluid.density;
+            now.resultants.load += (0..rod.nodes).map(|k| node(buoyancy, k)).sum::<Vector2<f64>>() * fluid.density;
             power.load +=
                 (0..rod.nodes).map(|k| node(buoyancy, k).dot(&node(&state.v, k))).sum::<f64>() * fluid.density;
             on_head[1] -= node(buoyancy, 0) * fluid.density;
@@ -252,9 +253,10 @@ impl Tangent {
                     turning += ahead(&state.q).perp(&held_change) + ahead(&d.q).perp(&held);
                 }
                 if rod.joints().contains(&k) {
-                    let more = reading.moment[k] * 0.5 * kappa[k] * now.kappa[k];
+                    let more = measurements.moment[k] * 0.5 * kappa[k] * now.kappa[k];
                     now.moment[k] = -(turning + more) / bend::curvature_per_turning(kappa[k]);
-                    power.actuation -= now.moment[k] * dynamics.natural_rate[k] + reading.moment[k] * natural_rate[k];
+                    power.actuation -=
+                        now.moment[k] * dynamics.natural_rate[k] + measurements.moment[k] * natural_rate[k];
                 }
                 held += node(&state.a, k) * rod.mass[k] + node(opposing, k);
                 held_change += node(&d.a, k) * rod.mass[k] + node(applied, k);
@@ -262,12 +264,12 @@ impl Tangent {
             if let Some([x, y, pitch]) = &dynamics.held {
                 let s = bend::curvature_per_turning(kappa[0]);
                 now.head_force = -held_change;
-                now.push.head = held_change;
-                now.head_moment = now.moment[0] * s + reading.moment[0] * 0.5 * kappa[0] * now.kappa[0];
+                now.resultants.head = held_change;
+                now.head_moment = now.moment[0] * s + measurements.moment[0] * 0.5 * kappa[0] * now.kappa[0];
                 power.head = held_change.dot(&Vector2::new(x.rate, y.rate))
-                    - reading.head_force.dot(&node(&d.v, 0))
+                    - measurements.head_force.dot(&node(&d.v, 0))
                     - now.head_moment * pitch.rate
-                    - reading.moment[0] * s * angle[1];
+                    - measurements.moment[0] * s * angle[1];
             }
             return;
         }
@@ -291,7 +293,7 @@ impl Tangent {
             let s = bend::curvature_per_turning(kappa[0]);
             let moment = rod.joint[0] * (kappa[0] - dynamics.natural[0]);
             now.head_force = -held_change;
-            now.push.head = held_change;
+            now.resultants.head = held_change;
             now.head_moment = now.moment[0] * s + moment * 0.5 * kappa[0] * now.kappa[0];
             power.head = held_change.dot(&Vector2::new(x.rate, y.rate)) + held.dot(&node(&d.v, 0))
                 - now.head_moment * pitch.rate
@@ -302,12 +304,12 @@ impl Tangent {
 
 /// The first change of everything that is read, along some direction.
 #[derive(Debug, Clone, Copy)]
-pub struct Change<'a> {
+pub struct VariableDerivatives<'a> {
     now: View<'a>,
     change: View<'a>,
 }
 
-impl Change<'_> {
+impl VariableDerivatives<'_> {
     /// The change of `variable` at node `k`; none where that is none of its [`entries`](Variable::entries).
     pub fn of(&self, variable: &Variable, k: usize) -> Option<f64> {
         let there = variable.entries(&self.now.dynamics.model).contains(&k);
@@ -320,7 +322,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`].
-    pub fn rates(&mut self) -> Result<Change<'_>> {
+    pub fn rates(&mut self) -> Result<VariableDerivatives<'_>> {
         self.rates_of(true)
     }
 
@@ -328,11 +330,11 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`].
-    pub fn explicit_rates(&mut self) -> Result<Change<'_>> {
+    pub fn explicit_rates(&mut self) -> Result<VariableDerivatives<'_>> {
         self.rates_of(false)
     }
 
-    fn rates_of(&mut self, moving: bool) -> Result<Change<'_>> {
+    fn rates_of(&mut self, moving: bool) -> Result<VariableDerivatives<'_>> {
         let (t, mut tangent) = (self.now.state.t, self.take_tangent());
         let d = &mut tangent.state;
         d.t = 1.0;
@@ -342,7 +344,7 @@ impl Stepper {
         }
         // What depends on time alone: κ̄' and its rate, and the head's third derivative.
         let longest = self.dynamics.longest_step(t);
-        let half = DIFFERENCE * self.now.time_step.min(longest).min(LONGEST);
+        let half = TIME_DIFFERENCE * self.now.time_step.min(longest).min(MAX_DIFFERENCED_STEP);
         let accelerations = |dynamics: &Dynamics| dynamics.held.map(|pose| pose.map(|sample| sample.acceleration));
         let [later, sooner] = [t + half, t - half].map(|t| {
             self.dynamics.look_at(t);
@@ -367,7 +369,7 @@ impl Stepper {
                     *q += tau * (v + 0.5 * tau * a);
                 }
                 there.v.iter_mut().zip(&self.now.state.a).for_each(|(v, a)| *v += tau * a);
-                self.mover.settle(&mut self.dynamics, &mut self.newton, &mut there)?;
+                self.model_stepper.reinitialise(&mut self.dynamics, &mut self.newton, &mut there)?;
                 tangent.state.a.iter_mut().zip(&there.a).for_each(|(rate, a)| *rate += a / (2.0 * tau));
             }
             self.dynamics.move_to(t, &mut self.now.state);
@@ -382,21 +384,21 @@ impl Stepper {
         }
         tangent.fluid.flow = self.dynamics.inputs.fluid.acceleration;
         tangent.inputs.fluid.flow = tangent.fluid.flow;
-        tangent.read(&self.dynamics.shape(&self.now.state)?, &self.now.meter.now, true);
+        tangent.read(&self.dynamics.shape(&self.now.state)?, &self.now.metrics.now, true);
         if self.dynamics.course.is_some() && self.dynamics.model.forces.are_inertial() {
             let [later, sooner] = [self.brought_after(half)?, self.brought_after(-half)?];
-            tangent.meter.now.power.flow += (later.0 - sooner.0) / (2.0 * half);
-            tangent.meter.now.push.flow += (later.1 - sooner.1) / (2.0 * half);
+            tangent.metrics.now.power.flow += (later.0 - sooner.0) / (2.0 * half);
+            tangent.metrics.now.resultants.flow += (later.1 - sooner.1) / (2.0 * half);
             self.dynamics.move_to(t, &mut self.now.state);
         }
-        let now = &self.now.meter.now;
+        let now = &self.now.metrics.now;
         if moving {
-            tangent.meter.totals.work = now.power;
-            tangent.meter.totals.impulse = now.push;
+            tangent.metrics.totals.work = now.power;
+            tangent.metrics.totals.impulse = now.resultants;
         }
-        let aside = now.com.y * tangent.meter.now.com.y;
-        let at_most = now.com.y.abs() >= self.now.meter.totals.max_lateral;
-        tangent.meter.totals.max_lateral = if at_most && aside > 0.0 { tangent.meter.now.com.y.abs() } else { 0.0 };
+        let aside = now.com.y * tangent.metrics.now.com.y;
+        let at_most = now.com.y.abs() >= self.now.metrics.totals.max_lateral;
+        tangent.metrics.totals.max_lateral = if at_most && aside > 0.0 { tangent.metrics.now.com.y.abs() } else { 0.0 };
         Ok(self.put_tangent(tangent))
     }
 
@@ -419,18 +421,19 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of `seed` and of [`Dynamics::shape`].
-    pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>) -> Result<()>) -> Result<Change<'_>> {
+    pub fn directional(&mut self, seed: impl FnOnce(&mut Seed<'_>) -> Result<()>) -> Result<VariableDerivatives<'_>> {
         let mut tangent = self.take_tangent();
         seed(&mut Seed { dynamics: &mut self.dynamics, change: &mut tangent.inputs })?;
         let bent = self.dynamics.shape(&self.now.state)?;
         tangent.follow_inputs(&bent);
-        tangent.meter.totals.max_lateral = 0.0;
-        tangent.read(&bent, &self.now.meter.now, false);
+        tangent.metrics.totals.max_lateral = 0.0;
+        tangent.read(&bent, &self.now.metrics.now, false);
         let (power, force) = self.brought_change(&tangent.inputs)?;
-        tangent.meter.now.power.flow += power;
-        tangent.meter.now.push.flow += force;
-        tangent.meter.totals.work.flow = tangent.meter.now.energy.fluid;
-        tangent.meter.totals.impulse = Push { flow: tangent.meter.now.momentum.fluid, ..Push::default() };
+        tangent.metrics.now.power.flow += power;
+        tangent.metrics.now.resultants.flow += force;
+        tangent.metrics.totals.work.flow = tangent.metrics.now.energy.fluid;
+        tangent.metrics.totals.impulse =
+            Resultants { flow: tangent.metrics.now.momentum.fluid, ..Resultants::default() };
         Ok(self.put_tangent(tangent))
     }
 
@@ -454,7 +457,7 @@ impl Stepper {
         if size == 0.0 {
             return Ok(nothing);
         }
-        let step = BROUGHT / size;
+        let step = FLUID_DIFFERENCE / size;
         let kept = (*fluid, *layers);
         let mut at = |step: f64| {
             let Inputs { fluid, layers, .. } = &mut self.dynamics.inputs;
@@ -474,13 +477,13 @@ impl Stepper {
         Ok(((more.0 - less.0) / (2.0 * step), (more.1 - less.1) / (2.0 * step)))
     }
 
-    fn take_tangent(&mut self) -> Box<Tangent> {
-        let mut tangent = self.tangent.take().unwrap_or_else(|| Box::new(Tangent::new(&self.dynamics)));
+    fn take_tangent(&mut self) -> Box<StateTangent> {
+        let mut tangent = self.tangent.take().unwrap_or_else(|| Box::new(StateTangent::new(&self.dynamics)));
         tangent.clear();
         tangent
     }
 
-    fn put_tangent(&mut self, tangent: Box<Tangent>) -> Change<'_> {
+    fn put_tangent(&mut self, tangent: Box<StateTangent>) -> VariableDerivatives<'_> {
         let time = self.time();
         let tangent = &**self.tangent.insert(tangent);
         let now = View {
@@ -488,7 +491,7 @@ impl Stepper {
             dynamics: &self.dynamics,
             inputs: &self.dynamics.inputs,
             state: &self.now.state,
-            meter: &self.now.meter,
+            metrics: &self.now.metrics,
             cycles: &self.now.cycles,
             work: self.newton.work,
             time_step: self.now.time_step,
@@ -497,11 +500,11 @@ impl Stepper {
             time: tangent.state.t,
             inputs: &tangent.inputs,
             state: &tangent.state,
-            meter: &tangent.meter,
+            metrics: &tangent.metrics,
             work: Work::default(),
             ..now
         };
-        Change { now, change }
+        VariableDerivatives { now, change }
     }
 }
 

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
 use super::Stepper;
-use super::moment::Moment;
+use super::run_state::SavedState;
 use crate::error::{Error, Result};
 use crate::model::Inputs;
 use crate::system::{State, System};
@@ -19,7 +19,7 @@ const MAGIC: [u8; 8] = *b"caudal\x00\x01";
 pub struct Snapshot {
     /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint), or the model of a stepper that was made without one.
     pub(super) scene: u128,
-    moment: Moment,
+    saved: SavedState,
 }
 
 /// What is wrong with a snapshot of another scene.
@@ -62,8 +62,8 @@ impl Label {
 impl Snapshot {
     /// Time, s.
     pub fn time(&self) -> f64 {
-        let now = &self.moment.now;
-        now.waiting.unwrap_or(now.state.t)
+        let now = &self.saved.now;
+        now.pending_time.unwrap_or(now.state.t)
     }
 
     /// Its bytes, which a stepper of the same scene in any process of this version takes over.
@@ -88,7 +88,7 @@ impl Snapshot {
 impl Stepper {
     /// A copy of everything that changes.
     pub fn save(&self) -> Snapshot {
-        Snapshot { scene: self.scene, moment: self.moment() }
+        Snapshot { scene: self.scene, saved: self.saved() }
     }
 
     /// Goes back to a snapshot of this scene; what follows is equal to the bit to what followed then.
@@ -99,12 +99,12 @@ impl Stepper {
         if snapshot.scene != self.scene {
             return refuse(OTHER);
         }
-        let (expected, found) = (self.now.state.q.len(), snapshot.moment.now.state.q.len());
+        let (expected, found) = (self.now.state.q.len(), snapshot.saved.now.state.q.len());
         if !self.fits(snapshot) {
             return Err(Error::WrongLength { name: "snapshot", expected, found });
         }
-        self.go_back_to(&snapshot.moment);
-        self.now.steered = true;
+        self.restore_saved(&snapshot.saved);
+        self.now.inputs_changed = true;
         Ok(())
     }
 
@@ -119,17 +119,17 @@ impl Stepper {
 
     /// True if every array of `snapshot` has the length it has here.
     fn fits(&self, other: &Snapshot) -> bool {
-        let Moment { now, inputs: given, course, .. } = &other.moment;
+        let SavedState { now, inputs: given, course, .. } = &other.saved;
         let (nodes, unknowns, here) = (self.dynamics.nodes(), self.now.state.q.len(), &self.now.state);
         let State { t: _, q, v, a, links, memory } = &now.state;
-        let lengths = [q.len(), v.len(), a.len(), now.meter.first_positions.len()];
+        let lengths = [q.len(), v.len(), a.len(), now.metrics.first_positions.len()];
         let inputs = |inputs: &Inputs| {
             inputs.natural.as_ref().is_none_or(|x| x.len() == nodes)
                 && inputs.force.as_ref().is_none_or(|x| x.len() == unknowns)
         };
         lengths.iter().all(|len| *len == unknowns)
             && (links.len(), memory.len()) == (here.links.len(), here.memory.len())
-            && now.meter.now.nodes() == nodes
+            && now.metrics.now.nodes() == nodes
             && inputs(given)
             && course.as_ref().is_none_or(|course| course.parts().all(inputs))
     }

@@ -164,7 +164,7 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
     }
     let iterations = stepper.work().newton_iterations;
     let rod = &stepper.model().rod;
-    let (kappa, last) = (&stepper.meter().now.kappa, rod.nodes - 1);
+    let (kappa, last) = (&stepper.metrics().now.kappa, rod.nodes - 1);
     let at = |s: f64| {
         let along = rod.front as f64 + s * (last - rod.front) as f64;
         let place = along.clamp(rod.front as f64 + 1.0, last as f64 - 1.0); // ends have no whole joint
@@ -176,7 +176,7 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         failure: None,
         step_s: fastest * iterations as f64 / case.steps as f64,
         iterations,
-        halvings: stepper.meter().totals.halvings,
+        halvings: stepper.metrics().totals.halvings,
         fallbacks: stepper.work().linear_fallbacks,
         memory: peak.zip(before).map(|(peak, before)| peak.saturating_sub(before)),
         tip: [q[2 * last], q[2 * last + 1]],

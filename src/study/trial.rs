@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use crate::cycle::{self, Measure};
+use crate::cycle::{self, CycleMeasure};
 use crate::error::{Error, Result};
 use crate::integrator::{METHODS, Method};
 use crate::metrics::Power;
-use crate::reduced::{FULL, RUNGS, Rung};
+use crate::reduced::{FULL, MODELS, ModelKind};
 use crate::run::rounding;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
@@ -37,7 +37,7 @@ const ALSO: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 #[derive(Clone, PartialEq)]
 pub struct Recipe {
     /// The rung of the ladder of models.
-    pub rung: &'static Rung,
+    pub rung: &'static ModelKind,
     /// The method; a cheaper model has its own.
     pub method: &'static Method,
     /// Values of its parameters, in their order.
@@ -50,7 +50,7 @@ impl PartialEq for Method {
     }
 }
 
-impl PartialEq for Rung {
+impl PartialEq for ModelKind {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name
     }
@@ -87,7 +87,7 @@ impl Recipe {
     /// The one of `scene`.
     pub fn own(scene: &Scene) -> Option<Self> {
         let (method, values) = scene.method().ok()?;
-        Some(Self { rung: scene.choice().ok()?.rung, method, values })
+        Some(Self { rung: scene.choice().ok()?.kind, method, values })
     }
 
     /// The whole model by every method with its defaults, others that are worth comparing, and the one of `scene`.
@@ -110,7 +110,7 @@ impl Recipe {
     /// The cheaper models of `scene`.
     pub fn cheaper(scene: &Scene) -> Vec<Self> {
         let Ok((method, values)) = scene.method() else { return Vec::new() };
-        let rungs = RUNGS.iter().filter(|rung| rung.method.is_some() && (scene.drag.is_some() || !rung.needs_drag));
+        let rungs = MODELS.iter().filter(|rung| rung.method.is_some() && (scene.drag.is_some() || !rung.needs_drag));
         rungs.map(|rung| Self { rung, method, values: values.clone() }).collect()
     }
 
@@ -131,7 +131,7 @@ impl Recipe {
 }
 
 /// Averages over cycles that tables of runs show.
-pub const SHOWN: [Measure; 3] = [cycle::FORWARD_SPEED, cycle::THRUST, cycle::EFFICIENCY];
+pub const SHOWN: [CycleMeasure; 3] = [cycle::FORWARD_SPEED, cycle::THRUST, cycle::EFFICIENCY];
 
 /// How a run failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -265,19 +265,19 @@ impl Trial {
             Ok(ControlFlow::Break(())) => return None,
             Err(error) => trial.failure = Some((Failure::of(&error), stepper.time(), error.to_string())),
         }
-        let (meter, work) = (stepper.meter(), stepper.work());
-        trial.steps = meter.totals.steps;
-        trial.halvings = meter.totals.halvings;
+        let (metrics, work) = (stepper.metrics(), stepper.work());
+        trial.steps = metrics.totals.steps;
+        trial.halvings = metrics.totals.halvings;
         trial.iterations = work.newton_iterations;
         trial.factorisations = work.factorisations;
-        trial.displacement = (meter.now.com - meter.first.1).into();
+        trial.displacement = (metrics.now.com - metrics.first.1).into();
         trial.head_force = stepper.cycles().since_start().filter(|_| stepper.model().head.is_some()).map(|run| {
             let (mean, modulus) = run.mean_head_force();
             (mean.into(), modulus)
         });
         let averages = stepper.cycles().averages(stepper.view().dynamics);
         trial.cycles = SHOWN.map(|measure| averages.mean(&measure));
-        trial.work_in = put_in(&meter.totals.work);
+        trial.work_in = put_in(&metrics.totals.work);
         Some(trial)
     }
 
@@ -294,7 +294,7 @@ impl Trial {
         self.created.push(0.0);
         // Of a rod at rest there is nothing but rounding.
         let (mut scale, mut largest) =
-            (stepper.meter().first_energy.max(NOISE * rounding(&stepper.model().rod, &stepper.state().q)), 0.0_f64);
+            (stepper.metrics().first_energy.max(NOISE * rounding(&stepper.model().rod, &stepper.state().q)), 0.0_f64);
         if let Some(part) = manner.push {
             push(stepper, scene, part)?;
         }
@@ -305,13 +305,13 @@ impl Trial {
         for span in spans {
             let outcome = stepper.march(span, |stepper| {
                 stopped = interrupted.load(Ordering::Relaxed);
-                let meter = stepper.meter();
-                let work = meter.totals.work;
+                let metrics = stepper.metrics();
+                let work = metrics.totals.work;
                 let parts =
                     [work.actuation, work.viscous, work.wake, work.spray, work.load, work.head, work.flow, work.other];
                 scale = parts.iter().fold(scale, |max, x| max.max(x.abs()));
                 self.largest_work_in = self.largest_work_in.max(put_in(&work).abs());
-                let excess = -meter.numerical_dissipation();
+                let excess = -metrics.numerical_dissipation();
                 if excess > 0.0 {
                     largest = largest.max(excess / scale.max(f64::MIN_POSITIVE));
                 }

@@ -4,7 +4,7 @@ use serde::Deserialize;
 use toml::Value;
 
 use crate::error::{did_you_mean, nearest};
-use crate::scene::Fault;
+use crate::scene::KeyError;
 use crate::scene::value::refused;
 
 /// Most levels of an axis, and most points of a sample.
@@ -83,7 +83,7 @@ enum Levels {
 }
 
 /// The axes in `table`, which stands at `path`, in no particular order.
-pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> {
+pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, KeyError> {
     let mut axes = Vec::new();
     for (key, value) in table {
         let path = format!("{path}.{key}");
@@ -96,25 +96,25 @@ pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> 
                 let allowed = "a list of values, { from, to, count }, { between = [low, high] }, { values }, \
                     { factors } or { zip }";
                 let meant = did_you_mean(nearest(key, MARKS.into_iter()));
-                return Err(Fault { key: path, problem: format!("{}{meant}", refused(other, allowed)) });
+                return Err(KeyError { key: path, problem: format!("{}{meant}", refused(other, allowed)) });
             }
         }
     }
     if axes.is_empty() {
-        return Err(Fault { key: path.to_string(), problem: "found no axis; allowed: at least one".to_string() });
+        return Err(KeyError { key: path.to_string(), problem: "found no axis; allowed: at least one".to_string() });
     }
     Ok(axes)
 }
 
 /// The axis that `value` at `path` describes; that of a sample has its two ends as levels until it is drawn.
-fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
-    let fault = |problem: String| Fault { key: path.to_string(), problem };
+fn axis(value: &Value, path: &str) -> Result<Axis, KeyError> {
+    let fault = |problem: String| KeyError { key: path.to_string(), problem };
     let name = path.split_once('.').map_or(path, |(_, name)| name).to_string();
     let empty = toml::Table::new();
     let table = value.as_table().unwrap_or(&empty);
     let has = |key: &str| table.contains_key(key);
     if let Some(other) = table.keys().find(|key| !MARKS.contains(&key.as_str())) {
-        return Err(Fault {
+        return Err(KeyError {
             key: format!("{path}.{other}"),
             problem: format!(
                 "unknown key; allowed: {}{}",
@@ -131,7 +131,7 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
     }
     let keys = match table.get("keys") {
         None => vec![name.clone()],
-        Some(keys) => texts(keys).ok_or_else(|| Fault {
+        Some(keys) => texts(keys).ok_or_else(|| KeyError {
             key: format!("{path}.keys"),
             problem: refused(keys, "a list of the scene's keys, such as [\"rod.outer_radius_m\"]"),
         })?,
@@ -165,7 +165,7 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
     if let Some(wanted) = table.get("labels") {
         labels = labelled(wanted, levels.len(), path)?;
         if sampled {
-            return Err(Fault {
+            return Err(KeyError {
                 key: format!("{path}.labels"),
                 problem: "found for a sample; allowed: for listed levels".into(),
             });
@@ -178,13 +178,13 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
 }
 
 /// An axis whose keys each have their own list.
-fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<Axis, Fault> {
+fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<Axis, KeyError> {
     let at = format!("{path}.zip");
     let mut lists = Vec::new();
     if let Some(table) = zip.as_table() {
         leaves(table, "", &mut lists);
     }
-    let refuse = |found: String| Fault {
+    let refuse = |found: String| KeyError {
         key: at.clone(),
         problem: refused(found, "keys of the scene with lists of the same length, at least two keys"),
     };
@@ -214,10 +214,10 @@ fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Resu
     Ok(Axis { name, path: path.to_string(), kind: Kind::Zip, keys, labels, levels, sampled: false, logarithmic: false })
 }
 
-fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Fault> {
+fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, KeyError> {
     match texts(labels) {
         Some(texts) if texts.len() == count => Ok(texts.into_iter().map(Value::String).collect()),
-        _ => Err(Fault {
+        _ => Err(KeyError {
             key: format!("{path}.labels"),
             problem: refused(labels, format!("a list of {count} texts, one for each level")),
         }),
@@ -315,7 +315,7 @@ pub(super) fn is_result(name: &str) -> bool {
 }
 
 /// The levels that `value` describes: a list, or a table with a range.
-fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
+fn listed(value: &Value, path: &str) -> Result<Levels, KeyError> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Range {
@@ -328,7 +328,7 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
     }
     const ALLOWED: &str =
         "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
-    let fault = |found: String, allowed: &str| Fault { key: path.to_string(), problem: refused(found, allowed) };
+    let fault = |found: String, allowed: &str| KeyError { key: path.to_string(), problem: refused(found, allowed) };
     if let Value::Array(values) = value {
         return match values.len() {
             0 => Err(fault("an empty list".to_string(), "at least one level")),
@@ -380,9 +380,9 @@ fn between(low: f64, high: f64, scale: Scale, x: f64) -> f64 {
 
 /// Gives the sampled axes their levels: a Latin hypercube, in which each axis has one point in each of `count` equal
 /// parts of its range, at a random place of it, in random order (McKay, Beckman & Conover 1979).
-pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), Fault> {
+pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), KeyError> {
     let mut sampled = axes.iter_mut().filter(|axis| axis.sampled).peekable();
-    let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+    let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
     let Some(Samples { count, seed }) = samples else {
         return match sampled.peek() {
             Some(axis) => {

@@ -180,7 +180,7 @@ impl<'a> Case<'a> {
             row.frames.push(stepper.at(time, Frame::of)?);
         }
         while let Some(time) = next(wanted[1], row.trace.len()).filter(|time| *time <= now) {
-            row.trace.push(stepper.at(time, |view| [time, view.meter.now.com.x, view.meter.now.com.y])?);
+            row.trace.push(stepper.at(time, |view| [time, view.metrics.now.com.x, view.metrics.now.com.y])?);
         }
         let times = [next(wanted[0], row.frames.len()), next(wanted[1], row.trace.len())];
         *due = times.into_iter().flatten().fold(f64::INFINITY, f64::min);

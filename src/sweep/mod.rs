@@ -18,7 +18,7 @@ use toml::Value;
 use crate::error::{Error, Result, bytes, did_you_mean, nearest};
 use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Frame, Owner, room};
-use crate::scene::{Document, Fault, Files, Scene, rivals};
+use crate::scene::{Document, Files, KeyError, Scene, rivals};
 
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, rows, run};
@@ -244,10 +244,10 @@ impl Sweep {
         if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
         {
             let problem = "this is a scene, not a sweep; `caudal run` runs it".to_string();
-            return Err(document.refuse(&Fault { key: "rod".to_string(), problem }));
+            return Err(document.refuse(&KeyError { key: "rod".to_string(), problem }));
         }
         let file: File = document.read_as()?;
-        let refuse = |fault: Fault| document.refuse(&fault);
+        let refuse = |fault: KeyError| document.refuse(&fault);
         let mut axes = axis::read(&file.axes, "axes").map_err(refuse)?;
         let at = document.positions(&axes.iter().map(|axis| axis.path.clone()).collect::<Vec<_>>())?;
         let mut order: Vec<_> = at.into_iter().zip(axes).collect();
@@ -317,8 +317,8 @@ impl Sweep {
     }
 
     /// Checks what no single key can tell.
-    fn check(&self, report: &ReportTable) -> std::result::Result<(), Fault> {
-        let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
+    fn check(&self, report: &ReportTable) -> std::result::Result<(), KeyError> {
+        let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         if self.name.contains(['/', '\\']) || ["", ".", ".."].contains(&self.name.trim()) {
             return fault("name", format!("found {:?}; allowed: a name that can be a folder's", self.name));
         }

@@ -9,6 +9,7 @@ mod folders;
 mod keeping;
 mod overrides;
 mod page;
+mod reference;
 mod results;
 mod scenes;
 mod studies;

@@ -176,9 +176,9 @@ pub fn run(scene: &Scene) -> Stepper {
 pub fn run_with(scene: &Scene, mut look: impl FnMut(&mut Stepper)) -> Stepper {
     let mut stepper = Stepper::of(scene).unwrap();
     for span in scene.spans() {
-        let mut steps = stepper.meter().totals.steps;
+        let mut steps = stepper.metrics().totals.steps;
         let whole = stepper.do_step_with(span, |stepper| {
-            if stepper.meter().totals.steps > std::mem::replace(&mut steps, stepper.meter().totals.steps) {
+            if stepper.metrics().totals.steps > std::mem::replace(&mut steps, stepper.metrics().totals.steps) {
                 look(stepper);
             }
             ControlFlow::Continue(())

@@ -4,7 +4,7 @@
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
 use crate::common;
-use caudal::cycle::slopes;
+use caudal::cycle::derivatives;
 use caudal::fluid::{DENSITY, VISCOSITY};
 use caudal::scene::Document;
 use caudal::sensitivity::{Parameter, Problem};
@@ -68,7 +68,7 @@ fn a_goal_is_what_the_summary_reports() {
         let stepper = run(&scene);
         let averages = stepper.cycles().averages(stepper.view().dynamics);
         let mut problem = Problem::of(&scene).unwrap();
-        for measure in slopes::smooth() {
+        for measure in derivatives::differentiable() {
             let reported = averages.mean(&measure);
             let found = problem.cycle_mean(&measure, &[]).unwrap().map(|(mean, _)| mean);
             assert_eq!(reported.is_some(), found.is_some(), "{name} {}", measure.key);
@@ -119,7 +119,7 @@ fn moved(document: &Document, parameter: Parameter, by: f64) -> Problem {
 fn derivatives_of_means_over_cycles_are_those_of_differences() {
     let (mut worst, mut count) = (0.0_f64, 0);
     for (name, document) in cases() {
-        for measure in slopes::smooth() {
+        for measure in derivatives::differentiable() {
             let mean = |parameter: Parameter, by: f64| {
                 moved(&document, parameter, by).cycle_mean(&measure, &[]).unwrap().map(|(mean, _)| mean)
             };
@@ -198,7 +198,7 @@ mod designs {
             let stepper = run(&Scene::load(designed).unwrap());
             let key = design.table.goal;
             let key: &str = key.into();
-            let measure = slopes::smooth().find(|measure| measure.key == key).unwrap();
+            let measure = derivatives::differentiable().find(|measure| measure.key == key).unwrap();
             let mean = stepper.cycles().averages(stepper.view().dynamics).mean(&measure).unwrap();
             assert!((mean / found.objective - 1.0).abs() < 1e-9, "{key}: {mean:e} {:e}", found.objective);
         }

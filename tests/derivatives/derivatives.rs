@@ -3,7 +3,7 @@
 
 use crate::common;
 use caudal::stepper::Stepper;
-use caudal::stepper::derivatives::Change;
+use caudal::stepper::derivatives::VariableDerivatives;
 use caudal::variable::{Causality, VARIABLES, Variable};
 use common::{Dice, SOFT, stepper_of};
 
@@ -47,7 +47,7 @@ fn read(stepper: &Stepper) -> Vec<f64> {
     entries(stepper).iter().map(|(variable, k)| variable.at(&stepper.view(), *k).unwrap()).collect()
 }
 
-fn all(entries: &[(&Variable, usize)], change: &Change<'_>) -> Vec<f64> {
+fn all(entries: &[(&Variable, usize)], change: &VariableDerivatives<'_>) -> Vec<f64> {
     entries.iter().map(|(variable, k)| change.of(variable, *k).unwrap()).collect()
 }
 
@@ -137,7 +137,7 @@ fn outputs_follow_at_once_just_the_inputs_that_the_table_says() {
     }
     assert!(followed > 200, "{followed}");
     let known = |name: &str| VARIABLES.iter().any(|variable| variable.name == name && variable.is_input());
-    assert!(VARIABLES.iter().flat_map(|variable| variable.feeds).all(|feed| known(feed.input)));
+    assert!(VARIABLES.iter().flat_map(|variable| variable.feedthrough).all(|feed| known(feed.input)));
 }
 
 #[test]

@@ -4,9 +4,9 @@
 #![allow(clippy::unwrap_used, clippy::panic, missing_docs, reason = "a test may panic")]
 
 use crate::common;
-use caudal::cycle::slopes;
+use caudal::cycle::derivatives;
 use caudal::scene::{Document, Scene};
-use caudal::sensitivity::number::{self, Number, Numbers};
+use caudal::sensitivity::scene_parameter::{self, SceneParameter, SceneParameters};
 use caudal::sensitivity::{Controls, Output, Parameter, Problem, Weights};
 use caudal::variable::VARIABLES;
 use common::{Dice, largest};
@@ -306,14 +306,14 @@ impl Values {
 struct Case {
     document: Document,
     own: Scene,
-    numbers: Vec<Number>,
+    numbers: Vec<SceneParameter>,
     controlled: bool,
 }
 
 impl Case {
     fn problem(&self, values: &Values) -> caudal::Result<Problem> {
         let mut document = self.document.clone();
-        for (key, value) in number::keys_with(&self.numbers, &values.numbers) {
+        for (key, value) in scene_parameter::keys_with(&self.numbers, &values.numbers) {
             document.put("a difference", &key, &value);
         }
         let mut problem = Problem::of(&document.scene()?.with_fluid_of(&self.own))?;
@@ -353,9 +353,9 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
     let mut dice = Chance(Dice(104_729 * seed + 1));
     let Ok(mut problem) = Problem::of(&own) else { return };
     let model = own.model().unwrap();
-    let known = Numbers::of(&own, &model);
-    let mut numbers: Vec<Number> = known.keys().iter().flat_map(|key| known.of_key(key)).collect();
-    number::count(&mut numbers);
+    let known = SceneParameters::of(&own, &model);
+    let mut numbers: Vec<SceneParameter> = known.keys().iter().flat_map(|key| known.of_key(key)).collect();
+    scene_parameter::assign_indices(&mut numbers);
     let own_values: Vec<f64> = numbers.iter().map(|number| number.own).collect();
     let (joints, nodes, times) = (model.rod.joints().len(), model.rod.nodes, problem.times());
     let controlled = dice.of(0.5);
@@ -403,8 +403,8 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             }
         }
     }
-    match number::moved(&case.document, &case.numbers, &own_values) {
-        Ok(moved) => problem.moved = moved,
+    match scene_parameter::finite_differences(&case.document, &case.numbers, &own_values) {
+        Ok(moved) => problem.finite_differences = moved,
         Err(error) => return faults.push(format!("seed {seed}: {error}")),
     }
     case.set(&mut problem, &values).unwrap();
@@ -419,7 +419,7 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
     };
     let sizes: Vec<f64> = (0..outputs.len()).map(|o| largest((0..count_of_times).map(|n| found.value(n, o)))).collect();
     let mut gradients: Vec<(String, f64, Vec<Option<f64>>)> = Vec::new();
-    let measures: Vec<_> = slopes::smooth().collect();
+    let measures: Vec<_> = derivatives::differentiable().collect();
     // Entries in order of the gradients' columns: parameters, then controls and start.
     let mut moved: Vec<(Entry, usize)> = Vec::new();
     for _ in 0..MOVED {
@@ -544,7 +544,7 @@ fn try_scene(document: Document, seed: u64, keys: &[&str], count: &mut Count, fa
             count.worst = count.worst.max(error);
             if error > TOLERANCE || !exact.is_finite() {
                 let what = match entry {
-                    Entry::Number(i) => case.numbers[*i].words(),
+                    Entry::Number(i) => case.numbers[*i].label(),
                     other => format!("{other:?}"),
                 };
                 faults.push(format!(
@@ -615,19 +615,19 @@ fn by_flow(document: &Document) -> Vec<(String, f64)> {
     let own = document.scene().unwrap();
     let mut problem = Problem::of(&own).unwrap();
     let model = own.model().unwrap();
-    let known = Numbers::of(&own, &model);
-    let mut numbers: Vec<Number> =
+    let known = SceneParameters::of(&own, &model);
+    let mut numbers: Vec<SceneParameter> =
         ["medium.flow_m_s", "medium.shear.rate_per_s"].iter().flat_map(|key| known.of_key(key)).collect();
-    number::count(&mut numbers);
+    scene_parameter::assign_indices(&mut numbers);
     let values: Vec<f64> = numbers.iter().map(|number| number.own).collect();
-    problem.moved = number::moved(document, &numbers, &values).unwrap();
+    problem.finite_differences = scene_parameter::finite_differences(document, &numbers, &values).unwrap();
     let parameters: Vec<Parameter> = numbers.iter().map(|number| number.by).collect();
     let names = ["tip_dx_m", "tip_dy_m", "x_com_m", "y_com_m", "drag_force_x_n", "drag_force_y_n", "flow_work_j"];
     let outputs = names.map(|name| Output::named(name, problem.model()).unwrap());
     let found = problem.forward(&parameters, &outputs, usize::MAX, |_| {}).unwrap();
     let last = found.times.len() - 1;
     let row = |(o, name): (usize, &&str)| {
-        let by = |(by, number): (&f64, &Number)| (format!("{name} by {}", number.words()), *by);
+        let by = |(by, number): (&f64, &SceneParameter)| (format!("{name} by {}", number.label()), *by);
         found.row(last, o).iter().zip(&numbers).map(by).collect::<Vec<_>>()
     };
     names.iter().enumerate().flat_map(row).collect()

@@ -110,7 +110,7 @@ fn worst_of(mut document: Document, step: f64) -> (f64, usize, String) {
         let [a, b, c] = [1.0, 2.0, 3.0].map(|times| central(i, step * times));
         let error = (by * own_size(i) - (1.5 * a - 0.6 * b + 0.1 * c)).abs() / largest;
         if error > worst.0 {
-            worst = (error, exact.len(), table.numbers[i].words());
+            worst = (error, exact.len(), table.numbers[i].label());
         }
     }
     worst

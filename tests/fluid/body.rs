@@ -285,7 +285,7 @@ fn a_headed_rod_converges_at_second_order_in_its_mesh() {
         let ends = [17, 33, 65, 129].map(|nodes| {
             let nodes = format!("rod.nodes={nodes}");
             let stepper = run(&sperm(&[&nodes, more, "solver.duration_s=0.06", "solver.time_step_s=2e-3"]));
-            let (now, q) = (&stepper.meter().now, &stepper.state().q);
+            let (now, q) = (&stepper.metrics().now, &stepper.state().q);
             [now.com.x, now.com.y, q[0], q[1], q[q.len() - 2], q[q.len() - 1]]
         });
         let changes: Vec<f64> = ends.windows(2).map(|pair| distance(&pair[0], &pair[1])).collect();
@@ -336,7 +336,7 @@ duration_s = 2.0
 #[test]
 fn a_headed_rod_in_water_moves_as_its_shape_does_where_it_is_stiff() {
     let end =
-        |changes: &[&str]| run(&scene_of(SWIMMER, &[changes, &["solver.tolerance=1e-6"]].concat())).meter().now.com;
+        |changes: &[&str]| run(&scene_of(SWIMMER, &[changes, &["solver.tolerance=1e-6"]].concat())).metrics().now.com;
     let shape = end(&["solver.model=shape"]);
     let [soft, stiff] =
         ["1e9", "1e10"].map(|youngs| (end(&[&format!("rod.youngs_modulus_pa={youngs}")]) - shape).norm());
@@ -350,7 +350,7 @@ fn a_headed_rod_s_energy_balance_closes_at_its_order() {
         let step = format!("solver.time_step_s={step:e}");
         let more = [BODY, "reactive.shedding=1.0", "medium.flow_m_s=[0.1,0.05]", "solver.integrator=generalized-alpha"];
         let stepper = run(&scene_of(SOFT, &[&more[..], &[&step]].concat()));
-        stepper.meter().numerical_dissipation() / stepper.meter().totals.work.actuation
+        stepper.metrics().numerical_dissipation() / stepper.metrics().totals.work.actuation
     };
     let found = [2e-3, 1e-3, 5e-4].map(defect);
     println!("{found:?}");

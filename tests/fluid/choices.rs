@@ -5,9 +5,9 @@ use crate::common;
 use std::ops::ControlFlow;
 
 use caudal::check::Assessment;
-use caudal::cycle::Means;
 use caudal::fluid::range::oscillating;
 use caudal::head::Signal;
+use caudal::reduced::MotionAndPower;
 use caudal::run::{Summary, Verification};
 use caudal::scene::Scene;
 use caudal::spectrum::Spectrum;
@@ -33,12 +33,12 @@ duration_s = 2.0
 "#;
 
 /// What the run of `scene` comes to.
-fn means(scene: &Scene) -> Means {
+fn means(scene: &Scene) -> MotionAndPower {
     let mut stepper = Stepper::of(scene).unwrap();
     for span in scene.spans() {
         stepper.do_step(span).unwrap();
     }
-    Means::of(stepper.cycles(), stepper.view().dynamics).unwrap()
+    MotionAndPower::of(stepper.cycles(), stepper.view().dynamics).unwrap()
 }
 
 #[test]
@@ -97,7 +97,7 @@ fn what_an_overdamped_model_leaves_out_of_high_harmonics_is_in_its_estimate() {
             Err(reason) => panic!("{order}: {reason}"),
         };
         assert!(order < 40);
-        for measure in caudal::reduced::Measure::ALL {
+        for measure in caudal::reduced::ErrorMeasure::ALL {
             let [estimate, found] = [&estimate, &found.relative_differences].map(|all| all.get(measure).unwrap());
             assert!(estimate >= found, "{order} {measure:?}: {estimate} for {found}");
         }
@@ -273,7 +273,7 @@ fn placed(kind: Kind, viscosity: f64, frame: &Frame, table: Option<&std::path::P
 /// Law, water, model and Re_d.
 fn chosen(scene: &Scene) -> (String, &'static str, f64) {
     let law = scene.fluid_choice().unwrap_or_else(|| panic!("no choice: {:?}", scene.fluid_estimates())).name();
-    (law, scene.choice().unwrap().rung.name, scene.regime().unwrap().reynolds)
+    (law, scene.choice().unwrap().kind.name, scene.regime().unwrap().reynolds)
 }
 
 fn assert_same(what: &str, found: &(String, &'static str, f64), expected: &(String, &'static str, f64)) {
@@ -472,12 +472,13 @@ fn a_model_of_fewer_steps_is_as_accurate_as_asked_for() {
         let found = Verification::of(&scene, &run, |_| ControlFlow::Continue(())).unwrap();
         println!(
             "{} {:?}: {:?}",
-            choice.rung.name,
+            choice.kind.name,
             choice.reason,
             found.as_ref().map(|found| &found.relative_differences)
         );
-        if choice.rung.name != "full" {
-            let (measure, worst) = found.unwrap().relative_differences.worst(&caudal::reduced::Measure::ALL).unwrap();
+        if choice.kind.name != "full" {
+            let (measure, worst) =
+                found.unwrap().relative_differences.largest(&caudal::reduced::ErrorMeasure::ALL).unwrap();
             assert!(worst <= 0.1, "{measure:?} {worst}");
         }
     }
@@ -542,7 +543,7 @@ fn notes(scene: &Scene) -> Vec<String> {
 }
 
 /// The mean of a measure over the last cycles of the run of `scene`.
-fn mean(scene: &Scene, measure: &caudal::cycle::Measure) -> f64 {
+fn mean(scene: &Scene, measure: &caudal::cycle::CycleMeasure) -> f64 {
     let stepper = common::run(scene);
     stepper.cycles().averages(stepper.view().dynamics).mean(measure).unwrap()
 }

@@ -82,7 +82,7 @@ fn a_uniform_flow_carries_a_free_rod_to_its_own_speed() {
         // Measured: at most 3.1e-13.
         assert!((v[0] - 0.3).hypot(v[1] + 0.2) < 1e-8, "{v:?}");
     }
-    let power = stepper.meter().now.power;
+    let power = stepper.metrics().now.power;
     // Measured: 3.0e-25 W and −2.9e-13 W.
     assert!(power.viscous < 1e-12 && power.flow.abs() < 1e-8, "{power:?}");
 }
@@ -114,6 +114,6 @@ fn viscous_power_is_never_negative_whatever_the_shape_motion_and_flow() {
     // And over a run.
     let mut least = f64::INFINITY;
     let scene = scene(&[SILICONE, DRAG, WATER, SYRUP, WAVE, "medium.flow_m_s=[-0.3, 0.2]"]);
-    run_with(&scene, |stepper| least = least.min(stepper.meter().now.power.viscous));
+    run_with(&scene, |stepper| least = least.min(stepper.metrics().now.power.viscous));
     assert!(least > 0.0, "{least}");
 }

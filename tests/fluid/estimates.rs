@@ -8,9 +8,9 @@ use std::fmt::Write;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use caudal::cycle::Means;
 use caudal::fluid::laws::DragLaw;
-use caudal::reduced::fluids::{FLOOR, FluidEstimate};
+use caudal::reduced::MotionAndPower;
+use caudal::reduced::fluids::{FluidEstimate, MIN_ERROR};
 use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -98,13 +98,13 @@ fn random(seed: u64) -> (String, f64) {
 }
 
 /// What the whole run of `scene` comes to under a law.
-fn truth(scene: &Scene, law: &'static DragLaw, reactive: bool) -> Result<Means, String> {
+fn truth(scene: &Scene, law: &'static DragLaw, reactive: bool) -> Result<MotionAndPower, String> {
     let (scene, _) = scene.with_fluid(law, reactive)?;
     let mut stepper = Stepper::of(&scene).map_err(|error| error.to_string())?;
     for span in scene.spans() {
         stepper.do_step(span).map_err(|error| error.to_string())?;
     }
-    Means::of(stepper.cycles(), stepper.view().dynamics).ok_or("nothing came out".to_string())
+    MotionAndPower::of(stepper.cycles(), stepper.view().dynamics).ok_or("nothing came out".to_string())
 }
 
 /// A simpler law of a scene: estimated and true errors of motion and power, at a Reynolds number.
@@ -191,12 +191,12 @@ fn estimates_are_honest_on_random_scenes_and_never_far_off() {
             let is_honest = estimated[i] >= found[i];
             honest += usize::from(is_honest);
             *scenes_honest.entry(row.seed).or_insert(true) &= is_honest;
-            let ratio = estimated[i] / found[i].max(FLOOR);
+            let ratio = estimated[i] / found[i].max(MIN_ERROR);
             if !(1.0 / FACTOR..=FACTOR).contains(&ratio) {
                 far.push((row.seed, row.reynolds, row.law.clone(), i, estimated[i], found[i]));
             }
             let class = [1.0, 1e2, 1e4].iter().filter(|limit| row.reynolds > **limit).count();
-            dots[class].push((found[i].max(FLOOR), estimated[i]));
+            dots[class].push((found[i].max(MIN_ERROR), estimated[i]));
         }
     }
     let all_honest = scenes_honest.values().filter(|honest| **honest).count();
@@ -213,7 +213,7 @@ fn estimates_are_honest_on_random_scenes_and_never_far_off() {
         );
     }
     if let Ok(folder) = std::env::var("CAUDAL_OUT") {
-        let line = |factor: f64| vec![(FLOOR, factor * FLOOR), (10.0, factor * 10.0)];
+        let line = |factor: f64| vec![(MIN_ERROR, factor * MIN_ERROR), (10.0, factor * 10.0)];
         let names = ["Re_d up to 1", "up to 100", "up to 1e4", "up to 1e5"];
         let mut series: Vec<Series> =
             names.iter().zip(dots).map(|(name, dots)| Series::new(*name, dots, Mark::Dots)).collect();

@@ -80,7 +80,7 @@ fn a_flow_that_accelerates_is_a_frame_in_a_field_of_gravity_with_buoyancy() {
                 let size = largest(a.v.iter().copied());
                 // Measured: at most 2.3e-13 of it, 3.3e-15 m.
                 assert!(v < 1e-9 * size && q < 1e-11, "{} {form:?} {head}: {v:e} of {size}, {q:e}", kind.name);
-                let force = (flowing.meter().now.head_force - falling.meter().now.head_force).norm();
+                let force = (flowing.metrics().now.head_force - falling.metrics().now.head_force).norm();
                 let carried = rate.norm() * flowing.model().rod.mass[0];
                 assert!(head == "free" || force < 1e-6 + 1.1 * carried, "{force}");
             }
@@ -151,9 +151,9 @@ fn the_balances_of_energy_and_momentum_close_in_a_flow_that_swings() {
         let wanted = f64::from((method.build)(&method.defaults()).order().min(2));
         let defects = [2e-4, 1e-4].map(|step| {
             let stepper = run(&swinging(method.name, step));
-            let meter = stepper.meter();
-            assert!(meter.totals.work.flow.abs() > 0.1, "{:?}", meter.totals.work);
-            [meter.numerical_dissipation(), meter.momentum_defect().x, meter.momentum_defect().y]
+            let metrics = stepper.metrics();
+            assert!(metrics.totals.work.flow.abs() > 0.1, "{:?}", metrics.totals.work);
+            [metrics.numerical_dissipation(), metrics.momentum_defect().x, metrics.momentum_defect().y]
         });
         for i in 0..3 {
             let observed = order(defects[0][i], defects[1][i]);
@@ -205,9 +205,13 @@ fn a_gust_is_the_limit_of_a_flow_that_rises_quickly() {
         gust.do_step(0.02).unwrap();
         other.do_step(0.02).unwrap();
         assert_eq!(gust.state(), other.state());
-        assert_eq!(gust.meter().totals.work.load, 0.0, "no load acts");
-        let balance = gust.meter().numerical_dissipation();
-        assert!(balance.abs() < 1e-4 * gust.meter().totals.work.flow.abs(), "{balance} {:?}", gust.meter().totals.work);
+        assert_eq!(gust.metrics().totals.work.load, 0.0, "no load acts");
+        let balance = gust.metrics().numerical_dissipation();
+        assert!(
+            balance.abs() < 1e-4 * gust.metrics().totals.work.flow.abs(),
+            "{balance} {:?}",
+            gust.metrics().totals.work
+        );
         let off = [4e-3, 2e-3].map(|rise| {
             let mut ramp = stepper_of(&soft(), &changes);
             ramp.restore(&start).unwrap();

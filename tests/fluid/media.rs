@@ -97,11 +97,11 @@ fn the_balances_of_energy_and_momentum_close_across_interfaces_with_the_spray_in
             let defects = [2e-3, 1e-3, 5e-4].map(|step| {
                 let changes = [&*integrator, &format!("solver.time_step_s={step}"), "solver.duration_s=0.6"];
                 let stepper = run(&scene(&text, &changes).unwrap());
-                let meter = stepper.meter();
-                assert!(meter.totals.work.spray > 0.0);
-                let impulse = meter.totals.impulse;
-                momenta.push(meter.momentum_defect().norm() / impulse.drag.norm());
-                meter.numerical_dissipation() / meter.totals.work.viscous
+                let metrics = stepper.metrics();
+                assert!(metrics.totals.work.spray > 0.0);
+                let impulse = metrics.totals.impulse;
+                momenta.push(metrics.momentum_defect().norm() / impulse.drag.norm());
+                metrics.numerical_dissipation() / metrics.totals.work.viscous
             });
             let observed = order(momenta[1], momenta[2]);
             println!("{name} {}: momentum {momenta:?}, order {observed}", method.name);
@@ -373,7 +373,7 @@ fn auto_takes_the_whole_model_in_layers_and_says_why() {
     let scene = scene(SOFT, &[beyond, "solver.model=auto"]).unwrap();
     let stepper = Stepper::of(&scene).unwrap();
     let choice = stepper.choice().unwrap();
-    assert_eq!(choice.rung.name, "full");
+    assert_eq!(choice.kind.name, "full");
     assert!(choice.reason.as_ref().unwrap().contains("a medium that changes with the place"), "{:?}", choice.reason);
 }
 

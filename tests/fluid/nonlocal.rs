@@ -541,12 +541,12 @@ fn newton_s_method_takes_at_most_three_iterations_per_step() {
         let nodes = format!("rod.nodes={nodes}");
         let all: Vec<&str> = changes.iter().copied().chain([nodes.as_str()]).collect();
         let stepper = run(&scene_of(WORM, &all));
-        let per_step = stepper.work().newton_iterations as f64 / stepper.meter().totals.steps as f64;
+        let per_step = stepper.work().newton_iterations as f64 / stepper.metrics().totals.steps as f64;
         let local = run(&scene_of(WORM, &[nodes.as_str(), "drag.law=cox"]));
-        let of_local = local.work().newton_iterations as f64 / local.meter().totals.steps as f64;
+        let of_local = local.work().newton_iterations as f64 / local.metrics().totals.steps as f64;
         println!("{all:?}: {per_step:.2} iterations per step; cox {of_local:.2}");
         assert!(per_step <= 3.0, "{per_step}"); // measured: 2.00, with a held head 2.83
-        assert_eq!(stepper.meter().totals.halvings, 0);
+        assert_eq!(stepper.metrics().totals.halvings, 0);
     }
 }
 
@@ -561,8 +561,8 @@ fn what_drag_takes_is_what_the_balance_of_energy_lacks_whatever_the_head_and_the
             let defect = |step: f64| {
                 let step = format!("solver.time_step_s={step:e}");
                 let stepper = run(&scene_of(WORM, &[changes.as_slice(), &[step.as_str()]].concat()));
-                let meter = stepper.meter();
-                (meter.numerical_dissipation() / meter.totals.work.viscous).abs()
+                let metrics = stepper.metrics();
+                (metrics.numerical_dissipation() / metrics.totals.work.viscous).abs()
             };
             let (coarse, fine) = (defect(1e-2), defect(5e-3));
             println!("{head} {wall}: {coarse:.1e}, {fine:.1e}");
@@ -585,8 +585,9 @@ fn a_stiff_worm_swims_as_its_shape_says() {
         run(&scene_of(WORM, &[&own[..], &[changes[0].as_str(), changes[1].as_str()]].concat()))
     };
     let shape = at("shape", "1e6");
-    let path = shape.meter().totals.path;
-    let off = ["1e4", "1e5"].map(|modulus| (at("full", modulus).meter().now.com - shape.meter().now.com).norm() / path);
+    let path = shape.metrics().totals.path;
+    let off =
+        ["1e4", "1e5"].map(|modulus| (at("full", modulus).metrics().now.com - shape.metrics().now.com).norm() / path);
     println!("off the shape: {off:?} of the path");
     assert!(off[1] < 1e-3 && off[1] < 0.5 * off[0], "{off:?}");
 }

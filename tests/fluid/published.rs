@@ -41,7 +41,7 @@ fn swing(scene: &Scene) -> f64 {
 
 fn tenth_period(scene: &Scene) -> f64 {
     let mut at = Vec::new();
-    run_with(scene, |stepper: &mut Stepper| at.push(stepper.meter().now.com));
+    run_with(scene, |stepper: &mut Stepper| at.push(stepper.metrics().now.com));
     (at[999] - at[899]).norm()
 }
 

@@ -136,7 +136,7 @@ fn a_run_judges_the_motion_that_it_has_made() {
     let mut stepper = Stepper::of(&scene).unwrap();
     let outcome = run_scene(&scene, &mut stepper, |_| Ok(ControlFlow::Continue(())));
     assert_eq!(outcome.ending, Ending::Complete);
-    let Across { speed, per_depth, .. } = stepper.meter().across().unwrap();
+    let Across { speed, per_depth, .. } = stepper.metrics().across().unwrap();
     println!("{speed} m/s, {per_depth} 1/m");
     assert!((speed / 0.01 - 1.0).abs() < 2e-3 && (per_depth / 10.0 - 1.0).abs() < 2e-3, "{speed} {per_depth}");
 }

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use caudal::fluid::force::{Slopes, powers, resultant};
-use caudal::metrics::Reading;
+use caudal::metrics::Measurements;
 use caudal::model::Dynamics;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
@@ -36,7 +36,7 @@ fn numbers(value: &Value) -> Vec<f64> {
 /// What is measured of a run, each under the key of the independent answer.
 type Found = Vec<(&'static str, Vec<f64>)>;
 
-fn mean(readings: &[(Reading, Vec<f64>)], of: impl Fn(&Reading) -> Vec<f64>) -> Vec<f64> {
+fn mean(readings: &[(Measurements, Vec<f64>)], of: impl Fn(&Measurements) -> Vec<f64>) -> Vec<f64> {
     let mut sum = Vec::new();
     for (reading, _) in readings {
         let values = of(reading);
@@ -67,8 +67,8 @@ fn rod_com(dynamics: &Dynamics, com: Vector2<f64>, q: &[f64]) -> Vector2<f64> {
     (com * all - Vector2::new(q[0], q[1]) * body) / (all - body)
 }
 
-fn found(scene: &Scene, stepper: &Stepper, readings: &[(Reading, Vec<f64>)]) -> Found {
-    let now = &stepper.meter().now;
+fn found(scene: &Scene, stepper: &Stepper, readings: &[(Measurements, Vec<f64>)]) -> Found {
+    let now = &stepper.metrics().now;
     let period = period(scene).min(readings.len() - 1);
     let (before, last) = readings.split_at(readings.len() - period);
     let dynamics = Dynamics::new(Arc::new(scene.model().unwrap()));
@@ -90,8 +90,8 @@ fn found(scene: &Scene, stepper: &Stepper, readings: &[(Reading, Vec<f64>)]) -> 
         ("mean_spray_power_w", mean(readings, |r| vec![r.power.spray])),
         ("mean_drag_power_w", mean(readings, |r| vec![r.power.viscous])),
         ("mean_wake_power_w", mean(readings, |r| vec![r.power.wake])),
-        ("drag_force_n", pair(now.push.drag)),
-        ("wake_force_n", pair(now.push.wake)),
+        ("drag_force_n", pair(now.resultants.drag)),
+        ("wake_force_n", pair(now.resultants.wake)),
         ("head_exerts_n", pair(-now.head_force)),
         ("mean_head_exerts_n", mean(readings, |r| pair(-r.head_force))),
     ]
@@ -137,7 +137,7 @@ fn answer(path: &Path) -> Value {
 fn compare(scene: &Scene, path: &Path) {
     let answer = answer(path);
     let mut readings = Vec::new();
-    let stepper = run_with(scene, |stepper| readings.push((stepper.meter().now.clone(), stepper.state().q.clone())));
+    let stepper = run_with(scene, |stepper| readings.push((stepper.metrics().now.clone(), stepper.state().q.clone())));
     let expected = numbers(&answer["final_positions_m"]);
     assert_eq!(expected.len(), stepper.state().q.len());
     let off = stepper.state().q.iter().zip(&expected).map(|(a, b)| a - b);

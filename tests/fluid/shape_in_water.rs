@@ -39,13 +39,13 @@ fn a_stiff_swimmer_in_water_moves_as_its_shape_says_and_the_closer_the_stiffer_i
     let shape = run(&eel(&["solver.model=shape"]));
     let offs = [1e8, 1e9, 1e10].map(|modulus: f64| {
         let whole = run(&eel(&[&format!("rod.youngs_modulus_pa={modulus:e}")]));
-        let path = whole.meter().totals.path;
-        (whole.meter().now.com - shape.meter().now.com).norm() / path
+        let path = whole.metrics().totals.path;
+        (whole.metrics().now.com - shape.metrics().now.com).norm() / path
     });
     // Measured: 3.2e-3, 3.2e-4, 3.2e-5 of the path.
     assert!(offs[2] < 1e-4 && offs[1] < 0.12 * offs[0] && offs[2] < 0.12 * offs[1], "{offs:?}");
     let fluid = run(&eel(&["rod.youngs_modulus_pa=1e10"]));
-    let [a, b] = [&fluid, &shape].map(|stepper| stepper.meter());
+    let [a, b] = [&fluid, &shape].map(|stepper| stepper.metrics());
     // Measured: 2.8e-4, 5.1e-5.
     assert!((a.totals.work.actuation / b.totals.work.actuation - 1.0).abs() < 1e-3);
     assert!((a.totals.work.wake / b.totals.work.wake - 1.0).abs() < 1e-3);
@@ -57,10 +57,10 @@ fn without_drag_and_wake_the_momentum_of_rod_and_water_stays_and_so_does_the_bal
         let model = format!("solver.model={model}");
         let bare = EEL.replace("[drag]\nlaw = \"cross-flow\"\n", "");
         let stepper = run(&scene_of(&bare, &["reactive.shedding=0.0", &model, "solver.duration_s=1.0"]));
-        let meter = stepper.meter();
-        let size = meter.now.momentum.rod.norm() + meter.now.momentum.fluid.norm();
+        let metrics = stepper.metrics();
+        let size = metrics.now.momentum.rod.norm() + metrics.now.momentum.fluid.norm();
         // Measured: 8.4e-16 of it by the shape, 4.7e-8 by the whole model.
-        assert!(meter.momentum_defect().norm() < 1e-6 * size);
+        assert!(metrics.momentum_defect().norm() < 1e-6 * size);
         // A shape that deforms in still water by turns moves by turns: it is not at rest.
         assert!(largest((0..17).map(|k| node(&stepper.state().v, k).norm())) > 1e-3);
     }
@@ -93,11 +93,12 @@ fn auto_takes_the_shape_in_water_where_it_is_within_the_accuracy_and_says_what_o
         let scene = eel(&[&auto[..], &[&format!("rod.youngs_modulus_pa={modulus}")]].concat());
         let stepper = run(&scene);
         let choice = stepper.choice().unwrap();
-        assert_eq!(choice.rung.name, taken, "{:?}", choice.reason);
+        assert_eq!(choice.kind.name, taken, "{:?}", choice.reason);
         let estimates = choice.estimates.as_ref().unwrap();
         assert!(estimates.overdamped.as_ref().unwrap_err().contains("inertia of the water"));
         let whole = run(&scene.whole());
-        let off = (whole.meter().now.com - stepper.meter().now.com).norm() / whole.meter().net_displacement().abs();
+        let off =
+            (whole.metrics().now.com - stepper.metrics().now.com).norm() / whole.metrics().net_displacement().abs();
         println!("{modulus}: {off:e}, {:?}", choice.reason);
         // Measured: 1.6e-4, estimated 1.0e-3 of the tip; 4.3e-6 by the whole model itself.
         assert!(off < 1e-2, "{modulus}: {off:e}");

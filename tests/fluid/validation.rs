@@ -195,7 +195,7 @@ fn a_stiff_rod_of_eight_waves_swims_as_fast_as_lighthill_says_of_its_shape() {
             "solver.time_step_s=0.01",
         ];
         let mut at = Vec::new();
-        run_with(&scene_of(ROD, &changes), |stepper| at.push(stepper.meter().now.com));
+        run_with(&scene_of(ROD, &changes), |stepper| at.push(stepper.metrics().now.com));
         let along = mean(&|x| (angle * x.cos()).cos());
         let expected = endless(mean(&|x| (angle * x.cos()).cos().powi(2)), 0.5) * along;
         let ratio = (at[199] - at[99]).norm() / expected;
@@ -285,7 +285,7 @@ fn thrust(base: Base, sperm: f64, size: f64, nodes: u32) -> f64 {
         &format!("solver.time_step_s={:e}", 1.0 / STEPS as f64),
     ];
     let mut force = Vec::new();
-    run_with(&scene_of(ROD, &changes), |stepper| force.push(stepper.meter().now.head_force.x));
+    run_with(&scene_of(ROD, &changes), |stepper| force.push(stepper.metrics().now.head_force.x));
     let period = &force[force.len() - STEPS..];
     -period.iter().sum::<f64>() / STEPS as f64 / (TAU * size * size)
 }
@@ -407,7 +407,7 @@ fn waves_in_water_swim_as_fast_as_taylor_s_drag_lets_them() {
             "solver.time_step_s=0.02",
         ];
         let mut at = Vec::new();
-        run_with(&scene_of(ROD, &changes), |stepper| at.push(stepper.meter().now.com));
+        run_with(&scene_of(ROD, &changes), |stepper| at.push(stepper.metrics().now.com));
         let found = (at[999] - at[949]).norm();
         // Measured: −1.8 %, −0.6 %: the ends.
         assert!((found / theory - 1.0).abs() < 0.05, "{slope}: {found} {theory}");
@@ -742,7 +742,7 @@ fn the_flagella_of_pyelastica_swim_as_published() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/reference/fluid");
     let scene = Scene::load(folder.join("pyelastica_flagella.toml")).unwrap();
     let mut at = Vec::new();
-    run_with(&scene, |stepper| at.push(stepper.meter().now.com));
+    run_with(&scene, |stepper| at.push(stepper.metrics().now.com));
     // Of the tenth period, over the length.
     let found = (at[999] - at[899]).norm();
     // Measured: 0.01390.

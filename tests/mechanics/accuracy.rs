@@ -28,7 +28,7 @@ fn displacement(method: &str, viscosity: f64, parts: u32, tolerance: f64) -> Opt
     let mut stepper = caudal::stepper::Stepper::of(&scene).unwrap();
     stepper.halve_failing_steps(false);
     stepper.do_step(0.5).ok()?;
-    Some((stepper.meter().net_displacement(), stepper.work().factorisations))
+    Some((stepper.metrics().net_displacement(), stepper.work().factorisations))
 }
 
 /// The fewest solves with which this error is reached, and kept with finer steps.
@@ -83,7 +83,7 @@ fn the_default_method_completes_every_scene_and_errs_less_than_implicit_euler_wh
             let end = run(&scene);
             let notes =
                 Summary::of(&scene, &end, &Outcome { ending: Ending::Complete, wall: Duration::ZERO }, &[]).notes;
-            (scene.integrator_name().to_string(), end.state().q.clone(), end.meter().totals.halvings, notes)
+            (scene.integrator_name().to_string(), end.state().q.clone(), end.metrics().totals.halvings, notes)
         };
         let step = Pace::Fixed(common::time_step(&Scene::load(&path).unwrap()));
         let (name, q, halvings, notes) = ends(None, step);
@@ -170,7 +170,7 @@ fn on_the_smooth_baseline_generalized_alpha_and_esdirk3_agree() {
     let smooth = include_str!("../../models/baseline-smooth.toml");
     let ends = [("esdirk3", 2.5e-3), ("generalized-alpha", 6.25e-4)].map(|(method, step)| {
         let changes = [format!("solver.integrator={method}"), format!("solver.time_step_s={step}")];
-        run(&scene_of(smooth, &[&changes[0], &changes[1]])).meter().net_displacement()
+        run(&scene_of(smooth, &[&changes[0], &changes[1]])).metrics().net_displacement()
     });
     // Measured: 5.0e-6.
     assert!((ends[0] / ends[1] - 1.0).abs() < 1e-5, "{ends:?}");

@@ -26,7 +26,7 @@ fn the_error_of_a_run_falls_with_its_tolerance_and_so_does_the_step() {
     let exact = run(&scene_by(METHODS[1], 2e-5, &SWIMMER)); // newmark
     let runs: Vec<_> = [1e-2, 1e-3, 1e-4, 1e-5].into_iter().flat_map(adaptive).map(|scene| run(&scene)).collect();
     let errors: Vec<f64> = runs.iter().map(|run| distance(&run.state().q, &exact.state().q)).collect();
-    let steps: Vec<u64> = runs.iter().map(|run| run.meter().totals.steps).collect();
+    let steps: Vec<u64> = runs.iter().map(|run| run.metrics().totals.steps).collect();
     println!("{errors:?} {steps:?}");
     for (error, tolerance) in errors.iter().zip([1e-2, 1e-3, 1e-4, 1e-5]) {
         assert!(*error < tolerance, "{errors:?}");
@@ -45,10 +45,10 @@ fn adaptive_steps_end_exactly_where_the_host_asks_and_a_snapshot_goes_on_equal_t
         }
         let snapshot = stepper.save();
         stepper.do_step(0.05).unwrap();
-        let (state, meter) = (stepper.state().clone(), stepper.meter().clone());
+        let (state, metrics) = (stepper.state().clone(), stepper.metrics().clone());
         stepper.restore(&snapshot).unwrap();
         stepper.do_step(0.05).unwrap();
-        assert_eq!((stepper.state(), stepper.meter()), (&state, &meter));
+        assert_eq!((stepper.state(), stepper.metrics()), (&state, &metrics));
     }
 }
 
@@ -58,7 +58,7 @@ fn a_step_cut_short_by_the_host_does_not_shorten_the_next_ones() {
         let steps = |cuts: u32| {
             let mut stepper = Stepper::of(&scene).unwrap();
             (0..cuts).for_each(|_| stepper.do_step(0.5 / f64::from(cuts)).unwrap());
-            stepper.meter().totals.steps
+            stepper.metrics().totals.steps
         };
         // Measured: 196, 201.
         let (whole, cut) = (steps(1), steps(10));
@@ -101,7 +101,7 @@ fn dense_output_is_of_fourth_order_in_positions_and_work() {
         let end = coarse.state().clone();
         let errors = coarse
             .at(fine.time(), |view| {
-                assert_eq!((view.state.t, view.meter.now.time), (fine.time(), fine.time()));
+                assert_eq!((view.state.t, view.metrics.now.time), (fine.time(), fine.time()));
                 let position = distance(&view.state.q, &fine.state().q);
                 [position, (work.first(view) - work.first(&fine.view())).abs()]
             })
@@ -137,12 +137,12 @@ fn nothing_is_read_outside_the_last_step() {
 #[test]
 fn a_look_that_breaks_ends_the_step_there_and_the_next_goes_on() {
     let mut stepper = esdirk3(2e-3);
-    let come = stepper.do_step_with(1e-2, |stepper| match stepper.meter().totals.steps {
+    let come = stepper.do_step_with(1e-2, |stepper| match stepper.metrics().totals.steps {
         3 => ControlFlow::Break(()),
         _ => ControlFlow::Continue(()),
     });
     assert!(!come.unwrap());
-    assert_eq!((stepper.time(), stepper.meter().totals.steps), (3.0 * 2e-3, 3));
+    assert_eq!((stepper.time(), stepper.metrics().totals.steps), (3.0 * 2e-3, 3));
     stepper.do_step(4e-3).unwrap();
     let mut whole = esdirk3(2e-3);
     whole.do_step(1e-2).unwrap();

@@ -47,7 +47,7 @@ fn lanes() -> bool {
 
 /// All that a run leaves: its state and what was measured, to the bit.
 fn left(stepper: &Stepper) -> String {
-    format!("{:?} {:?} {:?} {:?}", stepper.state(), stepper.work(), stepper.meter(), stepper.cycles())
+    format!("{:?} {:?} {:?} {:?}", stepper.state(), stepper.work(), stepper.metrics(), stepper.cycles())
 }
 
 /// Runs `scenes` alone and side by side; the number of halved steps, and whether they were taken in lanes.
@@ -69,7 +69,7 @@ fn compare(scenes: &[Scene], what: &str) -> (u64, bool) {
         assert_eq!(outcome.ending, *ending, "{what}, case {i}");
         assert_eq!(left(&run.stepper), left(stepper), "{what}, case {i}");
     }
-    (alone.iter().map(|(stepper, _)| stepper.meter().totals.halvings).sum(), taken)
+    (alone.iter().map(|(stepper, _)| stepper.metrics().totals.halvings).sum(), taken)
 }
 
 #[test]

@@ -42,8 +42,8 @@ fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_
                 let scale = largest(of(positions).iter().copied());
                 largest(of(positions).iter().zip(of(chain)).map(|(a, b)| a - b)) / scale
             };
-            let deviations = [apart(|s| &s.state().q), apart(|s| &s.meter().now.kappa)];
-            let energy = [positions, chain].map(|s| s.meter().now.energy.total());
+            let deviations = [apart(|s| &s.state().q), apart(|s| &s.metrics().now.kappa)];
+            let energy = [positions, chain].map(|s| s.metrics().now.energy.total());
             let step = positions.view().time_step;
             let rounding = chain::rounding(rod, step);
             let iterations = [positions, chain].map(|s| s.work().newton_iterations);
@@ -58,7 +58,7 @@ fn both_forms_agree_to_the_rounding_of_positions_on_every_scene_at_its_own_mesh_
             // most 4.4 of that where inertia holds the nodes, 11 of a stiff wire that drag alone holds (elastic-tail-in-oil).
             assert!(deviations[0] < 1e-13 + chain::rounding(rod, step), "{path:?} {}: {deviations:?}", rod.nodes);
             let noise = f64::EPSILON * largest(positions.state().q.iter().copied()).max(rod.length) / rod.spacing;
-            let kappa = largest(positions.meter().now.kappa.iter().copied());
+            let kappa = largest(positions.metrics().now.kappa.iter().copied());
             assert!(deviations[1] * kappa < 15.0 * noise, "{path:?} {}: {deviations:?}", rod.nodes);
             scenes += 1;
         }
@@ -415,7 +415,7 @@ fn dynamic(text: &[&str], nodes: usize, form: &str, steps: u32) -> caudal::Resul
     let wall = start.elapsed();
     let work = stepper.work().newton_iterations;
     let state = stepper.state();
-    let kappa = |k: usize| stepper.meter().now.kappa[k] / stepper.model().rod.spacing;
+    let kappa = |k: usize| stepper.metrics().now.kappa[k] / stepper.model().rod.spacing;
     let result = [state.q[2 * nodes - 2], state.q[2 * nodes - 1], kappa((nodes - 1) / 2), kappa((nodes - 1) / 4)];
     let ns = wall.as_secs_f64() * 1e9 / (work as f64 * nodes as f64);
     println!("{nodes} {form}: {result:?}, {work} iterations, {} floor stops, {ns:.0} ns", stepper.work().floor_stops);

@@ -21,11 +21,11 @@ fn assert_balance_closes(changes: &[&str], meant: [bool; 5]) {
         let defects = [1e-4, 4e-5, 2e-5].map(|time_step| {
             let scene = scene_by(method, time_step, &[&[SILICONE, "solver.duration_s=0.2"], changes].concat());
             let stepper = run(&scene);
-            let meter = stepper.meter();
-            let Power { actuation, viscous, load, head, flow, .. } = meter.totals.work;
+            let metrics = stepper.metrics();
+            let Power { actuation, viscous, load, head, flow, .. } = metrics.totals.work;
             let works = [actuation, viscous, load, head, flow];
             assert_eq!(works.map(|work| work.abs() > 1e-3), meant, "{works:?}");
-            let defect = meter.numerical_dissipation();
+            let defect = metrics.numerical_dissipation();
             // Measured: at most 2.4 % (implicit-euler at the largest step).
             let turnover = works.map(f64::abs).iter().sum::<f64>();
             assert!(defect.abs() < 0.05 * turnover, "{}: {defect} of {turnover}", method.name);
@@ -81,15 +81,15 @@ fn a_sudden_natural_curvature_of_the_host_counts_its_change_of_bending_energy() 
         let scene = scene(&[SILICONE, DRAG, GLYCEROL, WAVE, &format!("head.kind={head}"), "solver.duration_s=0.1"]);
         let mut changed = 0.0;
         run_with(&scene, |stepper| {
-            let step = stepper.meter().totals.steps;
+            let step = stepper.metrics().totals.steps;
             if step % 20 != 0 {
                 return;
             }
-            let before = stepper.meter().clone();
+            let before = stepper.metrics().clone();
             let joints = stepper.get("natural_curvature_1_m").unwrap().len();
             let values: Vec<f64> = (0..joints).map(|k| (step as f64 + k as f64).sin()).collect();
             stepper.set("natural_curvature_1_m", &values).unwrap();
-            let after = stepper.meter();
+            let after = stepper.metrics();
             let work = after.totals.work.actuation - before.totals.work.actuation;
             let energy = after.now.energy.bending - before.now.energy.bending;
             let defect = after.numerical_dissipation() - before.numerical_dissipation();
@@ -107,9 +107,9 @@ fn a_sudden_natural_curvature_of_the_host_counts_its_change_of_bending_energy() 
 fn the_jump_start_s_energy_is_initial_energy_and_no_work() {
     let changes = [WAVE, DRAG, WATER, "rod.mass_lumping=uniform", "start.kind=jump", "solver.duration_s=0.001"];
     let stepper = caudal::stepper::Stepper::of(&scene(&changes)).unwrap();
-    let meter = stepper.meter();
+    let metrics = stepper.metrics();
     // Measured: 2380.364 J.
-    assert!((meter.first_energy - 2380.0).abs() < 1.0, "{}", meter.first_energy);
-    assert_eq!(meter.first_energy, meter.now.energy.bending);
-    assert_eq!(meter.totals.work.net(), 0.0);
+    assert!((metrics.first_energy - 2380.0).abs() < 1.0, "{}", metrics.first_energy);
+    assert_eq!(metrics.first_energy, metrics.now.energy.bending);
+    assert_eq!(metrics.totals.work.net(), 0.0);
 }

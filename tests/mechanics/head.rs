@@ -7,7 +7,7 @@ use std::sync::Arc;
 use caudal::error::Error;
 use caudal::head::Signal;
 use caudal::integrator::{METHODS, Method};
-use caudal::metrics::Reading;
+use caudal::metrics::Measurements;
 use caudal::model::Dynamics;
 use caudal::rod::node;
 use caudal::stepper::Stepper;
@@ -61,8 +61,8 @@ fn a_clamped_head_feels_the_load_and_its_moment() {
     let mut forces = vec![0.0; 18];
     forces[16..].copy_from_slice(load.as_slice());
     let (mut dynamics, state) = equilibrium(&scene, &forces, 4);
-    let mut reading = Reading::new(9);
-    reading.take(&mut dynamics, &state).unwrap();
+    let mut reading = Measurements::new(9);
+    reading.measure(&mut dynamics, &state).unwrap();
     let tip = node(&state.q, 8);
     // The rod hangs well down: −0.235 m.
     assert!(tip.y < -0.2, "{tip}");
@@ -75,8 +75,8 @@ fn a_clamped_head_feels_the_load_and_its_moment() {
 fn a_clamped_head_carries_the_weight_of_its_own_node_too() {
     let scene = scene(&[SILICONE, "head.kind=clamped", "loads.gravity_m_s2=[0, -0.1]"]);
     let (mut dynamics, state) = equilibrium(&scene, &[0.0; 18], 1);
-    let mut reading = Reading::new(9);
-    reading.take(&mut dynamics, &state).unwrap();
+    let mut reading = Measurements::new(9);
+    reading.measure(&mut dynamics, &state).unwrap();
     let rod = &dynamics.model.rod;
     let weight = Vector2::new(0.0, -0.1 * rod.total_mass());
     let moment = rod.mean(&state.q).perp(&weight);
@@ -96,9 +96,9 @@ fn the_head_force_is_what_changes_the_momentum() {
                 masses.map(|(k, m)| node(&stepper.state().v, k) * *m).sum()
             };
             let start = Stepper::of(&scene).unwrap();
-            let (mut last, mut impulse) = (start.meter().now.head_force, Vector2::zeros());
+            let (mut last, mut impulse) = (start.metrics().now.head_force, Vector2::zeros());
             let stepper = run_with(&scene, |stepper| {
-                let force = stepper.meter().now.head_force;
+                let force = stepper.metrics().now.head_force;
                 impulse -= (last + force) * (0.5 * time_step);
                 last = force;
             });
@@ -175,7 +175,7 @@ fn a_host_that_gives_values_and_rates_drives_the_head_as_the_scene_does() {
         // Measured: 1e-19 m and 2.3e-16 J; 2.4e-15 m and 3.8e-15 J (esdirk3, whose stages ask for times in between).
         let [apart, work_apart] = if method.adaptive { [1e-10, 1e-8] } else { [1e-15, 1e-14] };
         assert!(deviation(&every_step) < apart, "{:e}", deviation(&every_step));
-        let work = every_step.meter().totals.work.head - own.meter().totals.work.head;
+        let work = every_step.metrics().totals.work.head - own.metrics().totals.work.head;
         assert!(work.abs() < work_apart, "{work:e}");
         // At 5 and 10 steps a time it is the polynomial's of degree 5. Measured: 1.9e-9 m; 6.11 to 6.14.
         let [fine, coarse] = [5, 10].map(|parts| deviation(&host_driven(method, &changes, parts).unwrap()));
@@ -187,12 +187,12 @@ fn a_host_that_gives_values_and_rates_drives_the_head_as_the_scene_does() {
 #[test]
 fn a_host_takes_a_moving_head_over_without_stopping_it() {
     let mut stepper = run(&scene(&[SILICONE, DRAG, GLYCEROL, DRIVEN, "solver.duration_s=0.1"]));
-    let (state, meter) = (stepper.state().clone(), stepper.meter().clone());
+    let (state, metrics) = (stepper.state().clone(), stepper.metrics().clone());
     stepper.set("head_angle_rad", &[0.1]).unwrap();
     // Measured: 0 m/s and 2.2e-16 m/s².
     assert!(distance(&state.v, &stepper.state().v) < 1e-15);
     assert!(distance(&state.a, &stepper.state().a) < 1e-12);
-    assert_eq!(meter.totals.work, stepper.meter().totals.work);
+    assert_eq!(metrics.totals.work, stepper.metrics().totals.work);
 }
 
 #[test]

@@ -138,7 +138,7 @@ fn deviation(law: &DragLaw, seed: u64, units: Units) -> [f64; 3] {
     let expected = |values: &[f64], unit| values.iter().map(|x| units.of(*x, unit)).collect::<Vec<_>>();
     let (q, v) = (expected(&one.state().q, METRE), expected(&one.state().v, SPEED));
     let powers = |stepper: &caudal::stepper::Stepper| {
-        let power = stepper.meter().totals.work;
+        let power = stepper.metrics().totals.work;
         [power.viscous, power.wake, power.spray, power.load, power.flow, power.actuation]
     };
     let (work, found) = (expected(&powers(&one), [2, -2, 1]), powers(&other));

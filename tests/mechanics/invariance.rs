@@ -8,7 +8,7 @@ use std::sync::Arc;
 use caudal::fluid::laws::LAWS;
 use caudal::head::{Motion, Signal};
 use caudal::linear::BandMatrix;
-use caudal::metrics::Reading;
+use caudal::metrics::Measurements;
 use caudal::model::Dynamics;
 use caudal::newton::Newton;
 use caudal::rod::node;
@@ -166,7 +166,7 @@ fn state(dynamics: &mut Dynamics, dice: &mut Dice, t: f64) -> State {
 struct Assembly {
     residual: Vec<f64>,
     jacobian: DMatrix<f64>,
-    reading: Reading,
+    reading: Measurements,
 }
 
 fn assemble(dynamics: &mut Dynamics, state: &State) -> Assembly {
@@ -175,8 +175,8 @@ fn assemble(dynamics: &mut Dynamics, state: &State) -> Assembly {
     let mut matrix = BandMatrix::new(n / 2);
     let linearisation = Linearisation { matrix: &mut matrix, direction: Direction { q: 1e-4, v: 1e-2, a: 1.0 } };
     dynamics.unconstrained(state, &mut residual, Some(linearisation)).unwrap();
-    let mut reading = Reading::new(n / 2);
-    reading.take(dynamics, state).unwrap();
+    let mut reading = Measurements::new(n / 2);
+    reading.measure(dynamics, state).unwrap();
     Assembly { residual, jacobian: DMatrix::from_fn(n, n, |i, j| matrix.entry(i, j)), reading }
 }
 
@@ -224,7 +224,7 @@ proptest! {
             let matrix = largest((&turn * &a.jacobian * turn.transpose() - &b.jacobian).iter().copied()) / a.jacobian.amax();
             // Measured: at most 4.2e-15.
             prop_assert!(matrix < 1e-14, "matrix: {matrix:e}");
-            let numbers = |r: &Reading| {
+            let numbers = |r: &Measurements| {
                 let (e, p) = (r.energy, r.power);
                 [e.stretching, e.bending, e.kinetic, p.actuation, p.viscous, p.load, p.head, p.flow]
             };

@@ -4,7 +4,7 @@ use crate::common;
 use std::sync::Arc;
 
 use caudal::linear::BandMatrix;
-use caudal::metrics::Reading;
+use caudal::metrics::Measurements;
 use caudal::model::{Dynamics, Model};
 use caudal::rod::bend::{self, Joint};
 use caudal::rod::elastic;
@@ -263,8 +263,8 @@ fn the_elastic_forces_are_the_gradient_of_the_energies_that_are_reported() {
             let dynamics = std::cell::RefCell::new(dynamics);
             let energy = |q: &[f64]| {
                 let moved = State { q: q.to_vec(), ..state.clone() };
-                let mut reading = Reading::new(model.rod.nodes);
-                reading.take(&mut dynamics.borrow_mut(), &moved).unwrap();
+                let mut reading = Measurements::new(model.rod.nodes);
+                reading.measure(&mut dynamics.borrow_mut(), &moved).unwrap();
                 vec![reading.energy.total()]
             };
             deviation(&DMatrix::from_row_slice(1, exact.len(), &exact), &differences(energy, &state.q, 1e-4))

@@ -133,9 +133,9 @@ fn next_increments(path: &Path, nodes: usize, step: f64, tolerance: Option<f64>)
     let mut stepper = Stepper::of(&scene).unwrap();
     let mut found = Vec::new();
     for _ in 0..40 {
-        let (halvings, made) = (stepper.meter().totals.halvings, stepper.work().newton_iterations);
+        let (halvings, made) = (stepper.metrics().totals.halvings, stepper.work().newton_iterations);
         // The study's second method fails on steps as coarse as these.
-        if stepper.do_step(step).is_err() || stepper.meter().totals.halvings > halvings {
+        if stepper.do_step(step).is_err() || stepper.metrics().totals.halvings > halvings {
             break;
         }
         let mut state = stepper.state().clone();
@@ -216,7 +216,7 @@ fn a_second_iteration_that_solves_of_the_step_foresee_would_have_moved_less_than
                 if looks < 60 { ControlFlow::Continue(()) } else { ControlFlow::Break(()) }
             });
             steps += looks;
-            solves += 3 * (stepper.meter().totals.steps + stepper.meter().totals.rejections);
+            solves += 3 * (stepper.metrics().totals.steps + stepper.metrics().totals.rejections);
             iterations += stepper.work().newton_iterations;
         }
     }
@@ -247,7 +247,7 @@ fn a_guess_that_leads_astray_is_left_for_the_other_once_its_increment_has_grown_
     stepper.do_step(5e-3).unwrap();
     // Measured: 3, and 4 from the second guess; 16 where the first was pursued to its end.
     assert!((5..=8).contains(&stepper.work().newton_iterations), "{:?}", stepper.work());
-    assert_eq!(stepper.meter().totals.halvings, 0);
+    assert_eq!(stepper.metrics().totals.halvings, 0);
 }
 
 /// Everything that a host can read.
@@ -276,7 +276,7 @@ fn a_step_that_cannot_be_made_is_halved_ten_times_and_refused_with_its_numbers_a
     for number in [time_s.to_string(), format!("{step_s:e}"), format!("{residual_n:e}"), format!("node {node};")] {
         assert!(text.contains(&number), "{number} in: {text}");
     }
-    assert_eq!(stepper.meter().totals.halvings, 0); // what was counted on the way is taken back with it
+    assert_eq!(stepper.metrics().totals.halvings, 0); // what was counted on the way is taken back with it
     // Eleven step sizes, two guesses each.
     assert!(stepper.work().newton_iterations - iterations <= 11 * 2 * 30);
     assert_eq!(*stepper.state(), state);
@@ -313,9 +313,9 @@ fn halving_carries_a_hard_step_through_and_is_counted() {
     stepper.set("natural_curvature_1_m", &[100.0; 7]).unwrap();
     stepper.do_step(5e-3).unwrap();
     // Measured: 38 halvings.
-    assert!((1..1024).contains(&stepper.meter().totals.halvings));
-    assert_eq!(stepper.get_scalar("step_halvings").unwrap(), stepper.meter().totals.halvings as f64);
-    assert_eq!((stepper.time(), stepper.meter().totals.steps), (4.0 * 5e-3, 4));
+    assert!((1..1024).contains(&stepper.metrics().totals.halvings));
+    assert_eq!(stepper.get_scalar("step_halvings").unwrap(), stepper.metrics().totals.halvings as f64);
+    assert_eq!((stepper.time(), stepper.metrics().totals.steps), (4.0 * 5e-3, 4));
 }
 
 /// The error of one step of the study's tail after `set`, with everything readable before and after it.

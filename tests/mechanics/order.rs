@@ -14,7 +14,7 @@ fn every_method_shows_its_order_where_the_step_resolves_every_mode() {
             // Measured: ω_max = 1055 rad/s.
             assert!(time_step * Modes::of(&rod(&scene)).unwrap().highest() < 1.0);
             let stepper = run(&scene);
-            assert_eq!(stepper.meter().totals.halvings, 0);
+            assert_eq!(stepper.metrics().totals.halvings, 0);
             stepper.state().q.clone()
         });
         let changes: Vec<f64> = ends.windows(2).map(|pair| distance(&pair[0], &pair[1])).collect();

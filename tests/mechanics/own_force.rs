@@ -440,9 +440,9 @@ fn the_energy_balance_closes_at_the_methods_order() {
         let scene = scene(&["solver.integrator=newmark", &format!("solver.time_step_s={step:e}")]);
         let mut tail = stepper(&scene, Form::Positions);
         tail.do_step(0.3).unwrap();
-        let work = tail.meter().totals.work;
-        assert!(work.other.abs() > 1e-3 && tail.meter().now.energy.fluid > 1e-4, "{work:?}");
-        tail.meter().numerical_dissipation()
+        let work = tail.metrics().totals.work;
+        assert!(work.other.abs() > 1e-3 && tail.metrics().now.energy.fluid > 1e-4, "{work:?}");
+        tail.metrics().numerical_dissipation()
     };
     let [coarse, fine] = [2e-4, 1e-4].map(defect);
     println!("{coarse:e} {fine:e}");
@@ -572,7 +572,7 @@ fn a_stepper_of_another_model_moves_as_that_model_and_knows_its_snapshots() {
         scene.pace(),
     );
     assert!(matches!(other.unwrap().restore(&by_hand.save()), Err(caudal::Error::Snapshot(_))));
-    assert!(matches!(own.retune(&scene), Err(caudal::Error::Scene { .. })));
+    assert!(matches!(own.change_parameters(&scene), Err(caudal::Error::Scene { .. })));
 
     let finer = scene_of(SOFT, &["rod.nodes=11"]).model().unwrap();
     assert_eq!(

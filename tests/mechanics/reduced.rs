@@ -13,8 +13,8 @@ use caudal::fluid::force::{Force, OnTip, Tally, Validity};
 use caudal::fluid::{Forces, Kinematics};
 use caudal::integrator::Method;
 use caudal::newton::Newton;
-use caudal::reduced::measure::{Course, Point};
-use caudal::reduced::{Measure, RUNGS};
+use caudal::reduced::comparison::{SeriesPoint, TimeSeries};
+use caudal::reduced::{ErrorMeasure, MODELS};
 use caudal::run::Verification;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -65,11 +65,11 @@ fn the_shape_of_the_study_tail_moves_as_an_independent_code_says() {
     for pace in ["time_step_s=5e-3", "tolerance=1e-4", "tolerance=1e-7"] {
         for (start, dx, y) in cases {
             let run = common::run(&by("shape", STUDY, &[start, "solver.duration_s=2", &format!("solver.{pace}")]));
-            let meter = run.meter();
-            let error = meter.net_displacement() / dx - 1.0;
-            println!("{pace} {start}: {:e} ({error:e}), {:e}", meter.net_displacement(), meter.now.com.y);
+            let metrics = run.metrics();
+            let error = metrics.net_displacement() / dx - 1.0;
+            println!("{pace} {start}: {:e} ({error:e}), {:e}", metrics.net_displacement(), metrics.now.com.y);
             assert!(error.abs() <= 1e-6, "{pace} {start}: {error:e}");
-            assert!(y.is_none_or(|y| (meter.now.com.y / y - 1.0).abs() <= 1e-5), "{:e}", meter.now.com.y);
+            assert!(y.is_none_or(|y| (metrics.now.com.y / y - 1.0).abs() <= 1e-5), "{:e}", metrics.now.com.y);
         }
     }
 }
@@ -78,12 +78,12 @@ fn the_shape_of_the_study_tail_moves_as_an_independent_code_says() {
 fn the_shape_model_is_as_good_as_implicit_euler_without_a_matrix_in_a_twentieth_of_the_evaluations() {
     // Six stages, the middle and two readings of a step: see `a_part_costs_what_it_is_asked`.
     const EVALUATIONS: u64 = 11;
-    let truth = whole(SMOOTH, &[], "1e-6").meter().net_displacement();
-    let error = |run: &Stepper| (run.meter().net_displacement() / truth - 1.0).abs();
+    let truth = whole(SMOOTH, &[], "1e-6").metrics().net_displacement();
+    let error = |run: &Stepper| (run.metrics().net_displacement() / truth - 1.0).abs();
     let shape = common::run(&by("shape", SMOOTH, &["solver.tolerance=1e-4"]));
     // A step of implicit Euler whose error is still the larger one.
     let euler = common::run(&scene_of(SMOOTH, &["solver.time_step_s=1.4e-4"]));
-    let totals = shape.meter().totals;
+    let totals = shape.metrics().totals;
     let (evaluations, iterations) = (EVALUATIONS * (totals.steps + totals.rejections), euler.work().newton_iterations);
     println!(
         "shape: {:e}, {evaluations} evaluations; implicit Euler: {:e}, {iterations}",
@@ -131,7 +131,7 @@ fn the_overdamped_model_swims_at_the_speed_of_gray_and_hancock() {
         let nodes = format!("rod.nodes={}", 64 * waves as u32 + 1);
         let run = common::run(&scene_of(SWIMMER, &[&length, &curvature, &nodes]));
         let per_period = std::f64::consts::TAU / k * 0.5 * steep * steep / (1.0 + steep * steep);
-        let ratio = -run.meter().net_displacement() / (part * per_period);
+        let ratio = -run.metrics().net_displacement() / (part * per_period);
         println!("{waves} waves: {ratio}");
         assert!((ratio - 1.0).abs() <= 0.02, "{waves} waves: {ratio}"); // measured: 0.04 % … 0.08 %
     }
@@ -203,29 +203,29 @@ fn balance_recovers_the_moments_and_the_reaction_of_the_whole_model() {
 }
 
 #[test]
-fn every_rung_closes_its_energy_balance() {
+fn every_model_closes_its_energy_balance() {
     let host_head = ["solver.duration_s=1"];
     let soft = ["solver.duration_s=1", "medium.flow_m_s=[0.1, -0.05]", "loads.gravity_m_s2=[0.02, 0.1]"];
-    for rung in RUNGS {
+    for kind in MODELS {
         for (text, changes) in [(SOFT, &soft[..]), (DRIVEN, &host_head[..])] {
             let adaptive = [changes, &["solver.integrator=esdirk3", "solver.time_step_s=2.5e-4"]].concat();
-            let run = common::run(&by(rung.name, text, &adaptive));
-            let meter = run.meter();
-            let work = meter.totals.work;
+            let run = common::run(&by(kind.name, text, &adaptive));
+            let metrics = run.metrics();
+            let work = metrics.totals.work;
             let size = largest([work.actuation, work.viscous, work.load, work.head, work.flow]);
-            let defect = meter.numerical_dissipation() / size;
-            println!("{} : {defect:e} {work:?} {:?}", rung.name, meter.now.energy);
-            assert!(defect.abs() <= 1e-5, "{}: {defect:e}", rung.name); // measured: 2.7e-6
+            let defect = metrics.numerical_dissipation() / size;
+            println!("{} : {defect:e} {work:?} {:?}", kind.name, metrics.now.energy);
+            assert!(defect.abs() <= 1e-5, "{}: {defect:e}", kind.name); // measured: 2.7e-6
         }
     }
 }
 
 #[test]
-fn every_rung_is_driven_like_any_other() {
-    for rung in RUNGS {
+fn every_model_is_driven_like_any_other() {
+    for kind in MODELS {
         for text in [SOFT, DRIVEN] {
             for pace in ["time_step_s=2e-3", "tolerance=1e-4"] {
-                let scene = by(rung.name, text, &["solver.integrator=esdirk3", &format!("solver.{pace}")]);
+                let scene = by(kind.name, text, &["solver.integrator=esdirk3", &format!("solver.{pace}")]);
                 let mut tail = Stepper::of(&scene).unwrap();
                 tail.do_step(0.1).unwrap();
                 let joints = tail.get("curvature_1_m").unwrap().len();
@@ -234,12 +234,12 @@ fn every_rung_is_driven_like_any_other() {
                 tail.do_step(0.05).unwrap();
                 let saved = tail.save();
                 tail.do_step(0.1).unwrap();
-                let (state, totals) = (tail.state().clone(), tail.meter().totals);
+                let (state, totals) = (tail.state().clone(), tail.metrics().totals);
                 tail.restore(&saved).unwrap();
                 tail.do_step(0.1).unwrap();
-                assert_eq!(*tail.state(), state, "{} {pace}", rung.name);
-                assert_eq!(tail.meter().totals, totals, "{} {pace}", rung.name);
-                let energy = tail.at(tail.time() - 1e-4, |view| view.meter.now.energy.total()).unwrap();
+                assert_eq!(*tail.state(), state, "{} {pace}", kind.name);
+                assert_eq!(tail.metrics().totals, totals, "{} {pace}", kind.name);
+                let energy = tail.at(tail.time() - 1e-4, |view| view.metrics.now.energy.total()).unwrap();
                 assert!(energy.is_finite());
             }
         }
@@ -267,7 +267,7 @@ fn a_shape_that_changes_at_once_keeps_its_momentum_and_its_balance() {
     assert!(difference <= 2e-8, "{difference:e}"); // measured: 4.2e-9
     assert!(moved <= 1e-10, "{moved:e}"); // measured: 2.1e-11
     tail.do_step(0.5).unwrap();
-    let defect = tail.meter().numerical_dissipation() / tail.meter().totals.work.viscous;
+    let defect = tail.metrics().numerical_dissipation() / tail.metrics().totals.work.viscous;
     println!("{defect:e}");
     assert!(defect.abs() <= 1e-11, "{defect:e}"); // measured: 6.2e-13
 }
@@ -293,10 +293,10 @@ fn shape_converges_with_its_order_and_halves_steps_that_are_too_long() {
         |step: &str| common::run(&by("shape", SOFT, &["solver.duration_s=0.4", &format!("solver.time_step_s={step}")]));
     let [coarse, fine, finest, long] = ["1e-2", "5e-3", "5e-4", "0.2"].map(run);
     let distances = [&coarse, &fine, &long].map(|run| distance(&run.state().q, &finest.state().q));
-    println!("{distances:?}, {} halvings", long.meter().totals.halvings);
-    assert_eq!(coarse.meter().totals.halvings, 0);
+    println!("{distances:?}, {} halvings", long.metrics().totals.halvings);
+    assert_eq!(coarse.metrics().totals.halvings, 0);
     assert!((4.5..5.7).contains(&order(distances[0], distances[1])), "{distances:?}");
-    assert!(long.meter().totals.halvings > 0 && distances[2] <= 3e-9, "{distances:?}"); // measured: 7.0e-10
+    assert!(long.metrics().totals.halvings > 0 && distances[2] <= 3e-9, "{distances:?}"); // measured: 7.0e-10
 }
 
 /// A part of a model that counts how often it is asked.
@@ -348,7 +348,7 @@ impl Actuation for Counted<TravellingWave> {
 #[test]
 fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
     const STEPS: u64 = 100;
-    for rung in RUNGS {
+    for model_kind in MODELS {
         // Evaluations of drag and actuation, each beside the work of a run without the other.
         let counts = [true, false].map(|drag| {
             [true, false].map(|wave| {
@@ -374,23 +374,27 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
                     wave.then(|| (Box::new(Counted(travelling, Arc::clone(&kind))) as Box<dyn Actuation>, drive));
                 let newton = Newton::new(model.rod.nodes, 1e-10).unwrap();
                 let euler = Method::named("implicit-euler").unwrap();
-                if rung.needs_drag && !drag {
+                if model_kind.needs_drag && !drag {
                     return [0; 3];
                 }
                 let mut tail =
-                    Stepper::init(model, (rung.build)((euler.build)(&euler.defaults())), newton, 1e-3).unwrap();
+                    Stepper::init(model, (model_kind.build)((euler.build)(&euler.defaults())), newton, 1e-3).unwrap();
                 [&law, &kind].iter().for_each(|count| count.store(0, Ordering::Relaxed));
                 tail.do_step(STEPS as f64 * 1e-3).unwrap();
                 let count = |count: &AtomicU64| count.load(Ordering::Relaxed);
                 [count(&law) / edges, count(&kind), tail.work().newton_iterations]
             })
         });
-        println!("{}: [drag, actuation, iterations] {counts:?}", rung.name);
+        println!("{}: [drag, actuation, iterations] {counts:?}", model_kind.name);
         let [[[law, kind, iterations], [_, passive, _]], [[dragless, ..], _]] = counts;
         assert_eq!([passive, dragless], [0, 0]);
         // Drag: each iteration, and the reading at the end; the shape's six stages, what its middle needs, two readings.
-        assert!(law <= iterations + if rung.name == "shape" { 11 } else { 2 } * STEPS, "{}: {law}", rung.name);
-        assert!(kind <= 12 * STEPS, "{}: {kind}", rung.name);
+        assert!(
+            law <= iterations + if model_kind.name == "shape" { 11 } else { 2 } * STEPS,
+            "{}: {law}",
+            model_kind.name
+        );
+        assert!(kind <= 12 * STEPS, "{}: {kind}", model_kind.name);
     }
 }
 
@@ -398,11 +402,11 @@ fn a_part_costs_what_it_is_asked_and_nothing_where_it_is_absent() {
 fn a_jump_start_is_not_left_to_the_shape() {
     let scene = scene_of(STUDY, &["solver.model=auto", "solver.accuracy=1", "solver.duration_s=0.1"]);
     let choice = scene.choice().unwrap();
-    assert_eq!(choice.rung.name, "full", "{:?}", choice.reason);
+    assert_eq!(choice.kind.name, "full", "{:?}", choice.reason);
     let scene = scene_of(SMOOTH, &["solver.model=auto"]);
     let tail = Stepper::of(&scene).unwrap();
     let choice = tail.choice().unwrap();
-    assert_eq!(choice.rung.name, "shape");
+    assert_eq!(choice.kind.name, "shape");
     assert!(choice.reason.as_ref().unwrap().contains("estimated error"), "{:?}", choice.reason);
 }
 
@@ -526,13 +530,13 @@ fn scenes_whose_estimates_were_wrong_are_right_or_left_to_the_whole_model() {
             let scene = scene_of(text, &["solver.model=auto", "solver.accuracy=1e-2"]);
             let scene = scene.with_duration(duration * scene.solver.duration_s.get());
             let choice = scene.choice().unwrap();
-            println!("{name} {duration}: {} {:?}", choice.rung.name, choice.reason);
-            if choice.rung.name == "full" {
+            println!("{name} {duration}: {} {:?}", choice.kind.name, choice.reason);
+            if choice.kind.name == "full" {
                 continue;
             }
             let differences = verified(&scene).relative_differences;
             assert!(
-                differences.worst(&Measure::ALL).unwrap().1 <= 1e-2,
+                differences.largest(&ErrorMeasure::ALL).unwrap().1 <= 1e-2,
                 "{name} {duration}: {}",
                 differences.in_words()
             );
@@ -541,7 +545,7 @@ fn scenes_whose_estimates_were_wrong_are_right_or_left_to_the_whole_model() {
         let cheaper = scene_of(text, &[if name == "wire" { "solver.model=shape" } else { "solver.model=overdamped" }]);
         let differences = verified(&cheaper).relative_differences;
         println!("{name}: {}", differences.in_words());
-        assert!(differences.worst(&Measure::ALL).unwrap().1 > 0.03, "{name}: {}", differences.in_words());
+        assert!(differences.largest(&ErrorMeasure::ALL).unwrap().1 > 0.03, "{name}: {}", differences.in_words());
     }
 }
 
@@ -553,7 +557,7 @@ fn a_rod_at_rest_differs_from_nothing() {
             scene_of(SMOOTH, &["solver.model=auto", rest, &format!("head.kind={head}"), "solver.duration_s=0.5"]);
         let differences = verified(&scene).relative_differences;
         println!("{}", differences.in_words());
-        let worst = differences.worst(&Measure::ALL).unwrap().1;
+        let worst = differences.largest(&ErrorMeasure::ALL).unwrap().1;
         assert!(worst <= 1e-6, "{}", differences.in_words()); // measured: 0
     }
 }
@@ -562,7 +566,7 @@ fn a_rod_at_rest_differs_from_nothing() {
 fn a_rod_that_drag_stops_at_once_is_not_left_to_the_explicit_model() {
     let light = ["rod.density_kg_m3=1e-7", "solver.tolerance=1e-3"];
     let scene = scene_of(THIN, &light);
-    let text = Stepper::of(&scene.with_model(RUNGS[0])).unwrap_err().to_string();
+    let text = Stepper::of(&scene.with_model(MODELS[0])).unwrap_err().to_string();
     assert!(text.contains("solver.model") && text.contains("steps"), "{text}");
     let reason = scene_of(THIN, &[&light[..], &["solver.model=auto"]].concat()).choice().unwrap().reason.unwrap();
     assert!(reason.contains("shape: it is not cheaper"), "{reason}");
@@ -576,7 +580,7 @@ fn only_what_is_asked_for_must_be_accurate() {
         let of: &[&str] = if of.is_empty() { &[] } else { &[of] };
         scene_of(SMOOTH, &[&clamped[..], of].concat()).choice().unwrap()
     });
-    assert_eq!([all.rung.name, tip.rung.name], ["full", "shape"], "{:?} {:?}", all.reason, tip.reason);
+    assert_eq!([all.kind.name, tip.kind.name], ["full", "shape"], "{:?} {:?}", all.reason, tip.reason);
     let reason = all.reason.unwrap();
     assert!(["of the force", "of the moment"].iter().any(|load| reason.contains(load)), "{reason}");
     let mut document = caudal::scene::Document::new("a.toml", SMOOTH);
@@ -672,7 +676,7 @@ fn any_scene(dice: &mut Dice) -> String {
 
 /// What came of a scene whose run took a cheaper model.
 struct Taken {
-    rung: &'static str,
+    kind: &'static str,
     number: u64,
     /// The largest true difference over the accuracy, and the estimated one.
     parts: [f64; 2],
@@ -686,32 +690,32 @@ fn taken(number: u64) -> Option<Taken> {
     let scene = scene_of(&text, &[]);
     let tail = Stepper::of(&scene).ok()?;
     let choice = tail.choice().unwrap().clone();
-    if choice.rung.name == "full" {
+    if choice.kind.name == "full" {
         return None;
     }
     let tail = common::run(&scene);
-    let whole = common::run(&scene.with_model(RUNGS[RUNGS.len() - 1]));
+    let whole = common::run(&scene.with_model(MODELS[MODELS.len() - 1]));
     // In Newton iterations: a step of the shape is worth 3.5, and reading a step 0.7.
     let work_of =
-        |run: &Stepper, step: f64| run.work().newton_iterations as f64 + step * run.meter().totals.steps as f64;
+        |run: &Stepper, step: f64| run.work().newton_iterations as f64 + step * run.metrics().totals.steps as f64;
     let estimates = choice.estimates.as_ref().unwrap();
-    let own = work_of(&tail, if choice.rung.name == "shape" { 3.5 } else { 0.7 });
+    let own = work_of(&tail, if choice.kind.name == "shape" { 3.5 } else { 0.7 });
     let work = [own, estimates.work].map(|work| work / work_of(&whole, 0.7));
     let verification = Verification::of(&scene, &tail, |_| ControlFlow::Continue(())).unwrap().unwrap();
     let accuracy = scene.solver.accuracy.get();
-    let (measure, truth) = verification.relative_differences.worst(&Measure::ALL).unwrap();
-    let estimate = (choice.rung.estimate.unwrap())(estimates).clone().unwrap();
+    let (measure, truth) = verification.relative_differences.largest(&ErrorMeasure::ALL).unwrap();
+    let estimate = (choice.kind.estimate.unwrap())(estimates).clone().unwrap();
     let parts = [truth, estimate.get(measure).unwrap()].map(|error| error / accuracy);
     println!(
         "{number} {} {accuracy:e}: {measure:?} {truth:.2e}, estimated {}; true {}; work {work:.2?}",
-        choice.rung.name,
+        choice.kind.name,
         estimate.in_words(),
         verification.relative_differences.in_words()
     );
     if parts[0] > parts[1] || work[0] > 0.8 || work[1] > 0.1 {
         println!("{text}");
     }
-    Some(Taken { rung: choice.rung.name, number, parts, work })
+    Some(Taken { kind: choice.kind.name, number, parts, work })
 }
 
 #[test]
@@ -722,8 +726,8 @@ fn what_auto_takes_is_as_accurate_as_it_says() {
     let wanted = wanted.as_deref().and_then(|text| text.split_once("..")).map(|(from, to)| [from, to].map(str::parse));
     let [from, to] = wanted.map_or([1_000_000, 1_000_400_u64], |range| range.map(Result::unwrap));
     let all: Vec<Taken> = (from..to).filter_map(taken).collect();
-    for rung in ["shape", "overdamped"] {
-        let of: Vec<_> = all.iter().filter(|case| case.rung == rung).collect();
+    for kind in ["shape", "overdamped"] {
+        let of: Vec<_> = all.iter().filter(|case| case.kind == kind).collect();
         let middle = |value: &dyn Fn(&Taken) -> f64| {
             let mut values: Vec<f64> = of.iter().map(|case| value(case)).collect();
             values.sort_by(f64::total_cmp);
@@ -731,7 +735,7 @@ fn what_auto_takes_is_as_accurate_as_it_says() {
         };
         let largest = largest(of.iter().map(|case| case.parts[0]));
         println!(
-            "{rung}: taken {}, beyond the accuracy {}, largest {largest:.2}, median true {:.2e} and estimated {:.2e} of it, \
+            "{kind}: taken {}, beyond the accuracy {}, largest {largest:.2}, median true {:.2e} and estimated {:.2e} of it, \
              median work {:.2}, largest {:.2}, with estimates of {:.2} at most",
             of.len(),
             of.iter().filter(|case| case.parts[0] > 1.0).count(),
@@ -741,7 +745,7 @@ fn what_auto_takes_is_as_accurate_as_it_says() {
             common::largest(of.iter().map(|case| case.work[0])),
             common::largest(of.iter().map(|case| case.work[1]))
         );
-        assert!(!of.is_empty(), "{rung} is never taken");
+        assert!(!of.is_empty(), "{kind} is never taken");
     }
     let beyond: Vec<_> = all.iter().filter(|case| case.parts[0] > 1.0).map(|case| case.number).collect();
     assert!(beyond.len() as f64 <= 0.01 * all.len() as f64, "{beyond:?}");
@@ -769,13 +773,13 @@ fn what_auto_takes_in_a_flow_that_changes_in_time_is_as_accurate_as_it_says() {
                 ],
             );
             let choice = scene.choice().unwrap();
-            println!("{name} {flow}: {} {:?}", choice.rung.name, choice.reason);
-            if choice.rung.name == "full" {
+            println!("{name} {flow}: {} {:?}", choice.kind.name, choice.reason);
+            if choice.kind.name == "full" {
                 continue;
             }
             let differences = verified(&scene).relative_differences;
             println!("  {}", differences.in_words());
-            let (_, worst) = differences.worst(&Measure::ALL).unwrap();
+            let (_, worst) = differences.largest(&ErrorMeasure::ALL).unwrap();
             taken.push(worst);
             assert!(worst <= 1e-2, "{name} {flow}: {}", differences.in_words());
         }
@@ -800,15 +804,15 @@ fn a_rod_that_an_unsteady_flow_carries_goes_nowhere_through_it() {
         ],
     );
     let mut stepper = Stepper::of(&scene).unwrap();
-    let mut course = Course::of(stepper.model());
+    let mut course = TimeSeries::of(stepper.model());
     for _ in 0..70 {
-        course.points.push(Point::of(stepper.state(), &stepper.meter().now));
+        course.points.push(SeriesPoint::of(stepper.state(), &stepper.metrics().now));
         stepper.do_step(0.01).unwrap();
     }
     let [from, to] = [&course.points[0], &course.points[69]].map(|point| point.com);
     assert!((to - from).norm() > 0.05, "{}", to - from);
     // Differences are relative to the way through the fluid: a millimetre is a hundred times that where it is below 1e-5 m.
-    let mut other = course.first(70);
+    let mut other = course.first_points(70);
     other.points.iter_mut().for_each(|point| point.com.x += 1e-3);
     let times = course.differences(&other).displacement;
     assert!(times > 100.0, "{times}");

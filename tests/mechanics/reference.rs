@@ -22,12 +22,12 @@ fn every_reference_scene_ends_where_the_independent_implementation_does() {
         let expected: Value =
             serde_json::from_str(&std::fs::read_to_string(path.with_extension("json")).unwrap()).unwrap();
         let stepper = common::run(&Scene::load(&path).unwrap());
-        let (state, meter) = (stepper.state(), stepper.meter());
+        let (state, metrics) = (stepper.state(), stepper.metrics());
         let mut pairs = vec![
-            (meter.now.com.x, number(&expected["x_com_m"])),
-            (meter.now.com.y, number(&expected["y_com_m"])),
-            (meter.net_displacement(), number(&expected["net_displacement_m"])),
-            (meter.totals.max_lateral, number(&expected["max_lateral_excursion_m"])),
+            (metrics.now.com.x, number(&expected["x_com_m"])),
+            (metrics.now.com.y, number(&expected["y_com_m"])),
+            (metrics.net_displacement(), number(&expected["net_displacement_m"])),
+            (metrics.totals.max_lateral, number(&expected["max_lateral_excursion_m"])),
         ];
         let positions = expected["final_positions_m"].as_array().unwrap();
         assert_eq!(2 * positions.len(), state.q.len());

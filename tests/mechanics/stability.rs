@@ -57,8 +57,8 @@ impl Run {
     }
 
     fn energy(&mut self) -> f64 {
-        let mut reading = caudal::metrics::Reading::new(self.dynamics.nodes());
-        reading.take(&mut self.dynamics, &self.state).unwrap();
+        let mut reading = caudal::metrics::Measurements::new(self.dynamics.nodes());
+        reading.measure(&mut self.dynamics, &self.state).unwrap();
         let Energy { stretching, bending, kinetic, .. } = reading.energy;
         stretching + bending + kinetic
     }
@@ -375,7 +375,7 @@ fn jump_to(angle: f64, step: f64) -> Result<u64, Error> {
     );
     let mut stepper = Stepper::of(&scene)?;
     stepper.do_step(0.5)?;
-    Ok(stepper.meter().totals.halvings)
+    Ok(stepper.metrics().totals.halvings)
 }
 
 #[test]

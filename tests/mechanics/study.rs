@@ -20,8 +20,8 @@ fn tail(changes: &[&str]) -> Stepper {
 /// Δx of the centre of mass of that run, m.
 fn drift(changes: &[&str]) -> f64 {
     let stepper = tail(changes);
-    assert_eq!(stepper.meter().totals.halvings, 0);
-    stepper.meter().net_displacement()
+    assert_eq!(stepper.metrics().totals.halvings, 0);
+    stepper.metrics().net_displacement()
 }
 
 #[test]
@@ -67,7 +67,7 @@ fn the_baseline_ends_where_the_independent_implementation_s_does_at_each_step() 
     // gives a place of its own, and the study's (0.459, 0.005) is that of 5 ms.
     for (step, expected) in [("0.005", [0.4559, 0.0036]), ("0.0025", [0.4673, 0.0213]), ("0.001", [0.4918, 0.0072])] {
         let stepper = tail(&["start.kind=jump", "solver.duration_s=20", &format!("solver.time_step_s={step}")]);
-        let com = stepper.meter().now.com;
+        let com = stepper.metrics().now.com;
         assert!((com.x - expected[0]).abs() <= 0.5e-4, "{step} s: {com}");
         assert!((com.y - expected[1]).abs() <= 0.5e-4, "{step} s: {com}");
     }
@@ -111,6 +111,6 @@ fn the_study_s_newmark_nearly_overlaps_implicit_euler_at_a_tenth_of_a_millisecon
     let long = "solver.time_step_s=0.001";
     let mut stepper = Stepper::of(&study(&[&jump[..], &newmark, &[long]].concat())).unwrap();
     let failure = (0..500).find_map(|_| stepper.do_step(1e-3).err());
-    assert!(failure.is_some() && stepper.meter().totals.halvings > 0, "{failure:?}");
-    assert_eq!(tail(&[&jump[..], &[long]].concat()).meter().totals.halvings, 0);
+    assert!(failure.is_some() && stepper.metrics().totals.halvings > 0, "{failure:?}");
+    assert_eq!(tail(&[&jump[..], &[long]].concat()).metrics().totals.halvings, 0);
 }

@@ -8,7 +8,7 @@ use std::f64::consts::TAU;
 use caudal::actuation::Wave;
 use caudal::model::Model;
 use caudal::scene::{Document, Scene};
-use caudal::sensitivity::number::Numbers;
+use caudal::sensitivity::scene_parameter::SceneParameters;
 use common::{SOFT, distance};
 
 /// A soft tail of 41 nodes with that actuation and no other.
@@ -170,7 +170,7 @@ fn every_number_of_a_wave_is_one_of_the_scene_and_goes_through_overrides() {
         let parameters = scene.parameters();
         let names: Vec<String> = parameters.iter().map(caudal::scene::parameter::Parameter::name).collect();
         let model = scene.model().unwrap();
-        let numbers = Numbers::of(&scene, &model);
+        let numbers = SceneParameters::of(&scene, &model);
         for key in keys {
             assert!(names.contains(&(*key).to_string()), "{key}: {names:?}");
             assert!(!numbers.of_key(key.split('[').next().unwrap()).is_empty(), "{key}");

@@ -176,7 +176,7 @@ fn a_stiff_rod_stores_no_more_energy_between_steps_and_takes_no_more_power_than_
                 if t > stepper.time() {
                     break;
                 }
-                let now = stepper.at(t, |view| [view.meter.now.energy.stretching, view.meter.now.power.actuation]);
+                let now = stepper.at(t, |view| [view.metrics.now.energy.stretching, view.metrics.now.power.actuation]);
                 largest = std::array::from_fn(|i| largest[i].max(now.as_ref().unwrap()[i].abs()));
                 next += 1.0;
                 if interval == 0.0 {
@@ -217,6 +217,6 @@ fn reading_between_steps_neither_fails_a_run_that_completes_nor_changes_its_resu
             from = to;
         });
         assert!(count > 0);
-        assert_eq!((plain.state(), plain.meter(), plain.work()), (read.state(), read.meter(), read.work()));
+        assert_eq!((plain.state(), plain.metrics(), plain.work()), (read.state(), read.metrics(), read.work()));
     }
 }

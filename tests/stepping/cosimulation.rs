@@ -364,19 +364,19 @@ fn the_least_value_of_every_parameter_is_one_that_its_reader_takes_and_zero_is_n
 fn stiffness_and_drag_change_between_steps_while_the_motion_and_the_balance_stay() {
     let mut stepper = tail(&[]);
     stepper.do_step(0.5).unwrap();
-    let (state, defect) = (stepper.state().clone(), stepper.meter().numerical_dissipation());
-    let energy = stepper.meter().now.energy.total();
+    let (state, defect) = (stepper.state().clone(), stepper.metrics().numerical_dissipation());
+    let energy = stepper.metrics().now.energy.total();
     let softer = ["rod.nodes=9", "rod.youngs_modulus_pa=1e6", "drag.ratio=3.0"];
     let scene = common::scene_of(include_str!("../../models/driven-head.toml"), &softer);
-    stepper.retune(&scene).unwrap();
+    stepper.change_parameters(&scene).unwrap();
     assert_eq!(*stepper.state(), state);
-    assert!(stepper.meter().now.energy.total() < energy);
+    assert!(stepper.metrics().now.energy.total() < energy);
     // Measured: 0.
-    assert!((stepper.meter().numerical_dissipation() - defect).abs() < 1e-15);
+    assert!((stepper.metrics().numerical_dissipation() - defect).abs() < 1e-15);
     stepper.do_step(0.5).unwrap();
-    let work = stepper.meter().totals.work.head.abs();
+    let work = stepper.metrics().totals.work.head.abs();
     // Measured: 1.5e-5.
-    assert!(stepper.meter().numerical_dissipation().abs() < 1e-4 * work);
+    assert!(stepper.metrics().numerical_dissipation().abs() < 1e-4 * work);
     // A scene that differs in anything else is refused by its key, and changes nothing.
     let now = stepper.save();
     let others = [
@@ -391,7 +391,7 @@ fn stiffness_and_drag_change_between_steps_while_the_motion_and_the_balance_stay
     for (change, key) in others {
         let changes: Vec<&str> = std::iter::once("rod.nodes=9").chain(change.lines()).collect();
         let other = common::scene_of(include_str!("../../models/driven-head.toml"), &changes);
-        let error = stepper.retune(&other).unwrap_err().to_string();
+        let error = stepper.change_parameters(&other).unwrap_err().to_string();
         assert!(error.contains(&format!(": {key}: differs")), "{change}: {error}");
         assert!(stepper.save() == now, "{change}");
     }

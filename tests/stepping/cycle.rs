@@ -3,7 +3,7 @@
 use crate::common;
 use std::f64::consts::TAU;
 
-use caudal::cycle::{self, KEPT, MEASURES, Measure};
+use caudal::cycle::{self, CycleMeasure, MAX_CYCLES, MEASURES};
 use caudal::rod::node;
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
@@ -48,12 +48,12 @@ const STIFF: [&str; 10] = [
 ];
 
 /// Mean and spread of a measure over the last whole cycles.
-fn of(stepper: &Stepper, measure: &Measure) -> Option<[f64; 2]> {
+fn of(stepper: &Stepper, measure: &CycleMeasure) -> Option<[f64; 2]> {
     let (cycles, dynamics) = (stepper.cycles().whole(stepper.time()), stepper.view().dynamics);
     Some([measure.mean(cycles, dynamics)?, measure.spread(cycles, dynamics)?])
 }
 
-fn mean(stepper: &Stepper, measure: &Measure) -> f64 {
+fn mean(stepper: &Stepper, measure: &CycleMeasure) -> f64 {
     of(stepper, measure).unwrap_or_else(|| panic!("{} is not there", measure.key))[0]
 }
 
@@ -74,9 +74,10 @@ fn every_measure_is_what_its_formula_makes_of_a_cycle() {
     // Steps that divide the period, looked at where the last cycle begins and ends.
     let scene = scene_of(SOFT, &["solver.integrator=newmark", "actuation.frequency_hz=2.0"]);
     let (mut tail, period) = (Stepper::of(&scene).unwrap(), 0.5);
-    let start = tail.meter().now.com;
+    let start = tail.metrics().now.com;
     tail.do_step(0.5).unwrap();
-    let (before, work, energy) = (tail.meter().now.com, tail.meter().totals.work, tail.meter().now.energy.total());
+    let (before, work, energy) =
+        (tail.metrics().now.com, tail.metrics().totals.work, tail.metrics().now.energy.total());
     let first = tail.cycles().whole(0.5)[0].excursion;
     assert!(first > 0.0);
     let (mut axis, mut tips) = (nalgebra::Vector2::zeros(), Vec::new());
@@ -89,13 +90,13 @@ fn every_measure_is_what_its_formula_makes_of_a_cycle() {
     }
     let dynamics = tail.view().dynamics;
     let cycle = &tail.cycles().whole(1.0)[1..2];
-    let found = |measure: &Measure| measure.mean(cycle, dynamics).unwrap();
-    let velocity = (tail.meter().now.com - before) / period;
+    let found = |measure: &CycleMeasure| measure.mean(cycle, dynamics).unwrap();
+    let velocity = (tail.metrics().now.com - before) / period;
     let (speed, axis) = (velocity.norm(), axis.normalize());
     let rod = &tail.model().rod;
-    let now = tail.meter().totals.work;
+    let now = tail.metrics().totals.work;
     let power = (now.actuation - work.actuation) / period;
-    let stored = tail.meter().now.energy.total() - energy;
+    let stored = tail.metrics().now.energy.total() - energy;
     let towed = tail.model().forces.towing(rod, tail.model().fluid, speed);
     // The path is that of the cycle before, and the tip goes on between the steps: measured 2e-3.
     let path = (before - start) / period;
@@ -168,7 +169,7 @@ fn a_rod_that_is_swung_and_washed_as_a_whole_has_the_thrust_power_and_strouhal_n
         assert!((mean / expected - 1.0).abs() < 1e-4, "{}: {mean}, not {expected}", measure.key);
     }
     assert_eq!(cycle::is_periodic(tail.cycles().whole(4.0)), Some(true));
-    assert_eq!(tail.cycles().whole(4.0).len(), KEPT);
+    assert_eq!(tail.cycles().whole(4.0).len(), MAX_CYCLES);
     for measure in [cycle::SLIP, cycle::COST_OF_TRANSPORT] {
         assert_eq!(of(&tail, &measure), None, "{}", measure.key);
     }

@@ -191,7 +191,7 @@ fn what_follows_a_tunable_parameter_at_once_is_told_and_nothing_fixed_changes() 
                 let value = if parameter.range.contains(&value) { value } else { 0.9 * parameter.value };
                 let mut other = document.clone();
                 other.set(&format!("{}={value:e}", parameter.key)).unwrap();
-                let tuned = other.scene().and_then(|scene| stepper.retune(&scene));
+                let tuned = other.scene().and_then(|scene| stepper.change_parameters(&scene));
                 if let Err(error) = tuned {
                     faults.push(format!("{name}: {} is told tunable: {error}", parameter.key));
                     continue;
@@ -212,7 +212,7 @@ fn what_follows_a_tunable_parameter_at_once_is_told_and_nothing_fixed_changes() 
                         faults.push(format!("{name}: {}[{k}] by {}: {a} {b}", output.name, parameter.key));
                     }
                 }
-                stepper.retune(&own).unwrap();
+                stepper.change_parameters(&own).unwrap();
                 stepper.restore(&before).unwrap();
             }
         }

@@ -5,7 +5,7 @@ use std::f64::consts::TAU;
 
 use caudal::error::Error;
 use caudal::head::{Row, Signal, hermite};
-use caudal::stepper::{Change, Stepper};
+use caudal::stepper::{InputChange, Stepper};
 use common::{Dice, largest, order, scene_of, stepper_of};
 
 /// A silicone tail of 30 cm in a viscous fluid.
@@ -210,9 +210,9 @@ fn a_burst_after_a_long_rest_is_not_stepped_over_whatever_the_model() {
         let mut own = bump(&[&model]);
         own.do_step(3.0).unwrap();
         let [fine_work, work] = [&fine, &own].map(|tail| of(tail, "head_work_j"));
-        println!("{model}: {work:e} {fine_work:e} J in {} steps", own.meter().totals.steps);
+        println!("{model}: {work:e} {fine_work:e} J in {} steps", own.metrics().totals.steps);
         near(work, fine_work, 0.03, &model);
-        assert!(own.meter().totals.steps < 300);
+        assert!(own.metrics().totals.steps < 300);
     }
 }
 
@@ -229,9 +229,9 @@ fn a_step_that_ends_where_a_head_begins_to_accelerate_counts_what_held_it_until_
             let mut tail =
                 tail(&[&changes[..], &["medium.viscosity_pa_s=0.1", &model, "solver.duration_s=2.0"]].concat());
             tail.do_step(2.0).unwrap();
-            let push = tail.meter().totals.impulse.head;
+            let push = tail.metrics().totals.impulse.head;
             let defect = of(&tail, "numerical_dissipation_j") / of(&tail, "viscous_work_j");
-            ([of(&tail, "head_work_j"), push.x, push.y], defect, tail.meter().totals.steps)
+            ([of(&tail, "head_work_j"), push.x, push.y], defect, tail.metrics().totals.steps)
         };
         let (fine, own) = (run(&["solver.integrator=esdirk3", "solver.time_step_s=1e-4"]), run(&[]));
         println!("{model}: {own:?} {fine:?}");
@@ -252,7 +252,7 @@ fn a_wave_too_weak_for_the_tolerance_is_resolved() {
         for tail in [&mut own, &mut fine] {
             tail.do_step(3.0).unwrap();
         }
-        let steps = own.meter().totals.steps;
+        let steps = own.metrics().totals.steps;
         println!("{model}: {} {} {steps}", of(&own, "cycle_speed_m_s"), of(&fine, "cycle_speed_m_s"));
         near(of(&own, "cycle_speed_m_s"), of(&fine, "cycle_speed_m_s"), 0.05, &model);
         assert!(steps >= 96, "{model}: {steps} steps");
@@ -275,7 +275,7 @@ fn harmonics_of_a_wave_too_weak_for_the_tolerance_are_resolved_by_their_sizes() 
             let wave = wave(harmonics);
             let mut tail = tail(&[&[&*wave, &model, "head.kind=clamped"], pace].concat());
             tail.do_step(2.0).unwrap();
-            (of(&tail, "viscous_work_j"), tail.meter().totals.steps)
+            (of(&tail, "viscous_work_j"), tail.metrics().totals.steps)
         };
         let fine = run(&high, &["solver.integrator=esdirk3", "solver.time_step_s=5e-4"]);
         let (own, first, faint) = (run(&high, &[]), run(&[], &[]), run(&high.map(|size| 1e-6 * size), &[]));
@@ -295,7 +295,7 @@ fn a_ramp_that_is_over_costs_nothing() {
                 (format!("solver.model={model}"), format!("start={{ kind = \"ramp\", ramp_s = {ramp} }}"));
             let mut tail = tail(&[WAVE, &model, &start]);
             tail.do_step(2.0).unwrap();
-            tail.meter().totals.steps
+            tail.metrics().totals.steps
         };
         let (short, long) = (steps("0.001"), steps("0.5"));
         println!("{model}: {short} {long}");
@@ -473,7 +473,7 @@ fn the_tolerance_is_the_same_in_a_frame_that_moves() {
             tail.do_step(2.0).unwrap();
             of(&tail, "actuation_work_j")
         };
-        (tail.meter().totals.steps, of(&tail, "actuation_work_j") / fine)
+        (tail.metrics().totals.steps, of(&tail, "actuation_work_j") / fine)
     };
     let (still, stream) = (run("[0.0, 0.0]"), run("[10.0, 0.0]"));
     println!("{still:?} {stream:?}");
@@ -491,7 +491,7 @@ fn a_step_ends_where_the_host_asked_and_never_a_rounded_multiple_of_the_own_step
         tail.do_step(h).unwrap();
     }
     assert!((tail.time() - end).abs() < 1e-14, "{:e}", tail.time() - end);
-    assert_eq!(tail.meter().totals.steps, 2000);
+    assert_eq!(tail.metrics().totals.steps, 2000);
 }
 
 #[test]
@@ -509,7 +509,7 @@ fn a_host_that_begins_elsewhere_places_the_rod_there_at_rest() {
             "medium.viscosity_pa_s=1e-3",
             &model,
         ]);
-        assert_eq!((host.state(), host.meter()), (own.state(), own.meter()), "{model}");
+        assert_eq!((host.state(), host.metrics()), (own.state(), own.metrics()), "{model}");
         for k in 0..40 {
             let t = f64::from(k) * 5e-3;
             for tail in [&mut host, &mut own] {
@@ -641,7 +641,7 @@ fn a_first_step_is_as_short_as_the_scene_needs() {
             let first = of(&tail, "time_step_s");
             assert!(first > 0.0 && first <= most, "{model} {changes:?}: {first}");
             tail.do_step(1.0).unwrap();
-            let totals = tail.meter().totals;
+            let totals = tail.metrics().totals;
             println!("{model} {changes:?}: {first} {} {}", totals.steps, totals.rejections);
             assert!(totals.steps < 60 && totals.rejections < 5, "{model} {changes:?}");
         }
@@ -792,7 +792,8 @@ duration_s = 1.0
     }
     // Both at once may go anywhere.
     let both = [("interface_1_offset_m", [0.5]), ("interface_2_offset_m", [0.6])];
-    let changes = both.each_ref().map(|(name, values)| Change { variable: tail.find(name).unwrap(), order: 0, values });
+    let changes =
+        both.each_ref().map(|(name, values)| InputChange { variable: tail.find(name).unwrap(), order: 0, values });
     assert_eq!((tail.state(), tail.get("interface_1_offset_m").unwrap()), (&state, inputs));
     tail.set_all(changes.into_iter()).unwrap();
     // By a rate.
@@ -994,7 +995,7 @@ fn driven(drives: &Drives, pace: &[&str], end: f64) -> Result<Stepper, Error> {
         tail.do_step(time - tail.time())?;
         let change = |(name, value): &(&str, f64)| Ok((tail.find(name)?, [*value]));
         let values = values.iter().map(change).collect::<Result<Vec<_>, Error>>()?;
-        tail.set_all(values.iter().map(|(variable, values)| Change { variable, order: 0, values }))?;
+        tail.set_all(values.iter().map(|(variable, values)| InputChange { variable, order: 0, values }))?;
     }
     tail.do_step(end - tail.time())?;
     Ok(tail)
@@ -1005,7 +1006,7 @@ fn driven(drives: &Drives, pace: &[&str], end: f64) -> Result<Stepper, Error> {
 fn between_runs(drives: &Drives, own: &Stepper, fine: &Stepper) -> [f64; 2] {
     let apart = largest(own.state().q.iter().zip(&fine.state().q).map(|(a, b)| a - b)) / 0.3;
     let work = |tail: &Stepper| {
-        let push = tail.meter().totals.impulse.head;
+        let push = tail.metrics().totals.impulse.head;
         of(tail, "actuation_work_j") + of(tail, "head_work_j") - push.x * drives.frame[0] - push.y * drives.frame[1]
     };
     let scale = of(fine, "viscous_work_j").max(work(fine).abs());
@@ -1038,7 +1039,7 @@ fn the_default_run_is_the_run_of_fine_steps_whatever_the_drives() {
         };
         let found = between_runs(&drives, &own, &fine);
         if std::env::var("CAUDAL_SCENES").is_ok() {
-            let [own, fine] = [&own, &fine].map(|tail| tail.meter().totals.steps);
+            let [own, fine] = [&own, &fine].map(|tail| tail.metrics().totals.steps);
             println!("{scene}: {:.1e} {:.1e} {own} of {fine} {}", found[0], found[1], changes[0]);
         }
         let beyond = |found: [f64; 2]| (0..2).any(|i| found[i] > BOUNDS[i]);

@@ -8,7 +8,7 @@ use caudal::error::Error;
 use caudal::integrator::{Method, Pace};
 use caudal::linear::Choice;
 use caudal::newton::Newton;
-use caudal::reduced::RUNGS;
+use caudal::reduced::MODELS;
 use caudal::scene::Document;
 use caudal::stepper::Stepper;
 use caudal::system::Form;
@@ -112,11 +112,11 @@ fn a_step_of_any_length_ends_exactly_at_its_end_in_the_fewest_equal_parts() {
     for _ in 0..100 {
         let mut stepper = stepper_of(SOFT, &["rod.nodes=3"]);
         stepper.do_step(dice.between(1e-4, 5e-3)).unwrap();
-        let (t, before) = (stepper.time(), stepper.meter().totals.steps);
+        let (t, before) = (stepper.time(), stepper.metrics().totals.steps);
         let h = 2e-3 * dice.between(0.01, 6.0);
         stepper.do_step(h).unwrap();
         assert_eq!(stepper.time(), t + h, "{h}");
-        assert_eq!((stepper.meter().totals.steps - before) as f64, (h / 2e-3 - 1e-9).ceil(), "{h}");
+        assert_eq!((stepper.metrics().totals.steps - before) as f64, (h / 2e-3 - 1e-9).ceil(), "{h}");
     }
 }
 
@@ -282,7 +282,7 @@ fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_
         ("duration", scene.with_duration(0.123)),
         ("pace", scene.with_pace(Pace::Fixed(1e-3))),
         ("method", scene.with_method(newmark, &newmark.defaults())),
-        ("model", scene.with_model(RUNGS[0])),
+        ("model", scene.with_model(MODELS[0])),
         ("modulus", scene.with_modulus(1.0 + 2.0 * f64::EPSILON)),
         ("amplitude", scene.with_amplitude(0.9)),
         ("spin", scene.with_spin(0.1)),
@@ -300,7 +300,7 @@ fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_
 
 #[test]
 fn a_step_that_fails_at_once_leaves_state_and_measure_as_they_were_to_the_bit_whatever_the_rung() {
-    for rung in RUNGS {
+    for rung in MODELS {
         for pace in ["solver.time_step_s=2e-3", "solver.tolerance=1e-4"] {
             let model = format!("solver.model={}", rung.name);
             let mut stepper = stepper_of(SOFT, &["solver.integrator=esdirk3", &model, pace]);
@@ -310,10 +310,10 @@ fn a_step_that_fails_at_once_leaves_state_and_measure_as_they_were_to_the_bit_wh
             let mut push = [0.0; 9];
             push[8] = 1e160;
             stepper.set("force_y_n", &push).unwrap();
-            let (state, meter) = (stepper.state().clone(), stepper.meter().clone());
+            let (state, metrics) = (stepper.state().clone(), stepper.metrics().clone());
             for _ in 0..2 {
                 let error = stepper.do_step(2e-3).unwrap_err();
-                assert_eq!((stepper.state(), stepper.meter()), (&state, &meter), "{}, {pace}: {error}", rung.name);
+                assert_eq!((stepper.state(), stepper.metrics()), (&state, &metrics), "{}, {pace}: {error}", rung.name);
             }
             // And what follows is what follows without them.
             stepper.set("force_y_n", &[0.0; 9]).unwrap();
@@ -479,14 +479,14 @@ fn a_change_of_frequency_keeps_the_phase() {
     for changes in [&[5.0][..], &[0.0, 1.5], &[3.0, 0.25, 40.0]] {
         let mut stepper = stepper_of(SOFT, &[]);
         stepper.do_step(0.237).unwrap();
-        let before = (stepper.get_scalar("bending_energy_j").unwrap(), stepper.meter().totals.work);
+        let before = (stepper.get_scalar("bending_energy_j").unwrap(), stepper.metrics().totals.work);
         for frequency in changes {
             stepper.set("actuation_frequency_hz", &[*frequency]).unwrap();
         }
         let after = stepper.get_scalar("bending_energy_j").unwrap();
         // Measured: 0, and 0 for the work.
         assert!((after / before.0 - 1.0).abs() < 1e-13, "{changes:?}: {after} {}", before.0);
-        let work = stepper.meter().totals.work.actuation - before.1.actuation;
+        let work = stepper.metrics().totals.work.actuation - before.1.actuation;
         assert!(work.abs() < 1e-13 * before.0, "{changes:?}: {work}");
         // The new frequency drives from now on: power is 2πf times a function of the phase.
         let power = stepper.get_scalar("actuation_power_w").unwrap();

@@ -13,7 +13,7 @@ use std::path::Path;
 use engine::error::Error;
 use engine::scene::Document;
 use engine::stepper::snapshot::Snapshot;
-use engine::stepper::{Change, Stepper};
+use engine::stepper::{InputChange, Stepper};
 use engine::variable::{Causality, Variable};
 
 /// How a call ended.
@@ -386,7 +386,7 @@ pub unsafe extern "C" fn caudal_set_derivative(
     unsafe {
         on(simulation, |simulation| {
             let variable = simulation.variable(index)?;
-            let change = Change { variable, order, values: values(given, length)? };
+            let change = InputChange { variable, order, values: values(given, length)? };
             match simulation.stepper.set_all(std::iter::once(change)) {
                 Ok(()) => Ok(()),
                 // The value is to blame, not a step.

@@ -8,7 +8,7 @@ use std::ptr::null_mut;
 use std::time::{Duration, Instant};
 
 use caudal::fmu::Standard;
-use caudal::stepper::{Change, Stepper};
+use caudal::stepper::{InputChange, Stepper};
 use common::{Fmi3, Unpacked, document, reference};
 
 /// The shortest time of many short samples of `count` calls, ns a call.
@@ -93,8 +93,11 @@ fn main() {
         let (begin, mut stepping) = (Instant::now(), Duration::ZERO);
         for _ in 0..20 {
             let begin = Instant::now();
-            let changes =
-                places.iter().map(|(variable, place)| Change { variable, order: 0, values: &given[place.clone()] });
+            let changes = places.iter().map(|(variable, place)| InputChange {
+                variable,
+                order: 0,
+                values: &given[place.clone()],
+            });
             stepper.set_all(changes).unwrap();
             stepper.do_step(h).unwrap();
             stepping += begin.elapsed();

@@ -250,7 +250,7 @@ impl Instance {
         if self.has_started() {
             self.stepper
                 .get_mut()
-                .map_or_else(|| refuse("there is no model"), |stepper| Ok(stepper.retune(&scene)?))?;
+                .map_or_else(|| refuse("there is no model"), |stepper| Ok(stepper.change_parameters(&scene)?))?;
         } else {
             let mut stepper = Stepper::of(&scene)?;
             stepper.set_entries(self.inputs.changes(stepper.model(), true).into_iter())?;

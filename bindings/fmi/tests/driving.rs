@@ -278,7 +278,7 @@ fn stiffness_and_drag_change_between_steps_and_the_motion_goes_on() {
     assert_eq!([positions, velocities], ["x_m", "vy_m_s"].map(|name| fmi.read(instance, name, 9)));
     assert!((fmi.read(instance, "numerical_dissipation_j", 1)[0] - defect).abs() < 1e-15);
     let tuned = document("driven-head", &["rod.nodes=9", "rod.youngs_modulus_pa=1e6", "drag.ratio=3.0"]);
-    stepper.retune(&tuned.scene().unwrap()).unwrap();
+    stepper.change_parameters(&tuned.scene().unwrap()).unwrap();
     let mut state = std::ptr::null_mut();
     assert_eq!(unsafe { (fmi.save)(instance, &mut state) }, 0);
     for round in 0..2 {

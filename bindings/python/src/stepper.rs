@@ -5,7 +5,7 @@ use std::hash::{DefaultHasher, Hash, Hasher};
 use std::ops::ControlFlow;
 use std::sync::{Mutex, MutexGuard, TryLockError};
 
-use caudal::stepper::Change;
+use caudal::stepper::InputChange;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods};
 use pyo3::exceptions::{PyRuntimeError, PyRuntimeWarning, PyTypeError, PyValueError};
@@ -352,7 +352,7 @@ impl Stepper {
             let numbers = Numbers::of(&value)?.spread(variable.len(stepper.model()), &mut room)?.to_vec();
             changes.push((variable, numbers));
         }
-        let changes = changes.iter().map(|(variable, values)| Change { variable, order: 0, values });
+        let changes = changes.iter().map(|(variable, values)| InputChange { variable, order: 0, values });
         stepper.set_all(changes).or_raise(py)
     }
 
@@ -444,6 +444,6 @@ impl Stepper {
         let variable = stepper.find(name).or_raise(py)?;
         let (numbers, mut room) = (Numbers::of(value)?, Vec::new());
         let values = numbers.spread(variable.len(stepper.model()), &mut room)?;
-        stepper.set_all([Change { variable, order, values }].into_iter()).or_raise(py)
+        stepper.set_all([InputChange { variable, order, values }].into_iter()).or_raise(py)
     }
 }

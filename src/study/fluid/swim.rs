@@ -6,10 +6,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
-use crate::cycle::{ACTUATION_POWER, EFFICIENCY, Means};
+use crate::cycle::{ACTUATION_POWER, EFFICIENCY};
 use crate::error::{Error, Result};
 use crate::fluid::force::visit_alone;
 use crate::fluid::{Force, body};
+use crate::reduced::MotionAndPower;
 use crate::report::Frame;
 use crate::rod::{Edge, Rod, node};
 use crate::scene::Scene;
@@ -48,7 +49,7 @@ pub struct Swim {
     /// Its cost, and how it failed.
     pub trial: Trial,
     /// Motion and power.
-    pub means: Option<Means>,
+    pub means: Option<MotionAndPower>,
     /// Mean power of the actuation (W) and efficiency.
     pub actuation_power: Option<f64>,
     pub efficiency: Option<f64>,
@@ -141,7 +142,7 @@ impl Swim {
             return Err(error);
         }
         let dynamics = stepper.view().dynamics;
-        self.means = Means::of(stepper.cycles(), dynamics);
+        self.means = MotionAndPower::of(stepper.cycles(), dynamics);
         let averages = stepper.cycles().averages(dynamics);
         (self.actuation_power, self.efficiency) = (averages.mean(&ACTUATION_POWER), averages.mean(&EFFICIENCY));
         self.frames = frames;

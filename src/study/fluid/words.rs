@@ -4,8 +4,8 @@ use serde_json::{Value, json};
 
 use super::swim::Swim;
 use super::{Ladder, Rung};
-use crate::cycle::Means;
 use crate::fluid::laws::Reach;
+use crate::reduced::MotionAndPower;
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
 use crate::study::trial::Trial;
@@ -43,7 +43,7 @@ impl<'a> Report<'a> {
 
     pub fn rows(&self) -> Vec<Row<'a>> {
         let truth = self.reference.and_then(|i| self.swims[i].means);
-        let against = |means: Means| truth.map(|truth| means.differences(&truth));
+        let against = |means: MotionAndPower| truth.map(|truth| means.differences(&truth));
         let rungs = self.ladder.rungs.iter().zip(self.swims).enumerate();
         rungs
             .map(|(i, (rung, swim))| Row {

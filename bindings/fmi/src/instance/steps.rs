@@ -65,7 +65,7 @@ impl Instance {
         let (start, from) = (instance.experiment.start, stepper.time());
         // What was set before the step is of an earlier time for whoever looks in the middle of it.
         let set = std::mem::take(&mut instance.inputs);
-        let before = (stepper.work().newton_iterations, stepper.meter().totals.steps);
+        let before = (stepper.work().newton_iterations, stepper.metrics().totals.steps);
         let outcome = match look {
             None => stepper.do_step(h).map(|()| true).map_err(Refusal::discard),
             // SAFETY: the same promise.
@@ -73,7 +73,7 @@ impl Instance {
         };
         let jump = stepper.take_head_jump();
         let (time, iterations, steps) =
-            (stepper.time(), stepper.work().newton_iterations - before.0, stepper.meter().totals.steps - before.1);
+            (stepper.time(), stepper.work().newton_iterations - before.0, stepper.metrics().totals.steps - before.1);
         // SAFETY: the same promise.
         let instance = unsafe { &mut *this };
         instance.stepper.own = Some(stepper);

@@ -5,7 +5,7 @@ use std::ops::Range;
 use caudal::fmu::Target;
 use caudal::model::Model;
 use caudal::model::course::HIGHEST_ORDER;
-use caudal::stepper::Change;
+use caudal::stepper::InputChange;
 use caudal::variable::{Causality, Size, VARIABLES};
 use serde::{Deserialize, Serialize};
 
@@ -80,7 +80,7 @@ impl SetInputs {
     }
 
     /// The changes of `model` that they are, those that the stepper has left out unless `all` are meant: runs of entries.
-    pub(super) fn changes(&self, model: &Model, all: bool) -> Vec<(Change<'_>, usize)> {
+    pub(super) fn changes(&self, model: &Model, all: bool) -> Vec<(InputChange<'_>, usize)> {
         let mut changes = Vec::new();
         for input in self.0.iter().filter(|input| all || input.pending) {
             let variable = &VARIABLES[input.place];
@@ -88,7 +88,7 @@ impl SetInputs {
             for (order, values) in input.orders.iter().enumerate() {
                 let Some(entries) = values.get(nodes.clone()) else { continue };
                 for run in runs(entries) {
-                    changes.push((Change { variable, order, values: &entries[run.clone()] }, run.start));
+                    changes.push((InputChange { variable, order, values: &entries[run.clone()] }, run.start));
                 }
             }
         }

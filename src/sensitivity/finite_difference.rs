@@ -12,9 +12,9 @@
 use nalgebra::Vector2;
 
 use super::controls::Controls;
-use super::ends::Ends;
-use super::output::{At, Gradient, Output, Point, centre_of};
-use super::problem::Steps;
+use super::output::{Gradient, LocalDerivatives, Output, OutputContext, centre_of};
+use super::step_ends::StepEnds;
+use super::time_grid::TimeGrid;
 use crate::actuation::Actuation;
 use crate::error::{Error, Result};
 use crate::fluid::force;
@@ -23,18 +23,19 @@ use crate::rod::{add, node};
 use crate::system::{State, System};
 
 /// δ over the size of the number.
-const STEP: f64 = 2e-4;
+const RELATIVE_STEP: f64 = 2e-4;
 
 /// Places over δ, with the weights of their values over 1/δ.
-const PLACES: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
+const CENTRAL_STENCIL: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
 
 /// The same to one side, where the other has no scene.
-const BELOW: [[f64; 2]; 5] = [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3.0, -4.0 / 3.0], [-4.0, 0.25]];
+const BACKWARD_STENCIL: [[f64; 2]; 5] =
+    [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3.0, -4.0 / 3.0], [-4.0, 0.25]];
 
 /// A scene with one of its numbers moved a little, to each of the places of the difference.
 #[derive(Debug)]
-pub struct Moved {
-    pub(super) places: Vec<Place>,
+pub struct FiniteDifference {
+    pub(super) scenes: Vec<PerturbedScene>,
     nodes: usize,
     residual: Vec<f64>,
     /// What moves the flow alone.
@@ -54,41 +55,41 @@ struct Flow {
 
 /// The scene at one place.
 #[derive(Debug)]
-pub(super) struct Place {
+pub(super) struct PerturbedScene {
     pub(super) dynamics: Dynamics,
     /// The actuation as the scene has it.
     pub(super) actuation: Option<Box<dyn Actuation>>,
     weight: f64,
-    ends: Ends,
+    ends: StepEnds,
     state: State,
 }
 
-impl Moved {
+impl FiniteDifference {
     /// Of a scene whose number is `own` and of this `size`, which `model` makes again with another: the model as it is used, and
-    /// another one whose actuation is kept as the scene has it. See [`flowing`](Self::flowing) for what moves the flow alone.
+    /// another one whose actuation is kept as the scene has it. See [`of_flow`](Self::of_flow) for what moves the flow alone.
     ///
     /// # Errors
     /// Those of `model`.
     pub fn of(own: f64, size: f64, mut model: impl FnMut(f64) -> Result<[Model; 2]>) -> Result<Self> {
-        let step = STEP * size;
-        let mut place = |[at, weight]: [f64; 2]| {
+        let step = RELATIVE_STEP * size;
+        let mut scene = |[at, weight]: [f64; 2]| {
             let [used, kept] = model(own + at * step)?;
             let nodes = used.rod.nodes;
-            Ok::<_, Error>(Place {
+            Ok::<_, Error>(PerturbedScene {
                 dynamics: Dynamics::new(used.into()),
                 actuation: kept.actuation.map(|(actuation, _)| actuation),
                 weight: weight / step,
-                ends: Ends::new(nodes),
+                ends: StepEnds::new(nodes),
                 state: State::zeros(2 * nodes),
             })
         };
-        let above = BELOW.map(|[at, weight]| [-at, -weight]);
+        let above = BACKWARD_STENCIL.map(|[at, weight]| [-at, -weight]);
         let mut failed = None;
-        for places in [&PLACES[..], &BELOW, &above] {
-            match places.iter().map(|at| place(*at)).collect::<Result<Vec<Place>>>() {
-                Ok(places) => {
-                    let nodes = places.first().map_or(0, |place| place.state.q.len() / 2);
-                    return Ok(Self { places, nodes, residual: Vec::new(), flow: None });
+        for scenes in [&CENTRAL_STENCIL[..], &BACKWARD_STENCIL, &above] {
+            match scenes.iter().map(|at| scene(*at)).collect::<Result<Vec<PerturbedScene>>>() {
+                Ok(scenes) => {
+                    let nodes = scenes.first().map_or(0, |scene| scene.state.q.len() / 2);
+                    return Ok(Self { scenes, nodes, residual: Vec::new(), flow: None });
                 }
                 Err(error) => failed = failed.or(Some(error)),
             }
@@ -97,47 +98,47 @@ impl Moved {
     }
 
     /// Of a scene with so many nodes whose number cannot be another one by itself, as a flow across an interface: no derivatives.
-    pub fn nowhere(nodes: usize) -> Self {
-        Self { places: Vec::new(), nodes, residual: Vec::new(), flow: None }
+    pub fn zero(nodes: usize) -> Self {
+        Self { scenes: Vec::new(), nodes, residual: Vec::new(), flow: None }
     }
 
     /// The same, of a number that moves the flow alone.
-    pub fn flowing(self) -> Self {
+    pub fn of_flow(self) -> Self {
         let zeros = || vec![0.0; 2 * self.nodes];
         Self { flow: Some(Flow { nodes: zeros(), centre: Vector2::zeros(), still: zeros() }), ..self }
     }
 
     /// The derivative of a number.
-    pub(super) fn by(&mut self, mut value: impl FnMut(&mut Place) -> Result<f64>) -> Result<f64> {
+    pub(super) fn of_value(&mut self, mut value: impl FnMut(&mut PerturbedScene) -> Result<f64>) -> Result<f64> {
         let mut sum = 0.0;
-        for place in &mut self.places {
-            sum += place.weight * value(place)?;
+        for scene in &mut self.scenes {
+            sum += scene.weight * value(scene)?;
         }
         Ok(sum)
     }
 
     /// The derivative of a number of the model.
-    pub fn by_model(&self, value: impl Fn(&Model) -> f64) -> f64 {
-        self.places.iter().map(|place| place.weight * value(&place.dynamics.model)).sum()
+    pub fn of_model(&self, value: impl Fn(&Model) -> f64) -> f64 {
+        self.scenes.iter().map(|scene| scene.weight * value(&scene.dynamics.model)).sum()
     }
 
     /// Moves on to the time of the state of `bent`, number `n` of `steps`, with the steps beside it where they are `wanted`; writes
     /// f_p to `force`, two entries per node.
-    pub(super) fn look(
+    pub(super) fn move_to(
         &mut self,
         bent: &Bent<'_>,
-        (controls, steps, n): (&Controls, Steps, usize),
+        (controls, steps, n): (&Controls, TimeGrid, usize),
         wanted: bool,
         force: &mut [f64],
     ) -> Result<()> {
         force.fill(0.0);
         let state = bent.state;
-        let Self { places, residual, flow, .. } = self;
+        let Self { scenes, residual, flow, .. } = self;
         residual.resize(force.len(), 0.0);
         if let Some(Flow { nodes, centre, still }) = flow {
             nodes.fill(0.0);
             *centre = Vector2::zeros();
-            for Place { dynamics, weight, .. } in places {
+            for PerturbedScene { dynamics, weight, .. } in scenes {
                 let Inputs { fluid, layers, .. } = &dynamics.inputs;
                 let at = |x| layers.as_ref().map_or(*fluid, |layers| layers.at(*fluid, layers.height(x)).fluid);
                 (0..dynamics.nodes()).for_each(|k| add(nodes, k, at(node(&state.q, k)).flow * *weight));
@@ -149,7 +150,7 @@ impl Moved {
             }
             return Ok(());
         }
-        for Place { dynamics, weight, ends, state: own, .. } in places {
+        for PerturbedScene { dynamics, weight, ends, state: own, .. } in scenes {
             if wanted {
                 ends.look(dynamics, controls, steps, n);
             } else {
@@ -166,7 +167,7 @@ impl Moved {
     /// The derivatives of the first positions and velocities.
     pub(super) fn first(&mut self) -> [Vec<f64>; 2] {
         let mut by = [vec![0.0; 2 * self.nodes], vec![0.0; 2 * self.nodes]];
-        for Place { dynamics, weight, .. } in &mut self.places {
+        for PerturbedScene { dynamics, weight, .. } in &mut self.scenes {
             let state = dynamics.first_state();
             for (by, values) in by.iter_mut().zip([&state.q, &state.v]) {
                 by.iter_mut().zip(values).for_each(|(by, value)| *by += *weight * value);
@@ -181,18 +182,18 @@ impl Moved {
         &mut self,
         (output, gradient, factor): (&Output, &Gradient, f64),
         share: Option<usize>,
-        point: &Point,
+        point: &LocalDerivatives,
         scratch: &mut Gradient,
     ) -> Result<f64> {
         if let Some(Flow { nodes, centre, .. }) = &self.flow {
             return Ok(gradient.by_flow(nodes, *centre));
         }
-        let by = self.by(|Place { dynamics, ends, state, .. }| {
-            let at = At { bent: dynamics.shape(state)?, point };
+        let by = self.of_value(|PerturbedScene { dynamics, ends, state, .. }| {
+            let at = OutputContext { bent: dynamics.shape(state)?, point };
             Ok(match share {
                 None => output.now.iter().map(|(c, quantity)| c * quantity.add(&at, 0.0, scratch)).sum(),
                 Some(i) => {
-                    let span = &ends.spans[i];
+                    let span = &ends.intervals[i];
                     output.work.iter().map(|(c, work)| c * work.add(&at, span, i == 0, 0.0, scratch)).sum()
                 }
             })

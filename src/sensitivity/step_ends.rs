@@ -1,41 +1,41 @@
 //! The steps on both sides of a state, for work that is summed over them.
 
 use super::controls::Controls;
-use super::output::Span;
-use super::parameter::Shape;
-use super::problem::Steps;
+use super::output::StepInterval;
+use super::parameter::ActuationShape;
+use super::time_grid::TimeGrid;
 use crate::model::Dynamics;
 use crate::system::{State, System};
 
 /// Drives and heads over the steps beside a state, for work that is summed over them.
 #[derive(Debug)]
-pub(super) struct Ends {
+pub(super) struct StepEnds {
     /// Shapes at the last time, now, and the next.
-    pub(super) shapes: [Shape; 3],
+    pub(super) shapes: [ActuationShape; 3],
     natural: [Vec<f64>; 3],
     force: [Vec<f64>; 3],
     /// The step to here, and the one from here.
-    pub(super) spans: [Span; 2],
+    pub(super) intervals: [StepInterval; 2],
     scratch: State,
 }
 
-impl Ends {
+impl StepEnds {
     pub(super) fn new(nodes: usize) -> Self {
         Self {
-            shapes: std::array::from_fn(|_| Shape::new(nodes)),
+            shapes: std::array::from_fn(|_| ActuationShape::new(nodes)),
             natural: std::array::from_fn(|_| vec![0.0; nodes]),
             force: std::array::from_fn(|_| vec![0.0; 2 * nodes]),
-            spans: std::array::from_fn(|_| Span {
+            intervals: std::array::from_fn(|_| StepInterval {
                 natural: vec![0.0; nodes],
                 force: vec![0.0; 2 * nodes],
-                ..Span::default()
+                ..StepInterval::default()
             }),
             scratch: State::zeros(2 * nodes),
         }
     }
 
     /// Looks around from time `n` of `count` + 1; `dynamics` is left at that time.
-    pub(super) fn look(&mut self, dynamics: &mut Dynamics, controls: &Controls, problem: Steps, n: usize) {
+    pub(super) fn look(&mut self, dynamics: &mut Dynamics, controls: &Controls, problem: TimeGrid, n: usize) {
         let mut poses = [None; 3];
         for (i, m) in [(0, n.saturating_sub(1)), (2, (n + 1).min(problem.count())), (1, n)] {
             let t = problem.time(m);
@@ -48,7 +48,7 @@ impl Ends {
             }
             poses[i] = dynamics.held;
         }
-        for (i, span) in self.spans.iter_mut().enumerate() {
+        for (i, span) in self.intervals.iter_mut().enumerate() {
             span.h = if i == 0 { problem.length(n) } else { problem.length(n + 1) };
             for (k, change) in span.natural.iter_mut().enumerate() {
                 *change = self.natural[i + 1][k] - self.natural[i][k];

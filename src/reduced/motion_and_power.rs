@@ -1,17 +1,17 @@
-//! Motion and power of a run, by which two fluids are compared.
+//! Mean motion and power of a run over its last cycles, by which two models of the fluid are compared.
 
 use serde::{Deserialize, Serialize};
 
-use super::{Cycle, Cycles, FORWARD_SPEED, Measure, SPEED, THRUST};
+use super::comparison::NOISE;
+use crate::cycle::{Cycle, CycleMeasure, Cycles, FORWARD_SPEED, SPEED, THRUST};
 use crate::model::Dynamics;
-use crate::reduced::measure::NOISE;
 
 /// A mean is compared with no less than this part of the mean modulus.
-const CANCELLED: f64 = 0.01;
+const CANCELLATION_FLOOR: f64 = 0.01;
 
 /// What a motion comes to over its last whole cycles but the first, or over all of it where it has none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Means {
+pub struct MotionAndPower {
     /// Forward speed of a free swimmer, speed of a free rod that nothing bends (m/s), or thrust on a held head (N).
     pub motion: f64,
     /// Mean modulus of the velocity against the flow (m/s), or of the force on the head (N).
@@ -22,9 +22,9 @@ pub struct Means {
     pub noise: [f64; 2],
 }
 
-impl Means {
+impl MotionAndPower {
     /// What of a run's motion is compared.
-    pub fn measure(dynamics: &Dynamics) -> Measure {
+    pub fn measure(dynamics: &Dynamics) -> CycleMeasure {
         match (&dynamics.model.head, &dynamics.model.actuation) {
             (Some(_), _) => THRUST,
             (None, Some(_)) => FORWARD_SPEED,
@@ -59,7 +59,7 @@ impl Means {
             relative(
                 self.motion,
                 reference.motion,
-                reference.motion.abs().max(CANCELLED * reference.modulus).max(reference.noise[0]),
+                reference.motion.abs().max(CANCELLATION_FLOOR * reference.modulus).max(reference.noise[0]),
             ),
             relative(self.power, reference.power, reference.power.abs().max(reference.noise[1])),
         ]

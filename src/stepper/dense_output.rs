@@ -1,49 +1,49 @@
 //! Dense output: what a run was like at any time of its last internal step, at no cost to the steps.
 //!
-//! Either the [`Mover`](crate::reduced::Mover) knows the state in between, or it follows from the ends of the step
-//! ([`Between`]).
+//! Either the [`ModelStepper`](crate::reduced::ModelStepper) knows the state in between, or it follows from the ends of the step
+//! ([`StepInterpolation`]).
 
 use super::Stepper;
-use super::between::Between;
+use super::interpolation::StepInterpolation;
 use crate::error::{Error, Result};
-use crate::metrics::{Meter, Reading};
+use crate::metrics::{Measurements, RunMetrics};
 use crate::system::{State, System};
 use crate::variable::View;
 
 /// Room for the state and the readings in between.
 #[derive(Debug)]
-pub(super) struct Dense {
+pub(super) struct DenseOutput {
     state: State,
-    meter: Meter,
-    between: Between,
+    metrics: RunMetrics,
+    interpolation: StepInterpolation,
 }
 
-impl Dense {
+impl DenseOutput {
     /// Room for states like `state`.
-    pub(super) fn new(state: &State, meter: &Meter) -> Self {
-        Self { state: state.clone(), meter: meter.clone(), between: Between::default() }
+    pub(super) fn new(state: &State, metrics: &RunMetrics) -> Self {
+        Self { state: state.clone(), metrics: metrics.clone(), interpolation: StepInterpolation::default() }
     }
 
     /// Forgets the step, as another one is made.
     pub(super) fn forget(&mut self) {
-        self.between.forget();
+        self.interpolation.forget();
     }
 
     /// What was read last.
-    pub(super) fn last(&self) -> (&State, &Reading) {
-        (&self.state, &self.meter.now)
+    pub(super) fn last(&self) -> (&State, &Measurements) {
+        (&self.state, &self.metrics.now)
     }
 }
 
 impl Stepper {
-    /// Reads the middle of the step from the state to the next, into the room of [`Dense`].
+    /// Reads the middle of the step from the state to the next, into the room of [`DenseOutput`].
     pub(super) fn middle(&mut self) -> Result<()> {
         let (from, to) = (&self.now.state, &self.next);
         let t = 0.5 * (from.t + to.t);
-        let dense = self.dense.get_or_insert_with(|| Dense::new(from, &self.now.meter));
-        self.mover.between(&mut self.dynamics, from, t, &mut dense.state);
+        let dense = self.dense.get_or_insert_with(|| DenseOutput::new(from, &self.now.metrics));
+        self.model_stepper.interpolate(&mut self.dynamics, from, t, &mut dense.state);
         self.dynamics.move_to(t, &mut dense.state);
-        dense.meter.now.take(&mut self.dynamics, &dense.state)?;
+        dense.metrics.now.measure(&mut self.dynamics, &dense.state)?;
         self.dynamics.move_to(self.next.t, &mut self.next);
         Ok(())
     }
@@ -62,30 +62,30 @@ impl Stepper {
         if !(from.t..self.now.state.t).contains(&t) {
             return outside(from.t);
         }
-        let dense = self.dense.get_or_insert_with(|| Dense::new(&self.now.state, &self.now.meter));
-        let Dense { state, meter, between } = dense;
-        let placed = if self.mover.knows_between() {
-            self.mover.between(&mut self.dynamics, from, t, state);
+        let dense = self.dense.get_or_insert_with(|| DenseOutput::new(&self.now.state, &self.now.metrics));
+        let DenseOutput { state, metrics, interpolation } = dense;
+        let placed = if self.model_stepper.has_dense_output() {
+            self.model_stepper.interpolate(&mut self.dynamics, from, t, state);
             self.dynamics.move_to(t, state);
             Ok(())
         } else {
-            between.write(&mut self.dynamics, [from, &self.now.state], t, state)
+            interpolation.write(&mut self.dynamics, [from, &self.now.state], t, state)
         };
-        let reading = placed.and_then(|()| meter.now.take(&mut self.dynamics, state));
-        let outcome = reading.map(|()| {
-            let (last, ends) = (&self.now.meter, [&self.reading, &self.now.meter.now]);
-            meter.totals = totals.until(&last.totals, ends, &meter.now);
+        let measurements = placed.and_then(|()| metrics.now.measure(&mut self.dynamics, state));
+        let outcome = measurements.map(|()| {
+            let (last, ends) = (&self.now.metrics, [&self.measurements, &self.now.metrics.now]);
+            metrics.totals = totals.until(&last.totals, ends, &metrics.now);
             // What steps have lost is known at their ends; in between it is on the line.
             let part = (t - from.t) / (self.now.state.t - from.t);
-            let before = totals.work.net() - (self.reading.energy.total() - last.first_energy);
+            let before = totals.work.net() - (self.measurements.energy.total() - last.first_energy);
             let defect = before + part * (last.numerical_dissipation() - before);
-            meter.first_energy = defect - meter.totals.work.net() + meter.now.energy.total();
+            metrics.first_energy = defect - metrics.totals.work.net() + metrics.now.energy.total();
             look(&View {
                 time: t,
                 dynamics: &self.dynamics,
                 inputs: &self.dynamics.inputs,
                 state,
-                meter,
+                metrics,
                 cycles: &self.now.cycles,
                 work: self.newton.work,
                 time_step: self.now.time_step,

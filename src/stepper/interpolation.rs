@@ -17,26 +17,26 @@ use crate::system::{Link, State, System};
 
 /// The most that the rates at the ends of a step may differ from the mean one, as rotations (rad) and lengths over L over
 /// the step: beyond it they say nothing of the step. Where a step resolves the motion it is about (ωh)²/2.
-const UNRESOLVED: f64 = 0.5;
+const MAX_RATE_DEVIATION: f64 = 0.5;
 
 /// The same for velocities, over the largest at the ends; a rod that sets out from rest with v ∝ tⁿ has n − 1.
-const UNRESOLVED_SPEED: f64 = 4.0;
+const MAX_ACCELERATION_DEVIATION: f64 = 4.0;
 
 /// Part of an edge's EA beyond which a compression is not taken from balance.
-const CRUSHED: f64 = 0.5;
+const MAX_COMPRESSION: f64 = 0.5;
 
 /// A place in a step.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct StepFraction {
     /// Part of the step before it.
     z: f64,
     /// The step, s.
     h: f64,
 }
 
-impl Place {
+impl StepFraction {
     /// The line between the values at the ends.
-    fn line(self, from: f64, to: f64) -> f64 {
+    fn linear(self, from: f64, to: f64) -> f64 {
         from + self.z * (to - from)
     }
 
@@ -54,7 +54,7 @@ impl Place {
 
 /// Tension and shear (N) of every edge and m_k (N m) of every joint.
 #[derive(Debug, Default)]
-struct Forces {
+struct InternalForces {
     tension: Vec<f64>,
     /// F·n, to the left of the edge.
     shear: Vec<f64>,
@@ -62,7 +62,7 @@ struct Forces {
     runs: Runs,
 }
 
-impl Forces {
+impl InternalForces {
     /// Those that hold a rod of these `edges` and curvatures `bent` as it moves in `state`: from balance, whatever EA and EI.
     fn balance(&mut self, dynamics: &Dynamics, edges: &[Edge], bent: &[f64], state: &State, applied: &mut Vec<f64>) {
         let rod = &dynamics.model.rod;
@@ -87,17 +87,17 @@ impl Forces {
 
 /// A rod at one time.
 #[derive(Debug, Default)]
-struct Rod {
+struct InterpolatedRod {
     edges: Vec<Edge>,
     /// Natural curvature κ̄_k.
     natural: Vec<f64>,
     /// Curvature κ_k by the directions of the edges.
     bent: Vec<f64>,
     /// By balance alone.
-    balance: Forces,
+    balance: InternalForces,
 }
 
-impl Rod {
+impl InterpolatedRod {
     /// Takes over κ̄, which `dynamics` was last moved to, and the curvatures of its own edges.
     fn bend(&mut self, dynamics: &Dynamics) {
         self.natural.clone_from(&dynamics.natural);
@@ -112,13 +112,13 @@ impl Rod {
 
 /// An end of a step, with the forces that its state has.
 #[derive(Debug, Default)]
-struct End {
-    rod: Rod,
+struct StepEnd {
+    rod: InterpolatedRod,
     /// Of its state.
-    forces: Forces,
+    forces: InternalForces,
 }
 
-impl End {
+impl StepEnd {
     fn read(&mut self, dynamics: &mut Dynamics, state: &State, applied: &mut Vec<f64>) -> Result<()> {
         dynamics.look_at(state.t);
         let bent = dynamics.shape(state)?;
@@ -152,15 +152,15 @@ impl End {
 
 /// What is known of the last step.
 #[derive(Debug, Default)]
-pub(super) struct Between {
-    ends: [End; 2],
+pub(super) struct StepInterpolation {
+    ends: [StepEnd; 2],
     /// The ends are those of the last step.
     known: bool,
-    now: Rod,
+    now: InterpolatedRod,
     applied: Vec<f64>,
 }
 
-impl Between {
+impl StepInterpolation {
     /// Forgets the step, as another one is made.
     pub(super) fn forget(&mut self) {
         self.known = false;
@@ -185,31 +185,31 @@ impl Between {
         }
         let [first, last] = &*ends;
         let h = to.t - from.t;
-        let place = Place { z: (t - from.t) / h, h };
+        let fraction = StepFraction { z: (t - from.t) / h, h };
         out.q.resize(from.q.len(), 0.0);
-        move_nodes(dynamics, [from, to], place, out);
+        interpolate_motion(dynamics, [from, to], fraction, out);
         dynamics.move_to(t, out);
         now.edges.clear();
         for (k, (a, b)) in first.rod.edges.iter().zip(&last.rod.edges).enumerate() {
             let spin = |edge: &Edge, v: &[f64]| edge.n().dot(&(node(v, k + 1) - node(v, k))) * edge.per_length;
             let turn = a.t.perp(&b.t).atan2(a.t.dot(&b.t));
-            let [angle, _] = place.cubic([0.0, turn], [spin(a, &from.v), spin(b, &to.v)], UNRESOLVED);
+            let [angle, _] = fraction.cubic([0.0, turn], [spin(a, &from.v), spin(b, &to.v)], MAX_RATE_DEVIATION);
             let (sin, cos) = angle.sin_cos();
-            now.edges.push(Edge::along(a.t * cos + a.n() * sin, place.line(a.length, b.length)));
+            now.edges.push(Edge::along(a.t * cos + a.n() * sin, fraction.linear(a.length, b.length)));
         }
         now.bend(dynamics);
-        lay(dynamics, &now.edges, [from, to], place, out);
+        place_nodes(dynamics, &now.edges, [from, to], fraction, out);
         now.balance.balance(dynamics, &now.edges, &now.bent, out, applied);
         let rod = &dynamics.model.rod;
         // What is added to the line is no larger than what there is at the ends.
-        let pull = |forces: &Forces| super::largest(&forces.tension).max(super::largest(&forces.shear));
+        let pull = |forces: &InternalForces| super::largest(&forces.tension).max(super::largest(&forces.shear));
         let pulls = [pull(&first.forces), pull(&last.forces)];
         let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));
         let [pull, couple] = [pulls, couples].map(|[a, b]| a.max(b));
         out.links.clear();
         out.links.resize(rod.nodes, Link::default());
         for k in rod.joints() {
-            let line = |of: fn(&End) -> &[f64]| place.line(of(first)[k], of(last)[k]);
+            let line = |of: fn(&StepEnd) -> &[f64]| fraction.linear(of(first)[k], of(last)[k]);
             let stiffness = rod.joint[k];
             let by_balance = now.balance.moment[k] - line(|end| &end.rod.balance.moment);
             let by_natural = now.natural[k] - line(|end| &end.rod.natural);
@@ -221,12 +221,12 @@ impl Between {
             (link.curvature, link.moment) = (curvature, moment * bend::curvature_per_turning(curvature));
         }
         for (k, edge) in now.edges.iter_mut().enumerate() {
-            let line = |of: fn(&End) -> &[f64]| place.line(of(first)[k], of(last)[k]);
+            let line = |of: fn(&StepEnd) -> &[f64]| fraction.linear(of(first)[k], of(last)[k]);
             let sound = line(|end| &end.forces.tension);
             let more = now.balance.tension[k] - line(|end| &end.rod.balance.tension);
             let sum = sound + more.max(-pull).min(pull);
             let cell = &rod.cells[k];
-            let tension = if sum > -CRUSHED * cell.axial * cell.rest { sum } else { sound };
+            let tension = if sum > -MAX_COMPRESSION * cell.axial * cell.rest { sum } else { sound };
             *edge = Edge::along(edge.t, cell.length(tension));
             let more = now.balance.shear[k] - line(|end| &end.rod.balance.shear);
             let shear = line(|end| &end.forces.shear) + more.max(-pull).min(pull);
@@ -234,14 +234,14 @@ impl Between {
             link.force = (edge.t * tension + edge.n() * shear).into();
             link.angle = edge.t.y.atan2(edge.t.x);
         }
-        lay(dynamics, &now.edges, [from, to], place, out);
+        place_nodes(dynamics, &now.edges, [from, to], fraction, out);
         Ok(())
     }
 }
 
 /// Writes the nodes of these `edges` to `out`: from a held head, or about the centre of mass of a free rod, the cubic of its
 /// positions and velocities at the ends.
-fn lay(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], place: Place, out: &mut State) {
+fn place_nodes(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], fraction: StepFraction, out: &mut State) {
     let rod = &dynamics.model.rod;
     let mut here = node(&out.q, 0);
     for (q, edge) in out.q.as_chunks_mut().0.iter_mut().skip(1).zip(edges) {
@@ -252,7 +252,7 @@ fn lay(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], place: Place, out
         let [x, v] = [ends.map(|end| rod.mean(&end.q)), ends.map(|end| rod.mean(&end.v))];
         let mean = rod.mean(&out.q);
         let shift = [0, 1].map(|i| {
-            let [value, _] = place.cubic(x.map(|x| x[i]), v.map(|v| v[i]), UNRESOLVED * rod.length);
+            let [value, _] = fraction.cubic(x.map(|x| x[i]), v.map(|v| v[i]), MAX_RATE_DEVIATION * rod.length);
             value - mean[i]
         });
         for q in out.q.as_chunks_mut::<2>().0 {
@@ -263,18 +263,18 @@ fn lay(dynamics: &Dynamics, edges: &[Edge], ends: [&State; 2], place: Place, out
 
 /// Writes velocities and accelerations to `out`: the cubic of velocities and accelerations and its rate; without inertia,
 /// where velocities are those of the positions, the rate of the cubic of positions and velocities, and zero.
-fn move_nodes(dynamics: &Dynamics, [from, to]: [&State; 2], place: Place, out: &mut State) {
+fn interpolate_motion(dynamics: &Dynamics, [from, to]: [&State; 2], fraction: StepFraction, out: &mut State) {
     let inertia = dynamics.mechanics != Mechanics::Overdamped;
     let limit = if inertia {
-        UNRESOLVED_SPEED * super::largest(&from.v).max(super::largest(&to.v))
+        MAX_ACCELERATION_DEVIATION * super::largest(&from.v).max(super::largest(&to.v))
     } else {
-        UNRESOLVED * dynamics.model.rod.length
+        MAX_RATE_DEVIATION * dynamics.model.rod.length
     };
     for i in 0..from.q.len() {
         let [v, a] = if inertia {
-            place.cubic([from.v[i], to.v[i]], [from.a[i], to.a[i]], limit)
+            fraction.cubic([from.v[i], to.v[i]], [from.a[i], to.a[i]], limit)
         } else {
-            [place.cubic([from.q[i], to.q[i]], [from.v[i], to.v[i]], limit)[1], 0.0]
+            [fraction.cubic([from.q[i], to.q[i]], [from.v[i], to.v[i]], limit)[1], 0.0]
         };
         (out.v[i], out.a[i]) = (v, a);
     }

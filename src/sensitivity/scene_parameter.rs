@@ -1,6 +1,6 @@
 //! The numbers of a scene that its simulation can be differentiated by, by their keys.
 
-use super::moved::Moved;
+use super::finite_difference::FiniteDifference;
 use super::parameter::Parameter;
 use crate::error::{Error, Result};
 use crate::fluid::DENSITY;
@@ -19,7 +19,7 @@ const ALONG: f64 = 1e-12;
 
 /// A number of a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Number {
+pub struct SceneParameter {
     /// Its key.
     pub key: String,
     /// Where it is in the value of that key: nowhere, a component's place, or that of a point [ξ, value].
@@ -40,9 +40,9 @@ pub struct Number {
     size: f64,
 }
 
-impl Number {
+impl SceneParameter {
     /// The key, with the number's place in its value.
-    pub fn words(&self) -> String {
+    pub fn label(&self) -> String {
         match (self.xi, self.place.first()) {
             (Some(xi), _) => format!("{} at xi = {xi}", self.key),
             (None, Some(i)) => format!("{}[{i}]", self.key),
@@ -53,14 +53,14 @@ impl Number {
 
 /// The numbers of a scene.
 #[derive(Debug)]
-pub struct Numbers<'a> {
+pub struct SceneParameters<'a> {
     scene: &'a Scene,
     model: &'a Model,
     scalars: Vec<Scalar>,
     profiles: Vec<Points>,
 }
 
-impl<'a> Numbers<'a> {
+impl<'a> SceneParameters<'a> {
     /// Those of `scene`, whose model is `model`.
     pub fn of(scene: &'a Scene, model: &'a Model) -> Self {
         Self { scene, model, scalars: scene.parameters(), profiles: scene.profiles() }
@@ -75,12 +75,12 @@ impl<'a> Numbers<'a> {
     }
 
     /// The numbers of a key: one, two components, or one for each point along the rod; none where the motion does not depend on it.
-    pub fn of_key(&self, key: &str) -> Vec<Number> {
+    pub fn of_key(&self, key: &str) -> Vec<SceneParameter> {
         let list = |values: Vec<f64>| toml::Value::Array(values.into_iter().map(toml::Value::Float).collect());
         let scalars: Vec<&Scalar> = self.scalars.iter().filter(|scalar| scalar.key == key && self.fits(key)).collect();
         if let Some(points) = self.profiles.iter().find(|points| points.key == key).filter(|_| scalars.is_empty()) {
             let whole = toml::Value::Array(points.points.iter().map(|point| list(point.to_vec())).collect());
-            let number = |(i, [xi, value]): (usize, &[f64; 2])| Number {
+            let number = |(i, [xi, value]): (usize, &[f64; 2])| SceneParameter {
                 key: key.to_string(),
                 place: vec![i, 1],
                 xi: Some(*xi),
@@ -100,7 +100,7 @@ impl<'a> Numbers<'a> {
                 Some(i) => (vec![i], whole.clone()),
             };
             let by = Parameter::of_key(key, self.model).filter(|_| place.is_empty() && !self.reaches_further(key));
-            Number {
+            SceneParameter {
                 key: key.to_string(),
                 place,
                 xi: None,
@@ -142,13 +142,13 @@ impl<'a> Numbers<'a> {
 }
 
 /// Numbers those of `numbers` that are parameters of the scene: their places in what [`moved`] returns.
-pub fn count(numbers: &mut [Number]) {
+pub fn assign_indices(numbers: &mut [SceneParameter]) {
     let of_scene = numbers.iter_mut().filter(|number| matches!(number.by, Parameter::OfScene(_)));
     of_scene.enumerate().for_each(|(i, number)| number.by = Parameter::OfScene(i));
 }
 
 /// The keys of a scene with `values` for the first of `numbers`, all others as they are.
-pub fn keys_with(numbers: &[Number], values: &[f64]) -> Vec<(String, toml::Value)> {
+pub fn keys_with(numbers: &[SceneParameter], values: &[f64]) -> Vec<(String, toml::Value)> {
     let mut keys: Vec<(String, toml::Value)> = Vec::new();
     for (number, value) in numbers.iter().zip(values) {
         let at = keys.iter().position(|(key, _)| *key == number.key).unwrap_or_else(|| {
@@ -169,7 +169,11 @@ pub fn keys_with(numbers: &[Number], values: &[f64]) -> Vec<(String, toml::Value
 ///
 /// # Errors
 /// Those of [`Document::scene`] and of the model.
-pub fn moved(document: &Document, numbers: &[Number], values: &[f64]) -> Result<Vec<Moved>> {
+pub fn finite_differences(
+    document: &Document,
+    numbers: &[SceneParameter],
+    values: &[f64],
+) -> Result<Vec<FiniteDifference>> {
     let of_scene: Vec<usize> = (0..numbers.len()).filter(|i| matches!(numbers[*i].by, Parameter::OfScene(_))).collect();
     if of_scene.is_empty() {
         return Ok(Vec::new());
@@ -195,18 +199,18 @@ pub fn moved(document: &Document, numbers: &[Number], values: &[f64]) -> Result<
             }
         }
         if direction.iter().all(|part| part.abs() < ALONG) {
-            return Ok(Moved::nowhere(own.nodes()));
+            return Ok(FiniteDifference::zero(own.nodes()));
         }
         let size = if values[i] == 0.0 { number.size } else { values[i].abs() };
-        let moved = Moved::of(0.0, size, |change| {
+        let moved = FiniteDifference::of(0.0, size, |change| {
             let values: Vec<f64> = values.iter().zip(&direction).map(|(own, part)| own + change * part).collect();
             let scene = scene_of(&values)?.with_fluid_of(&own);
             Ok([scene.model()?, scene.model()?])
         });
         match moved {
             // What has to be zero, as gravity along level layers.
-            Err(Error::Scene { .. }) if values[i] == 0.0 => Ok(Moved::nowhere(own.nodes())),
-            Ok(moved) if [FLOW, SHEAR].contains(&&*number.key) => Ok(moved.flowing()),
+            Err(Error::Scene { .. }) if values[i] == 0.0 => Ok(FiniteDifference::zero(own.nodes())),
+            Ok(moved) if [FLOW, SHEAR].contains(&&*number.key) => Ok(moved.of_flow()),
             moved => moved,
         }
     };

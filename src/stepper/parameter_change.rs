@@ -6,10 +6,10 @@ use crate::scene::Scene;
 use crate::system::Form;
 
 impl Stepper {
-    /// True if [`retune`](Self::retune) can be: of a stepper of a scene's own model, but not in the chain form, whose state has moments,
+    /// True if [`change_parameters`](Self::change_parameters) can be: of a stepper of a scene's own model, but not in the chain form, whose state has moments,
     /// not curvatures.
-    pub fn can_be_retuned(&self) -> bool {
-        self.made_from.is_some() && self.form() != Form::Chain
+    pub fn can_change_parameters(&self) -> bool {
+        self.source_scene.is_some() && self.form() != Form::Chain
     }
 
     /// Goes on as `scene`, whose tunable parameters alone differ from this one's
@@ -19,12 +19,12 @@ impl Stepper {
     /// # Errors
     /// Those of the scene; [`Error::Scene`] where anything else differs, and for a stepper of another model than a scene's own;
     /// [`Error::Fmu`] in the chain form. Nothing is changed then.
-    pub fn retune(&mut self, scene: &Scene) -> Result<()> {
-        let Some(own) = &self.made_from else {
+    pub fn change_parameters(&mut self, scene: &Scene) -> Result<()> {
+        let Some(own) = &self.source_scene else {
             let problem = "the stepper was made with a model of its own, which no scene says; allowed: another stepper";
             return Err(scene.error("", problem.to_string()));
         };
-        if !self.can_be_retuned() {
+        if !self.can_change_parameters() {
             let problem = "parameters are fixed in the chain form; allowed: with solver.form = \"positions\"";
             return Err(Error::Fmu(problem.to_string()));
         }
@@ -37,11 +37,11 @@ impl Stepper {
         let mut now = self.save();
         now.scene = other.scene;
         other.restore(&now)?;
-        other.reading.take(&mut other.dynamics, &other.now.state)?;
-        let before = other.now.meter.now.energy.total();
-        std::mem::swap(&mut other.now.meter.now, &mut other.reading);
-        other.now.meter.first_energy += other.now.meter.now.energy.total() - before;
-        other.now.unsettled = true;
+        other.measurements.measure(&mut other.dynamics, &other.now.state)?;
+        let before = other.now.metrics.now.energy.total();
+        std::mem::swap(&mut other.now.metrics.now, &mut other.measurements);
+        other.now.metrics.first_energy += other.now.metrics.now.energy.total() - before;
+        other.now.needs_reinitialisation = true;
         *self = other;
         Ok(())
     }

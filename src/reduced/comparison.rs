@@ -4,17 +4,17 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::head::Signal;
-use crate::metrics::Reading;
+use crate::metrics::Measurements;
 use crate::model::Model;
 use crate::rod::node;
 use crate::system::State;
 
 /// Part of the centre of mass's path that displacements are measured against where they are smaller.
-pub const PATH: f64 = 0.01;
+pub const MIN_PATH_FRACTION: f64 = 0.01;
 
 /// Part of the mean modulus that means of force and moment are measured against where they are smaller: a mean thrust is a
 /// small difference of large forces.
-const MEAN: f64 = 1e-3;
+const MIN_MEAN_FRACTION: f64 = 1e-3;
 
 /// What is at most this part of the length, or of the force and moment that EI has over it, is noise.
 pub const NOISE: f64 = 1e-9;
@@ -23,9 +23,9 @@ pub const NOISE: f64 = 1e-9;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
-pub enum Measure {
+pub enum ErrorMeasure {
     /// Of the centre of mass through the fluid: the largest distance over the course, relative to the larger of the net
-    /// displacement and [`PATH`] of the path.
+    /// displacement and [`MIN_PATH_FRACTION`] of the path.
     Displacement,
     /// The tip's path: the largest distance over the course, relative to the tip's largest distance from its start.
     Tip,
@@ -36,7 +36,7 @@ pub enum Measure {
     Moment,
 }
 
-impl Measure {
+impl ErrorMeasure {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Displacement, Self::Tip, Self::Force, Self::Moment];
 
@@ -58,7 +58,7 @@ impl Measure {
 
 /// What is compared at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Point {
+pub struct SeriesPoint {
     /// Time, s.
     pub time: f64,
     /// Centre of mass, m.
@@ -71,9 +71,9 @@ pub struct Point {
     pub moment: f64,
 }
 
-impl Point {
+impl SeriesPoint {
     /// What is read of `state`.
-    pub fn of(state: &State, now: &Reading) -> Self {
+    pub fn of(state: &State, now: &Measurements) -> Self {
         Self {
             time: state.t,
             com: now.com,
@@ -86,7 +86,7 @@ impl Point {
 
 /// The course of a run.
 #[derive(Debug, Clone)]
-pub struct Course {
+pub struct TimeSeries {
     held: bool,
     /// Rod's length, m, and EI/L, N m.
     length: f64,
@@ -94,10 +94,10 @@ pub struct Course {
     /// What carries a free rod, m/s.
     flow: [Signal; 2],
     /// At rising times.
-    pub points: Vec<Point>,
+    pub points: Vec<SeriesPoint>,
 }
 
-impl Course {
+impl TimeSeries {
     /// The empty course of a run of `model`.
     pub fn of(model: &Model) -> Self {
         let held = model.head.is_some();
@@ -111,12 +111,12 @@ impl Course {
     }
 
     /// The same without points.
-    pub fn emptied(&self) -> Self {
-        self.first(0)
+    pub fn without_points(&self) -> Self {
+        self.first_points(0)
     }
 
     /// Its first `count` points.
-    pub fn first(&self, count: usize) -> Self {
+    pub fn first_points(&self, count: usize) -> Self {
         let (points, flow) = (self.points[..count.min(self.points.len())].to_vec(), self.flow.clone());
         Self { points, flow, ..*self }
     }
@@ -128,58 +128,62 @@ impl Course {
     }
 
     /// How far the fluid itself went from the time of `start` to that of `end`, m.
-    fn carried(&self, start: &Point, end: &Point) -> Vector2<f64> {
+    fn flow_displacement(&self, start: &SeriesPoint, end: &SeriesPoint) -> Vector2<f64> {
         let [x, y] = self.flow.each_ref().map(|flow| flow.integral(end.time) - flow.integral(start.time));
         Vector2::new(x, y)
     }
 
     /// How far the centre of mass came through the fluid by `point`.
-    fn moved(&self, point: &Point) -> Vector2<f64> {
-        self.points.first().map_or(Vector2::zeros(), |start| point.com - start.com - self.carried(start, point))
+    fn displacement(&self, point: &SeriesPoint) -> Vector2<f64> {
+        self.points
+            .first()
+            .map_or(Vector2::zeros(), |start| point.com - start.com - self.flow_displacement(start, point))
     }
 
     /// How far the tip is from where it would be, had the fluid carried it on.
-    fn tip_moved(&self, point: &Point) -> f64 {
-        self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.carried(start, point)).norm())
+    fn tip_displacement(&self, point: &SeriesPoint) -> f64 {
+        self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.flow_displacement(start, point)).norm())
     }
 
     /// The measures that this course and the other have no more of than noise.
-    pub fn noise(&self, other: &Self) -> Vec<Measure> {
-        let quiet = |of: &dyn Fn(&Self, &Point) -> f64, noise: f64| {
+    pub fn noise(&self, other: &Self) -> Vec<ErrorMeasure> {
+        let quiet = |of: &dyn Fn(&Self, &SeriesPoint) -> f64, noise: f64| {
             [self, other].iter().all(|course| course.points.iter().all(|point| of(course, point) <= noise))
         };
         let [length, moment] = [NOISE * self.length, NOISE * self.stiffness];
-        let is_noise = |measure: &Measure| match measure {
-            Measure::Displacement => quiet(&|course, point| course.moved(point).norm(), length),
-            Measure::Tip => quiet(&Self::tip_moved, length),
-            Measure::Force => self.held && quiet(&|_, point| point.force.norm(), moment / self.length),
-            Measure::Moment => self.held && quiet(&|_, point| point.moment.abs(), moment),
+        let is_noise = |measure: &ErrorMeasure| match measure {
+            ErrorMeasure::Displacement => quiet(&|course, point| course.displacement(point).norm(), length),
+            ErrorMeasure::Tip => quiet(&Self::tip_displacement, length),
+            ErrorMeasure::Force => self.held && quiet(&|_, point| point.force.norm(), moment / self.length),
+            ErrorMeasure::Moment => self.held && quiet(&|_, point| point.moment.abs(), moment),
         };
-        Measure::ALL.into_iter().filter(is_noise).collect()
+        ErrorMeasure::ALL.into_iter().filter(is_noise).collect()
     }
 
     /// What an error of one length of all positions comes to in each measure, where it changes velocities and loads in the same part as
     /// the way of the tip: what an error of steps does, for it is one of the phase.
-    pub fn per_length(&self) -> Differences {
+    pub fn errors_per_length(&self) -> Differences {
         let Some(end) = self.points.last() else { return Differences::default() };
         let noise = NOISE * self.length;
-        let path: f64 = self.points.windows(2).map(|pair| (self.moved(&pair[1]) - self.moved(&pair[0])).norm()).sum();
-        let travel = self.points.iter().map(|point| self.tip_moved(point)).fold(noise, f64::max);
+        let path: f64 =
+            self.points.windows(2).map(|pair| (self.displacement(&pair[1]) - self.displacement(&pair[0])).norm()).sum();
+        let travel = self.points.iter().map(|point| self.tip_displacement(point)).fold(noise, f64::max);
         let tip = self.length / travel;
         // A mean is known as well as the loads that it is the small difference of.
-        let of_loads = |of: &dyn Fn(&Point) -> Vector2<f64>| {
+        let of_loads = |of: &dyn Fn(&SeriesPoint) -> Vector2<f64>| {
             let size = self.integral(|i| of(&self.points[i]).norm());
-            let means = [0, 1].map(|axis| self.integral(|i| of(&self.points[i])[axis]).abs().max(MEAN * size));
+            let means =
+                [0, 1].map(|axis| self.integral(|i| of(&self.points[i])[axis]).abs().max(MIN_MEAN_FRACTION * size));
             let parts = means.map(|mean| if size > 0.0 { size / mean } else { 1.0 });
             tip * parts[0].max(parts[1])
         };
         Differences {
-            displacement: self.length / self.moved(end).norm().max(PATH * path).max(noise),
+            displacement: self.length / self.displacement(end).norm().max(MIN_PATH_FRACTION * path).max(noise),
             tip,
             force: self.held.then(|| of_loads(&|point| point.force)),
             moment: self.held.then(|| {
                 let size = self.integral(|i| self.points[i].moment.abs());
-                let mean = self.integral(|i| self.points[i].moment).abs().max(MEAN * size);
+                let mean = self.integral(|i| self.points[i].moment).abs().max(MIN_MEAN_FRACTION * size);
                 if size > 0.0 { tip * size / mean } else { tip }
             }),
         }
@@ -191,12 +195,13 @@ impl Course {
         let count = ours.len().min(theirs.len());
         let Some((start, end)) = ours.first().zip(ours.last()) else { return Differences::default() };
         let noise = NOISE * self.length;
-        let path: f64 = ours.windows(2).map(|pair| (self.moved(&pair[1]) - self.moved(&pair[0])).norm()).sum();
-        let travel = ours.iter().map(|point| self.tip_moved(point)).fold(noise, f64::max);
-        let farthest = |of: fn(&Point) -> Vector2<f64>| {
+        let path: f64 =
+            ours.windows(2).map(|pair| (self.displacement(&pair[1]) - self.displacement(&pair[0])).norm()).sum();
+        let travel = ours.iter().map(|point| self.tip_displacement(point)).fold(noise, f64::max);
+        let farthest = |of: fn(&SeriesPoint) -> Vector2<f64>| {
             (0..count).map(|i| (of(&ours[i]) - of(&theirs[i])).norm()).fold(0.0, f64::max)
         };
-        let of_loads = |of: &dyn Fn(&Point) -> Vector2<f64>, noise: f64| {
+        let of_loads = |of: &dyn Fn(&SeriesPoint) -> Vector2<f64>, noise: f64| {
             let square = self.integral(|i| of(&ours[i]).norm_squared()).sqrt();
             let size = self.integral(|i| of(&ours[i]).norm());
             let span = (end.time - start.time).max(f64::MIN_POSITIVE);
@@ -204,12 +209,13 @@ impl Course {
             let means = [0, 1].map(|axis| {
                 let mean = self.integral(|i| of(&ours[i])[axis]);
                 let apart = self.integral(|i| of(&ours[i])[axis] - of(&theirs[i])[axis]);
-                apart.abs() / mean.abs().max(MEAN * size).max(noise * span)
+                apart.abs() / mean.abs().max(MIN_MEAN_FRACTION * size).max(noise * span)
             });
             (apart / square.max(noise * span.sqrt())).max(means[0]).max(means[1])
         };
         Differences {
-            displacement: farthest(|point| point.com) / self.moved(end).norm().max(PATH * path).max(noise),
+            displacement: farthest(|point| point.com)
+                / self.displacement(end).norm().max(MIN_PATH_FRACTION * path).max(noise),
             tip: farthest(|point| point.tip) / travel,
             force: self.held.then(|| of_loads(&|point| point.force, NOISE * self.stiffness / self.length)),
             moment: self.held.then(|| of_loads(&|point| Vector2::new(point.moment, 0.0), NOISE * self.stiffness)),
@@ -231,17 +237,17 @@ pub struct Differences {
 
 impl Differences {
     /// That of `measure`, where the scene has it.
-    pub fn get(&self, measure: Measure) -> Option<f64> {
+    pub fn get(&self, measure: ErrorMeasure) -> Option<f64> {
         match measure {
-            Measure::Displacement => Some(self.displacement),
-            Measure::Tip => Some(self.tip),
-            Measure::Force => self.force,
-            Measure::Moment => self.moment,
+            ErrorMeasure::Displacement => Some(self.displacement),
+            ErrorMeasure::Tip => Some(self.tip),
+            ErrorMeasure::Force => self.force,
+            ErrorMeasure::Moment => self.moment,
         }
     }
 
     /// The largest of those `of` interest, with its measure; none where the scene has none of them.
-    pub fn worst(&self, of: &[Measure]) -> Option<(Measure, f64)> {
+    pub fn largest(&self, of: &[ErrorMeasure]) -> Option<(ErrorMeasure, f64)> {
         let known = of.iter().filter_map(|measure| Some((*measure, self.get(*measure)?)));
         known.reduce(|worst, next| if next.1 > worst.1 || next.1.is_nan() { next } else { worst })
     }
@@ -269,7 +275,7 @@ impl Differences {
 
     /// In words, each with its measure's name.
     pub fn in_words(&self) -> String {
-        let known = Measure::ALL.iter().filter_map(|measure| Some((measure.meaning()[0], self.get(*measure)?)));
+        let known = ErrorMeasure::ALL.iter().filter_map(|measure| Some((measure.meaning()[0], self.get(*measure)?)));
         known.map(|(name, value)| format!("{name} {value:.1e}")).collect::<Vec<_>>().join(", ")
     }
 }

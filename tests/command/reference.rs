@@ -1,0 +1,240 @@
+//! The guide's reference of scene keys is generated from the JSON Schema, and is current.
+
+use std::fmt::Write;
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::{Map, Value};
+
+/// Set to write the reference in place of comparing it.
+const WRITE: &str = "CAUDAL_WRITE_REFERENCE";
+
+const INTRODUCTION: &str = r#"# Reference of scene keys
+
+<!-- Generated from `caudal schema` and `caudal schema --sweep`; do not edit.
+     CAUDAL_WRITE_REFERENCE=1 cargo test --test command reference -->
+
+A scene is a TOML file. Its keys end in their units, which are SI units; an unknown key is an error. `caudal schema` prints the
+same as a JSON Schema for editors, and `caudal check SCENE` tells what follows from several keys together.
+
+The column *Default* says **required** where a key has none. Some types are written in several ways:
+
+| Type | Written as |
+|---|---|
+| profile | one number, or points `[[ξ, value], …]` along the rod, linear in between: ξ = 0 at its first node, 1 at its tip |
+| function of time | a number, or `{ amplitude, frequency_hz, phase_rad, offset }` for offset + amplitude sin(2π frequency_hz t + phase_rad), or `{ table = "file.csv" }` with columns for time, value and rate |
+| vector of functions of time | two functions of time `[x, y]`, or one of the tables above with two numbers in place of one |
+"#;
+
+/// Units by the ends of keys, longer ends first.
+const UNITS: [(&str, &str); 22] = [
+    ("moment_of_inertia_kg_m2", "kg m²"),
+    ("_n_s_m2", "N s/m²"),
+    ("_kg_m3", "kg/m³"),
+    ("_rad_s", "rad/s"),
+    ("_pa_s", "Pa s"),
+    ("_m_s2", "m/s²"),
+    ("_m_s", "m/s"),
+    ("_n_m", "N m"),
+    ("_per_s", "1/s"),
+    ("_rad", "rad"),
+    ("_hz", "Hz"),
+    ("_pa", "Pa"),
+    ("_kg", "kg"),
+    ("_from_s", "s"),
+    ("interval_s", "s"),
+    ("duration_s", "s"),
+    ("time_step_s", "s"),
+    ("ramp_s", "s"),
+    ("window_s", "s"),
+    ("_w", "W"),
+    ("_m", "m"),
+    ("_n", "N"),
+];
+
+struct Reference<'a> {
+    definitions: &'a Map<String, Value>,
+    text: String,
+    /// The definitions that have a section, with its heading.
+    written: Vec<(String, String)>,
+}
+
+impl<'a> Reference<'a> {
+    fn resolve(&self, schema: &'a Value) -> &'a Value {
+        let name = schema["$ref"].as_str().and_then(|path| path.strip_prefix("#/$defs/"));
+        name.map_or(schema, |name| &self.definitions[name])
+    }
+
+    /// The table that a key holds, if it holds one.
+    fn table(&self, schema: &'a Value) -> Option<&'a Value> {
+        let schema = self.resolve(schema);
+        let alternatives = schema["anyOf"].as_array().into_iter().flatten();
+        let constant = schema["anyOf"].as_array().is_some_and(|all| all.iter().any(|one| one.get("const").is_some()));
+        let within = alternatives.filter(|_| constant).chain([schema]);
+        within.into_iter().find(|one| one["properties"].is_object())
+    }
+
+    /// Writes the section of a table, and of those in it.
+    fn section(&mut self, path: &str, heading: &str, description: &str, table: &'a Value) {
+        let _ = write!(self.text, "\n## {heading}\n\n");
+        if !description.is_empty() {
+            let _ = write!(self.text, "{description}\n\n");
+        }
+        self.text.push_str("| Key | Type | Unit | Range | Default | Meaning |\n|---|---|---|---|---|---|\n");
+        let required: Vec<&str> =
+            table["required"].as_array().into_iter().flatten().filter_map(Value::as_str).collect();
+        let properties = table["properties"].as_object().unwrap();
+        let mut names = String::new();
+        for (key, schema) in properties {
+            let own = self.resolve(schema);
+            let unit = UNITS.iter().find(|(end, _)| key.ends_with(end)).map_or("", |(_, unit)| unit);
+            let default = match &schema["default"] {
+                Value::Null if required.contains(&&**key) => "**required**".to_string(),
+                Value::Null => String::new(),
+                value => format!("`{}`", number(value)),
+            };
+            let mut meaning = schema["description"].as_str().or(own["description"].as_str()).unwrap_or("").to_string();
+            if let Some(allowed) = own["enum"].as_array() {
+                let allowed: Vec<String> = allowed.iter().map(|name| format!("`{}`", name.as_str().unwrap())).collect();
+                let _ = write!(meaning, " One of {}.", allowed.join(", "));
+            }
+            let named = named(own).or_else(|| named(self.resolve(&own["items"])));
+            if let Some(named) = named {
+                let _ = write!(names, "\n`{key}` is one of:\n\n");
+                for (name, meaning) in named {
+                    let _ = writeln!(names, "- `{name}`: {}", plain(meaning));
+                }
+            }
+            let (kind, range) = (self.kind(schema), range(own).unwrap_or_default());
+            let _ = writeln!(self.text, "| `{key}` | {kind} | {unit} | {range} | {default} | {} |", plain(&meaning));
+        }
+        self.text.push_str(&names);
+        for (key, schema) in properties {
+            let inner = format!("{path}{key}");
+            let (table, heading) = match self.table(&schema["items"]) {
+                Some(table) => (Some(table), format!("`[[{inner}]]`")),
+                None => (self.table(schema), format!("`[{inner}]`")),
+            };
+            let Some(table) = table else { continue };
+            let description = schema["description"].as_str().unwrap_or("").to_string();
+            let name = schema["$ref"].as_str().or(schema["items"]["$ref"].as_str()).unwrap_or("").to_string();
+            if let Some((_, same)) = self.written.iter().find(|(own, _)| *own == name && !name.is_empty()) {
+                let _ = write!(self.text, "\n## {heading}\n\n{description} Its keys are those of {same}.\n");
+                continue;
+            }
+            self.written.push((name, heading.clone()));
+            self.section(&format!("{inner}."), &heading, &description, table);
+        }
+    }
+
+    /// The type of a value.
+    fn kind(&self, schema: &'a Value) -> String {
+        let schema = self.resolve(schema);
+        if let Some(all) = schema["anyOf"].as_array() {
+            let has = |one: &Value, key: &str| one["properties"].get(key).is_some();
+            if all.iter().any(|one| has(one, "table")) {
+                let vector = all.iter().any(|one| one["type"] == "array");
+                return if vector { "vector of functions of time" } else { "function of time" }.to_string();
+            }
+            if all.iter().any(|one| one["items"]["prefixItems"].is_array()) {
+                return "profile".to_string();
+            }
+            let mut kinds: Vec<String> = all.iter().map(|one| self.kind(one)).collect();
+            kinds.dedup();
+            return kinds.join(" or ");
+        }
+        if let Some(constant) = schema["const"].as_str() {
+            return format!("`\"{constant}\"`");
+        }
+        if schema["oneOf"].is_array() || schema["enum"].is_array() {
+            return "name".to_string();
+        }
+        match schema["type"].as_str() {
+            Some("array") => {
+                let items = self.resolve(&schema["items"]);
+                let item = self.kind(items);
+                match schema["maxItems"].as_u64() {
+                    Some(2) => format!("[{item}, {item}]"),
+                    _ if items["properties"].is_object() => "tables".to_string(),
+                    _ => format!("list of {item}{}", if item.ends_with(']') { "" } else { "s" }),
+                }
+            }
+            Some("object") => "table".to_string(),
+            Some("string") => "text".to_string(),
+            Some("boolean") => "`true` or `false`".to_string(),
+            Some(kind) => kind.to_string(),
+            None => "value".to_string(),
+        }
+    }
+}
+
+/// The names that a value may have, with their meanings.
+fn named(schema: &Value) -> Option<Vec<(&str, &str)>> {
+    let all = schema["oneOf"].as_array()?;
+    Some(all.iter().map(|one| (one["const"].as_str().unwrap(), one["description"].as_str().unwrap_or(""))).collect())
+}
+
+/// The range of a number, or of the numbers in a list.
+fn range(schema: &Value) -> Option<String> {
+    if let Some(all) = schema["anyOf"].as_array() {
+        return all.iter().find(|one| one["type"] == "number").and_then(range);
+    }
+    if schema["items"].is_object() {
+        return range(&schema["items"]);
+    }
+    let bound = |key: &str| schema.get(key).map(number);
+    let (least, above) = (bound("minimum"), bound("exclusiveMinimum"));
+    let (most, below) = (bound("maximum"), bound("exclusiveMaximum"));
+    match (least, above, most, below) {
+        (Some(least), _, Some(most), _) => Some(format!("{least} … {most}")),
+        (_, Some(above), _, Some(below)) => Some(format!("> {above}, < {below}")),
+        (Some(least), ..) => Some(format!("≥ {least}")),
+        (_, Some(above), ..) => Some(format!("> {above}")),
+        _ => None,
+    }
+}
+
+/// A number without the decimals of a whole one; any other value as it is.
+fn number(value: &Value) -> String {
+    match value.as_f64() {
+        Some(x) if x.fract() == 0.0 && x.abs() < 1e15 => format!("{x}").replace('-', "−"),
+        Some(x) => format!("{x}").replace('-', "−"),
+        None => value.to_string(),
+    }
+}
+
+/// Text in a cell of a table.
+fn plain(text: &str) -> String {
+    text.replace('|', "\\|").replace('<', "&lt;")
+}
+
+fn schema(arguments: &[&str]) -> Value {
+    let output = Command::new(env!("CARGO_BIN_EXE_caudal")).args(arguments).output().unwrap();
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[test]
+fn the_reference_of_scene_keys_is_current() {
+    let (scene, sweep) = (schema(&["schema"]), schema(&["schema", "--sweep"]));
+    let definitions = scene["$defs"].as_object().unwrap();
+    let mut reference = Reference { definitions, text: INTRODUCTION.to_string(), written: Vec::new() };
+    reference.section("", "Scene", "The top level of the file.", &scene);
+    let mut text = reference.text;
+
+    let mut own = sweep.clone();
+    let set = &mut own["properties"]["set"];
+    set["description"] = "Keys of the base scene with other values for every case.".into();
+    set.as_object_mut().unwrap().remove("properties"); // those of a scene, which stand above
+    let definitions = sweep["$defs"].as_object().unwrap();
+    let mut reference = Reference { definitions, text: String::new(), written: Vec::new() };
+    reference.section("", "Sweep", "The top level of the file of a [sweep](sweeps.md).", &own);
+    text.push_str(&reference.text);
+
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/src/reference.md");
+    if std::env::var_os(WRITE).is_some() {
+        std::fs::write(&path, &text).unwrap();
+    }
+    let kept = std::fs::read_to_string(&path).unwrap_or_default();
+    let remedy = format!("{WRITE}=1 cargo test --test command reference");
+    assert!(kept == text, "{} is not what the schema says; write it by: {remedy}", path.display());
+}
