@@ -160,7 +160,7 @@ impl Assessment {
 
     /// Its refusal as an error of the document that says the scene.
     pub fn refused(&self, document: &Document) -> Option<Error> {
-        self.refusal.as_ref().map(|fault| document.refuse(fault))
+        self.refusal.as_ref().map(|fault| document.error_at(fault))
     }
 
     /// The models that the scene could be run with, cheapest first, their estimated errors, and which is taken.
@@ -212,7 +212,7 @@ impl Assessment {
                     };
                     fact("law of the fluid", format!("{}: {text}{below}", law.name()));
                 }
-                if let Some((law, [motion, power])) = scene.whole_drag() {
+                if let Some((law, [motion, power])) = scene.nonlocal_drag() {
                     let named = if estimates.held { "thrust" } else { "speed" };
                     fact(
                         "law of the fluid",
@@ -731,7 +731,7 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
         let recipe = Recipe { wavelength: scene.wavelength(), ..Recipe::plain(rod) };
         Forces(vec![(laws::DEFAULT.build)(&recipe)]).resistance(rod, fluid)
     };
-    let [_, across] = if scene.has_whole_drag() { local() } else { own() }?;
+    let [_, across] = if scene.has_nonlocal_drag() { local() } else { own() }?;
     Some(across)
 }
 

@@ -173,9 +173,9 @@ impl Verification {
         mut observe: impl FnMut(&mut Stepper) -> ControlFlow<()>,
     ) -> Result<Option<Self>> {
         let start = Instant::now();
-        let mut whole = Stepper::of(&scene.whole())?;
+        let mut whole = Stepper::of(&scene.reference())?;
         let mut again = match stepper.choice() {
-            Some(choice) => Stepper::of(&scene.taken(choice))?,
+            Some(choice) => Stepper::of(&scene.with_choice(choice))?,
             None => Stepper::of(scene)?,
         };
         let mut courses = [&whole, &again].map(|run| TimeSeries::of(run.model()));

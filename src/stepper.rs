@@ -1,4 +1,5 @@
-//! The stepper: init, do_step, get, set, save and restore over the table of variables. Every face goes through it.
+//! The stepper, which a host drives: it advances a simulation by `do_step`, reads and sets variables, and saves and restores its state.
+//! The command, Python, C and FMUs all use it.
 
 mod dense_output;
 pub mod derivatives;
@@ -34,27 +35,27 @@ use crate::scene::Scene;
 use crate::system::{Form, State, System};
 use crate::variable::{self, Causality, VARIABLES, Variable, View};
 
-/// How often a failing step is halved before the failure is reported: down to 1/1024 of it.
+/// How many times a failing step is halved before the error is returned: down to 1/1024 of its size.
 const MAX_HALVINGS: u32 = 10;
 
-/// An adaptive step may change by these factors, and aims at this part of the step that just meets the tolerance.
+/// The bounds of the factor between successive adaptive steps, and the safety factor of the step size.
 const STEP_FACTORS: [f64; 2] = [0.2, 5.0];
 const SAFETY: f64 = 0.9;
 
-/// The first adaptive step where the rod rests, s: it grows fivefold a step.
+/// The first adaptive step of a rod at rest, s. It grows by at most a factor of 5 per step.
 const FIRST_STEP_AT_REST: f64 = 1e-4;
 
-/// Velocities count as no smaller than this part of a length a step.
+/// Lower bound of the velocity that errors are relative to, in lengths per step.
 const MIN_RELATIVE_SPEED: f64 = 1e-3;
 
-/// A step shorter than this part of the time now waits for the next: it is rounding of the time. So is one shorter than this
-/// part of the time in which a stretching wave passes the rod.
+/// A step shorter than this fraction of the current time is rounding and is deferred to the next one. So is a step shorter than this
+/// fraction of the time in which a stretching wave crosses the rod.
 const TIME_ROUNDING: f64 = 1e-12;
 
-/// A step length within this of a multiple of Δt, relative, has as many parts. A step shorter than this part of Δt waits.
+/// Relative tolerance for a communication step to be a multiple of Δt. A shorter step than this fraction of Δt is deferred.
 const STEP_ROUNDING: f64 = 1e-9;
 
-/// A change of the flow at once is taken for an acceleration of this many times it a second, in linear equations.
+/// A jump of the flow enters linear equations as an acceleration of this many times the jump per second.
 const FLOW_JUMP_RATE: f64 = 1e6;
 
 /// A simulation that a host drives.
@@ -65,34 +66,34 @@ pub struct Stepper {
     choice: Option<ModelChoice>,
     newton: Newton,
     pace: Pace,
-    /// All that changes beside the inputs.
+    /// All that changes during a run, other than the inputs.
     now: RunState,
-    /// How often a failing step is halved.
+    /// How many times a failing step is halved.
     max_halvings: u32,
-    /// The shortest step (s) that is more than rounding.
+    /// Shorter steps (s) are rounding and are deferred.
     shortest: f64,
-    /// Half of what the speed (m/s) of the head varies by in the scene's own motion.
+    /// Half of the range of the head's speed (m/s) in the scene's own motion.
     head_swing: f64,
     undo: undo::Undo,
     variables: Vec<&'static Variable>,
-    /// The totals before the last internal step; its state and reading are then in `next` and `measurements`.
+    /// The totals before the last internal step. Its state and measurements are then in `next` and `measurements`.
     before: Option<RunningTotals>,
     dense: Option<DenseOutput>,
     tangent: Option<Box<derivatives::StateTangent>>,
-    /// The scene, as [`Scene::fingerprint`] names it; another model than a scene's own, as [`Model::fingerprint`] does.
+    /// The [`Scene::fingerprint`], or the [`Model::fingerprint`] of a model that differs from the scene's own.
     scene: u128,
-    /// The scene itself, where it was made from one.
+    /// The scene that it was built from, if any.
     source_scene: Option<Arc<Scene>>,
-    /// Where the step of several internal ones ends, s.
+    /// The end of the communication step, s.
     step_target: f64,
-    /// The next internal step, solved already.
+    /// The next internal step, if a batch has already solved it.
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     presolved: Option<presolved_step::PresolvedStep>,
-    /// What the end of the internal step is measured to be is in `measurements` already.
+    /// `measurements` already holds the measurements at the end of the internal step.
     measured: bool,
-    /// The largest jump of a head since it was last asked for.
+    /// The largest jump of the head since the last query.
     head_jump: Option<HeadJump>,
-    // Room to work in.
+    // Work arrays.
     inputs: (Inputs, Option<Box<Course>>),
     next: State,
     measurements: Measurements,
@@ -100,7 +101,7 @@ pub struct Stepper {
     accelerations: Vec<f64>,
 }
 
-/// Time as an integer number of steps, so that it never drifts: t = origin + count·Δt.
+/// Time as an integer number of steps, free of accumulated rounding: t = origin + count·Δt.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Clock {
     origin: f64,
@@ -115,12 +116,12 @@ impl Clock {
 }
 
 impl Stepper {
-    /// Prepares a run of `model` at time zero with internal steps of that `pace`, solved by `newton`.
+    /// Prepares a run of `model` at time zero with the step control `pace`, solved by `newton`.
     ///
-    /// Its snapshots are those of this `model` by this method in this form, whatever its `pace`.
+    /// Snapshots are compatible between steppers of the same `model`, integrator and form, whatever their `pace`.
     ///
     /// # Errors
-    /// Whatever is wrong with the first state.
+    /// Errors of the initial state.
     pub fn init(
         model: impl Into<Arc<Model>>,
         model_stepper: impl Into<Box<dyn ModelStepper>>,
@@ -202,17 +203,16 @@ impl Stepper {
         })
     }
 
-    /// The start of a scene's run.
+    /// Prepares the run of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`] and [`Newton::with`]; those of [`init`](Self::init) as [`Error::Scene`], as no step is to
-    /// blame.
+    /// Those of [`Scene::model`] and [`Newton::with`]; those of [`init`](Self::init) as [`Error::Scene`].
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::in_form(scene, None)
     }
 
-    /// The start of a run of another `model` than the scene's own, as with forces or an actuation of your own beside those of
-    /// [`Scene::model`], solved as the scene says; `solver.model = "auto"` is the whole model here, as estimates are of the scene's own.
+    /// Prepares the run of a `model` that differs from the scene's own, for example by additional forces or another actuation, with the
+    /// solver settings of the scene. `solver.model = "auto"` is the full model here, because estimates apply to the scene's own model.
     ///
     /// # Errors
     /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
@@ -225,13 +225,13 @@ impl Stepper {
         Ok(Self { scene: own, source_scene: None, ..start })
     }
 
-    /// The start of a scene's run in that form, or in the one that the scene takes.
+    /// Prepares the run of a scene in that form, or in the scene's own.
     fn in_form(scene: &Scene, form: Option<Form>) -> Result<Self> {
         Self::of_kind(scene, scene.model()?.into(), scene.choice()?, form)
     }
 
     fn of_kind(scene: &Scene, model: Arc<Model>, choice: ModelChoice, form: Option<Form>) -> Result<Self> {
-        let taken = scene.taken(&choice);
+        let taken = scene.with_choice(&choice);
         let solver = &taken.solver;
         let model_stepper = (choice.kind.build)(taken.integrator()?);
         let solved = model_stepper.mechanics() != Mechanics::Shape;
@@ -240,7 +240,7 @@ impl Stepper {
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
         let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
         let mut start =
-            Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.cannot_start(&error))?;
+            Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.start_error(&error))?;
         if matches!(start.pace, Pace::Adaptive(_)) {
             start.now.time_step = start.now.time_step.min(solver.duration_s.get());
         }
@@ -252,22 +252,22 @@ impl Stepper {
         })
     }
 
-    /// Chooses whether a step that fails is halved, as it is unless told otherwise, or reported at once.
+    /// Sets whether a failing step is halved, which is the default, or returns its error at once.
     pub fn halve_failing_steps(&mut self, yes: bool) {
         self.max_halvings = if yes { MAX_HALVINGS } else { 0 };
     }
 
-    /// Time now, s.
+    /// The current time, s.
     pub fn time(&self) -> f64 {
         self.now.pending_time.unwrap_or(self.now.state.t)
     }
 
-    /// Positions, velocities and accelerations now.
+    /// The current positions, velocities and accelerations.
     pub fn state(&self) -> &State {
         &self.now.state
     }
 
-    /// The running totals and the last reading.
+    /// The running totals and the current measurements.
     pub fn metrics(&self) -> &RunMetrics {
         &self.now.metrics
     }
@@ -277,12 +277,12 @@ impl Stepper {
         &self.now.cycles
     }
 
-    /// What Newton's method has done.
+    /// Counts of Newton iterations and factorisations.
     pub fn work(&self) -> Work {
         self.newton.work
     }
 
-    /// The form that Newton's method solves.
+    /// The form of the equations that Newton's method solves.
     pub fn form(&self) -> Form {
         self.newton.form()
     }
@@ -292,17 +292,17 @@ impl Stepper {
         &self.dynamics.model
     }
 
-    /// The rung of the ladder of models that a scene's run takes, and why.
+    /// The kind of model that the run of a scene uses, and why.
     pub fn choice(&self) -> Option<&ModelChoice> {
         self.choice.as_ref()
     }
 
-    /// How its internal steps are chosen.
+    /// The control of its step size.
     pub fn pace(&self) -> Pace {
         self.pace
     }
 
-    /// The name of the method that solves a run of `scene`, its own.
+    /// The name of the integrator that solves a run of its `scene`.
     pub fn method<'a>(&self, scene: &'a Scene) -> &'a str {
         self.choice.as_ref().and_then(|choice| choice.kind.method).unwrap_or(scene.integrator_name())
     }
@@ -312,7 +312,7 @@ impl Stepper {
         &self.variables
     }
 
-    /// What variables are read from, now.
+    /// The current view that variables are read from.
     #[inline]
     pub fn view(&self) -> View<'_> {
         View {
@@ -327,18 +327,18 @@ impl Stepper {
         }
     }
 
-    /// Moves on by `h` (s) to exactly t + h: in ⌈h/Δt⌉ equal internal steps, or in steps that meet the tolerance. An h too
-    /// short for the motion to be more than rounding moves the time alone, and the motion waits for the next step.
+    /// Advances by `h` (s) to exactly t + h, in ⌈h/Δt⌉ equal internal steps or in adaptive steps that meet the tolerance. If `h` is
+    /// mere rounding, only the time advances and the motion follows with the next step.
     ///
     /// # Errors
-    /// [`Error::Step`] for an `h` that is not positive and finite; else what went wrong inside. Everything is then as it was
-    /// before the call.
+    /// [`Error::Step`] for an `h` that is not positive and finite; otherwise the error of an internal step. The stepper is then as it
+    /// was before the call.
     pub fn do_step(&mut self, h: f64) -> Result<()> {
         self.do_step_with(h, |_| ControlFlow::Continue(())).map(|_| ())
     }
 
-    /// The same, with a look at every internal step, the halves of failed ones included; a look that breaks ends the step
-    /// there. True if it came to t + h.
+    /// The same, and calls `look` after every internal step, including the halves of failed ones. If it breaks, the step ends there.
+    /// Returns true if t + h was reached.
     ///
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
@@ -352,10 +352,10 @@ impl Stepper {
         outcome
     }
 
-    /// The same for a run that ends where a step fails.
+    /// The same, but keeps the state of the last successful internal step if a later one fails.
     ///
     /// # Errors
-    /// Those of [`do_step`](Self::do_step), but the last good state stays.
+    /// Those of [`do_step`](Self::do_step).
     pub fn march(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let (start, pending_time) = (self.now.state.t, self.now.pending_time);
         let outcome = self.advance_by(h, look);
@@ -492,16 +492,16 @@ impl Stepper {
         Ok(true)
     }
 
-    /// The estimated `error` of a step of `h` (s), relative: what the tolerance bounds. Velocities are measured by the rod's own
-    /// `speeds` (m/s) at both ends of the step, the same in any frame.
+    /// The relative error of a step of `h` (s), which the tolerance bounds, from its estimated `error`. Velocities are relative to the
+    /// rod's own `speeds` (m/s) at both ends of the step, which are the same in any frame.
     fn relative_error(&self, error: StepError, h: f64, speeds: [f64; 2]) -> f64 {
         let length = self.dynamics.length();
         let speed = speeds[0].max(speeds[1]).max(self.head_swing).max(MIN_RELATIVE_SPEED * length / h);
         (error.position / length).max(error.velocity / speed)
     }
 
-    /// Before the first internal step of several to `end`, where a step `begins` or inputs have changed in the middle of one:
-    /// aims the head, and finds the accelerations that changed inputs cause at once.
+    /// Prepares the internal steps to `end`, when a communication step `begins` or inputs have changed within one: fits the motion of the
+    /// head, and reinitialises the state after a jump of inputs.
     fn prepare_step(&mut self, end: f64, begins: bool) -> Result<()> {
         if self.dynamics.inputs.head.is_some() || self.now.needs_reinitialisation {
             self.save_for_undo();
@@ -525,7 +525,7 @@ impl Stepper {
         self.now.state.t == self.now.metrics.first.0
     }
 
-    /// Starts anew with the pose of the head that the host gives; what else it has set acts at once on that start.
+    /// Restarts from the pose of the head that the host gives. Other inputs that it has set are a jump at that start.
     fn start_from_given_pose(&mut self) -> Result<()> {
         let mut scene = Inputs::of(&self.dynamics.model);
         scene.head = self.dynamics.inputs.head.take();
@@ -558,10 +558,11 @@ impl Stepper {
         Ok(())
     }
 
-    /// Makes the state one of its own under the changed inputs, and counts what that does at once; nothing is changed where
-    /// that fails.
-    /// A gust (m/s) of the flow at once, before any other force can act, gives the rod the velocities that an endless
-    /// acceleration of no duration would: forces of the fluid are linear in accelerations.
+    /// Reinitialises the state after a jump of inputs, so that it is consistent with them, and adds the jump of energy and momentum to
+    /// the totals. Nothing changes on error.
+    ///
+    /// A jump of the flow (m/s) accelerates the added mass impulsively: because forces of the fluid are linear in accelerations, the
+    /// jump of velocities follows from two solves.
     fn reinitialise(&mut self) -> Result<()> {
         let flow_jump = Vector2::from(self.now.flow_jump);
         let Self {
@@ -622,7 +623,7 @@ impl Stepper {
         Ok(())
     }
 
-    /// Goes back to the state now from a step that is not made.
+    /// Discards an attempted step and returns to the current state.
     fn discard_step(&mut self) {
         self.forget_step();
         let t = self.now.state.t;
@@ -630,7 +631,7 @@ impl Stepper {
         self.dynamics.move_to(t, &mut self.now.state);
     }
 
-    /// The last internal step is no longer known.
+    /// Forgets the last internal step, so that dense output is unavailable.
     fn forget_step(&mut self) {
         self.before = None;
         #[cfg(all(feature = "report", target_arch = "x86_64"))]
@@ -639,8 +640,8 @@ impl Stepper {
         }
     }
 
-    /// One step of `h` to time `end`, in halves where it fails, with a look at each; what it ends is a `whole` step or the
-    /// first half of one.
+    /// Steps by `h` (s) to time `end`, in halves if it fails, and calls `look` after each. It completes a `whole` step, or the first half
+    /// of one.
     fn step_or_halve(
         &mut self,
         end: f64,
@@ -672,7 +673,7 @@ impl Stepper {
         }
     }
 
-    /// Steps by `h` to time `end`, into `next`.
+    /// Attempts a step of `h` (s) to time `end`, with the result in `next`.
     fn try_step(&mut self, end: f64, h: f64) -> Result<StepError> {
         if self.now.inputs_changed {
             self.prepare_step(self.step_target, false)?; // by a look at the step before
@@ -696,7 +697,7 @@ impl Stepper {
         self.model_stepper.step(&mut self.dynamics, &mut self.newton, &self.now.state, h, &mut self.next)
     }
 
-    /// Makes `next` the state, and counts the step.
+    /// Accepts `next` as the state, and adds the step to the totals.
     fn accept_step(&mut self) -> Result<()> {
         let middle = if self.model_stepper.has_dense_output() { Some(self.middle()?) } else { None };
         if !self.measured {
@@ -745,8 +746,8 @@ impl Stepper {
         Ok(self.find(name)?.first(&self.view()))
     }
 
-    /// Sets an input; it holds until it is set again. What it changes at once, such as the energy of a changed natural
-    /// curvature, is counted at once.
+    /// Sets an input, which holds until it is set again. The immediate change of energy, for example by a jump of natural curvature, is
+    /// added to the totals.
     ///
     /// # Errors
     /// [`Error::UnknownVariable`], [`Error::NotAnInput`], [`Error::WrongLength`], [`Error::BadValue`], and
@@ -756,8 +757,8 @@ impl Stepper {
         self.set_all([InputChange { variable, order: 0, values }].into_iter())
     }
 
-    /// Sets the time derivative of an input, of `order` 1 to [`HIGHEST_ORDER`]: from now on the input goes on as its value
-    /// and derivatives say, until its value is set again.
+    /// Sets the time derivative of `order` 1 to [`HIGHEST_ORDER`] of an input. The input is then extrapolated by its value and
+    /// derivatives, until its value is set again.
     ///
     /// # Errors
     /// Those of [`set`](Self::set), and [`Error::Order`].
@@ -769,7 +770,7 @@ impl Stepper {
         self.set_all([InputChange { variable, order, values }].into_iter())
     }
 
-    /// Makes several changes, in their order, as one.
+    /// Applies several changes in order, as one.
     ///
     /// # Errors
     /// Those of [`set_derivative`](Self::set_derivative), after which nothing is changed.
@@ -780,8 +781,8 @@ impl Stepper {
         self.apply_all(changes.map(|change| (change, 0)))
     }
 
-    /// Makes several changes of some entries of inputs as one: those from the index beside each change on. The other entries
-    /// go on as they do.
+    /// Applies several changes to parts of array inputs as one. Each change comes with the index of its first entry; other entries keep
+    /// their values and derivatives.
     ///
     /// # Errors
     /// Those of [`set_all`](Self::set_all).
@@ -814,7 +815,7 @@ impl Stepper {
         outcome
     }
 
-    /// Reads the state under inputs that have just changed, and counts what that does at once.
+    /// Measures the state under inputs that have just changed, and adds the jump to the totals.
     fn count_input_change(&mut self) -> Result<()> {
         let Self { dynamics, now, read_at_once, .. } = self;
         dynamics.move_to(now.state.t, &mut now.state);
@@ -832,19 +833,19 @@ impl Stepper {
     }
 }
 
-/// A new value of an input, or of a time derivative of it.
+/// A new value of an input, or of one of its time derivatives.
 #[derive(Debug, Clone, Copy)]
 pub struct InputChange<'a> {
     /// The input.
     pub variable: &'static Variable,
-    /// The order of the derivative; zero is the value.
+    /// The order of the derivative; 0 is the value.
     pub order: usize,
     /// As many values as the variable has.
     pub values: &'a [f64],
 }
 
 impl InputChange<'_> {
-    /// Refuses what is no change of a whole input, or of its entries from index `first` on.
+    /// Returns an error unless it is a valid change of a whole input, or of its entries from index `first` on.
     fn check(&self, model: &Model, first: Option<usize>) -> Result<()> {
         let Self { variable, order, values } = *self;
         if variable.causality != Causality::Input {
@@ -871,7 +872,7 @@ impl InputChange<'_> {
         }
     }
 
-    /// Makes it at time `t` (s) for the entries from index `first` on.
+    /// Applies it at time `t` (s) to the entries from index `first` on.
     fn make(&self, dynamics: &mut Dynamics, t: f64, first: usize) {
         let Self { variable, order, values } = *self;
         if let Some([i, own]) = variable.of_head() {
@@ -896,13 +897,13 @@ impl InputChange<'_> {
     }
 }
 
-/// The largest modulus of `values`.
+/// The largest absolute value.
 fn largest(values: &[f64]) -> f64 {
     values.iter().fold(0.0, |max, x| max.max(x.abs()))
 }
 
-/// The next step over one whose error was `size` times the tolerance, where errors go with the step to the power `order`: its own
-/// is that power of [`SAFETY`] times the tolerance (E. Hairer, S. P. Nørsett & G. Wanner, Solving Ordinary Differential Equations I,
+/// The factor of the next step size after a step whose error was `size` times the tolerance, for errors proportional to the step to
+/// the power `order`. The expected error is [`SAFETY`] to that power times the tolerance (E. Hairer, S. P. Nørsett & G. Wanner, Solving Ordinary Differential Equations I,
 /// section II.4).
 fn step_factor(size: f64, order: u32) -> f64 {
     SAFETY * size.powf(-1.0 / f64::from(order))

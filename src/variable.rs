@@ -419,7 +419,7 @@ impl Variable {
     }
 
     /// True where it follows the scene's tunable parameter of this `key` at once, see
-    /// [`is_tunable`](crate::scene::parameter::Parameter::is_tunable): moments follow the stiffness, forces of the fluid their coefficients.
+    /// [`is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable): moments follow the stiffness, forces of the fluid their coefficients.
     pub fn follows_parameter(&self, key: &str, dynamics: &Dynamics, form: Form) -> bool {
         match key {
             "rod.youngs_modulus_pa" => self.elastic || self.is_fed_by("natural_curvature_1_m", dynamics, form),

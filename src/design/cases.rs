@@ -51,7 +51,7 @@ pub(super) fn cases(document: &Document, scene: &Scene, table: &Table) -> Result
         let along = DECIDED.iter().any(|(variable, keys)| table.variables.contains(variable) && keys.contains(&&**key));
         if number || along || key == "rod.nodes" {
             let problem = format!("{file} moves {key}, which the design decides; allowed: axes of other keys");
-            return Err(document.refuse(&KeyError { key: "design.over".into(), problem }));
+            return Err(document.error_at(&KeyError { key: "design.over".into(), problem }));
         }
     }
     let case = |index: usize| {
@@ -72,12 +72,12 @@ impl Case {
     fn of(name: String, document: &Document, rod: &Rod, table: &Table) -> Result<Self> {
         let scene = document.scene()?;
         let document = pinned(document, &scene);
-        let own = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let own = Table::of(&scene).map_err(|fault| document.error_at(&fault))?;
         let by = |table: &Table| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
         if by(&own) != by(table) {
             let problem =
                 "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
-            return Err(document.refuse(&KeyError { key: "design.over".into(), problem: problem.into() }));
+            return Err(document.error_at(&KeyError { key: "design.over".into(), problem: problem.into() }));
         }
         let (objective, mut problem) = aim(&document, &scene, table, None)?;
         let of_motion = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };

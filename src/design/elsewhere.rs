@@ -54,7 +54,7 @@ impl Elsewhere {
         tell: impl FnMut(&Iteration) -> ControlFlow<()>,
     ) -> Result<Option<Self>> {
         let scene = document.scene()?;
-        let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let table = Table::of(&scene).map_err(|fault| document.error_at(&fault))?;
         if !table.is_searched() || table.fits_positions() {
             return Ok(None);
         }
@@ -139,7 +139,7 @@ impl Parts for Elsewhere {
 pub fn simulate(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
     let (asked, task) = Parcel::read(parcel)?.scene()?;
     let scene = asked.scene()?;
-    let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
+    let table = Table::of(&scene).map_err(|fault| asked.error_at(&fault))?;
     let document = pinned(&asked, &scene);
     let refused = |what: &str| Error::Parcel { problem: format!("{what} {index}") };
     let mut memory = Memory::recorded();

@@ -186,7 +186,7 @@ impl Design {
     ) -> Result<Self> {
         let scene = document.scene()?;
         document.read_as::<Wanted>()?; // whose complaints know their place
-        let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let table = Table::of(&scene).map_err(|fault| document.error_at(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let asked = document;
         let document = &pinned(document, &scene);
@@ -207,7 +207,7 @@ impl Design {
                         "{:?} found, whose drag at a node depends on all of the rod, and noise with it; allowed here: a law for each edge, as \"cox\"",
                         law.name()
                     );
-                    return Err(document.refuse(&crate::scene::KeyError { key: "drag.law".into(), problem }));
+                    return Err(document.error_at(&crate::scene::KeyError { key: "drag.law".into(), problem }));
                 }
                 let markers = data(LEAST)?.unwrap_or_default().without_glitches();
                 let mut found = identify(&mut dynamics, &markers, &table)?;
@@ -792,7 +792,7 @@ pub(super) fn changed(
         document.set(change)?;
     }
     for (key, value) in keys {
-        document.put("the design", &key, &value);
+        document.set_value("the design", &key, &value);
     }
     document.scene()
 }
@@ -930,7 +930,7 @@ fn designed(document: &Document, scene: &Scene, numbers: &[SceneParameter], prof
     let mut document = document.clone();
     document.begin_layer();
     for (key, value) in keys(&document, numbers, profile)? {
-        document.put("the design", &key, &value);
+        document.set_value("the design", &key, &value);
     }
     let mut table: toml::Table = document.read_as()?;
     table.remove("design");

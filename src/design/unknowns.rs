@@ -57,7 +57,7 @@ impl Profile {
         let mut document = document.clone();
         document.begin_layer();
         for (key, value) in keys_with(numbers, &self.values()) {
-            document.put("the design", &key, &value);
+            document.set_value("the design", &key, &value);
         }
         document.scene()
     }

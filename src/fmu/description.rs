@@ -9,7 +9,7 @@ use quick_xml::writer::{ElementWriter, Writer};
 use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
 use crate::integrator::Pace;
 use crate::scene;
-use crate::scene::parameter::Parameter;
+use crate::scene::parameter::ScalarParameter;
 use crate::stepper::Stepper;
 use crate::variable::{Causality, Size, VARIABLES, Variable};
 
@@ -160,7 +160,7 @@ impl Entry {
         }
     }
 
-    fn parameter(fmu: &Fmu<'_>, standard: Standard, place: usize, parameter: &Parameter) -> Self {
+    fn parameter(fmu: &Fmu<'_>, standard: Standard, place: usize, parameter: &ScalarParameter) -> Self {
         let variability = if fmu.catalogue.is_tunable(place, &fmu.stepper) { "tunable" } else { "fixed" };
         let role = ["parameter", variability, "exact"].map(str::to_string);
         let mut value = Vec::new();

@@ -15,7 +15,7 @@ mod terminals;
 
 use crate::integrator::Pace;
 use crate::scene::Scene;
-use crate::scene::parameter::Parameter;
+use crate::scene::parameter::ScalarParameter;
 use crate::stepper::Stepper;
 use crate::variable::{Causality, VARIABLES, Variable};
 #[cfg(feature = "fmu")]
@@ -51,7 +51,7 @@ const TIME_STEP: &str = "time_step_s";
 #[derive(Debug)]
 pub struct Catalogue {
     /// The scene's own values.
-    pub parameters: Vec<Parameter>,
+    pub parameters: Vec<ScalarParameter>,
     exists: Vec<bool>,
 }
 

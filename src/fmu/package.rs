@@ -9,7 +9,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 use super::{Catalogue, Standard, description, document, terminals, token};
 use crate::error::{Error, Result};
 use crate::report::tables::{write_by, write_error};
-use crate::scene::parameter::Parameter;
+use crate::scene::parameter::ScalarParameter;
 use crate::scene::{Document, Scene};
 use crate::stepper::Stepper;
 use crate::variable;
@@ -83,7 +83,7 @@ impl<'a> Fmu<'a> {
     /// # Errors
     /// [`Error::UnknownVariable`], and [`Error::Fmu`] for a node that the rod has not.
     pub fn showing(self, choice: Choice) -> Result<Self> {
-        let parameters = self.catalogue.parameters.iter().map(Parameter::name);
+        let parameters = self.catalogue.parameters.iter().map(ScalarParameter::name);
         let names: Vec<String> =
             self.catalogue.variables().map(|(_, variable)| variable.name.to_string()).chain(parameters).collect();
         for name in choice.variables.iter().flatten() {

@@ -22,25 +22,25 @@ pub struct ActuationTable {
     #[serde(deserialize_with = "kind")]
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub kind: &'static Kind,
-    /// Amplitude, a turning per reference length, of `travelling-wave` and `standing-wave`.
+    /// Amplitude of the natural curvature for `travelling-wave` and `standing-wave`, in radians per reference length.
     pub kappa_amp: Option<Finite>,
-    /// Reference length, m; 1 m, where it is not given, makes the amplitude a curvature in 1/m.
+    /// Reference length of the amplitude, m. By default 1 m, so that the amplitude is a curvature in 1/m.
     pub kappa_reference_length_m: Option<Positive>,
-    /// Frequency, Hz.
+    /// Frequency of the wave, Hz.
     pub frequency_hz: NotNegative,
-    /// Wavelength along the rod, m, of `travelling-wave` and `sine-wave`.
+    /// Wavelength along the rod for `travelling-wave` and `sine-wave`, m.
     pub wavelength_m: Option<Positive>,
-    /// Sizes of the second, third, … harmonic over the first, of `travelling-wave` and `standing-wave`.
+    /// Amplitudes of the second, third, … harmonic relative to the first, for `travelling-wave` and `standing-wave`.
     pub harmonics: Option<Vec<Finite>>,
-    /// Largest slope bk of the curve y = b sin(kx − ωt) of `sine-wave`.
+    /// Largest slope bk of the curve y = b sin(kx − ωt), for `sine-wave`.
     pub slope: Option<Positive>,
-    /// [e₀, e₁]: amplitude e₀ + e₁ξ along the rod; [1, 0] where it is not given.
+    /// Envelope [e₀, e₁]: the amplitude is multiplied by e₀ + e₁ξ along the rod.
     #[serde(default = "even_envelope", deserialize_with = "value::pair")]
     pub envelope: [Finite; 2],
-    /// Points (ξ, factor) of what the amplitude is multiplied by, linear in between.
+    /// Factor of the amplitude along the rod, as points [ξ, factor], linear between them.
     pub amplitude_profile: Option<Vec<[NotNegative; 2]>>,
-    /// Points (ξ, rad) of a phase that is subtracted inside the sine, linear in between: a positive phase lags. The
-    /// `phase_rad` of a head's or a flow's sinusoid is added instead.
+    /// Phase lag along the rod, as points [ξ, rad], linear between them. It is subtracted inside the sine, whereas the
+    /// `phase_rad` of a head or a flow is added.
     pub phase_profile_rad: Option<Vec<[Finite; 2]>>,
 }
 

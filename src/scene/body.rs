@@ -3,7 +3,7 @@
 use serde::Deserialize;
 
 use super::key_error::KeyError;
-use super::parameter::List;
+use super::parameter::ParameterList;
 use super::rod::SIZES;
 use super::value::{self, NotNegative, Positive};
 use super::{HeadKind, Scene};
@@ -14,26 +14,26 @@ use crate::model::Model;
 use crate::rod::{Rod, Spheroid};
 
 /// Form drag of a sphere between Reynolds numbers of 10³ and 10⁵ (S. F. Hoerner, Fluid-Dynamic Drag, 1965).
-const SPHERE: f64 = 0.47;
+const SPHERE_DRAG: f64 = 0.47;
 
 /// `[head_body]`. Its centre is node 0 and the rod's first node is node 1.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeadBodyTable {
-    /// Semi-axis along the rod, m: the rod begins at its end.
+    /// Semi-axis along the rod, m. The rod begins where it ends.
     pub semi_axis_along_m: Positive,
     /// Semi-axis across the rod, m.
     pub semi_axis_across_m: Positive,
-    /// Mass, kg; that of the fluid it displaces where it is not given.
+    /// Mass, kg. By default, the mass of the displaced fluid.
     pub mass_kg: Option<Positive>,
-    /// Moment of inertia about its centre, kg m²; where it is not given, that of the mass spread evenly with `[reactive]`,
-    /// and none without, where drag stops every turn at once.
+    /// Moment of inertia about its centre, kg m². By default, that of a homogeneous spheroid with `[reactive]`, and 0 without,
+    /// where drag dominates rotation.
     pub moment_of_inertia_kg_m2: Option<NotNegative>,
-    /// Form drag along the rod, of the area πb²; where it is not given, a sphere's beside a law of drag that has form drag,
-    /// and none beside one of creeping flow.
+    /// Form drag coefficient along the rod for the area πb². By default, that of a sphere if the drag law has form drag, and 0
+    /// for laws of creeping flow.
     pub form_drag_along: Option<NotNegative>,
-    /// Form drag across the rod, of the area πab; likewise.
+    /// Form drag coefficient across the rod for the area πab. The default is that of `form_drag_along`.
     pub form_drag_across: Option<NotNegative>,
 }
 
@@ -126,7 +126,7 @@ impl Scene {
     pub(super) fn body_drag(&self, linear: bool) -> Option<Box<dyn Force>> {
         let body = self.head_body.as_ref()?;
         let spheroid = body.spheroid();
-        let default = if linear { 0.0 } else { SPHERE };
+        let default = if linear { 0.0 } else { SPHERE_DRAG };
         let form = [body.form_drag_along, body.form_drag_across].map(|form| form.map_or(default, NotNegative::get));
         let height = self.drag.as_ref().and_then(|drag| drag.height_m);
         let viscous = height.map_or_else(|| spheroid.drag(), |height| spheroid.drag_beside(height.get()));
@@ -143,7 +143,7 @@ impl Scene {
     }
 
     /// The numbers of the body.
-    pub(super) fn body_parameters(&self, list: &mut List) {
+    pub(super) fn body_parameters(&self, list: &mut ParameterList) {
         let Some(body) = &self.head_body else { return };
         list.add("head_body.semi_axis_along_m", "m", "semi-axis of the body along the rod", body.semi_axis_along_m);
         list.add("head_body.semi_axis_across_m", "m", "semi-axis of the body across the rod", body.semi_axis_across_m);

@@ -1,4 +1,5 @@
-//! A scene's text with overrides: parsed once, and every complaint finds its way back to file, line and key.
+//! The TOML text of a scene and the overrides of its keys. Errors are located by file, line and key ([`Document::error_at`]); overrides
+//! are resolved in layers ([`Document::begin_layer`]).
 
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -16,11 +17,11 @@ use crate::error::{Error, Result, did_you_mean, nearest};
 use crate::integrator::{METHODS, Method};
 use crate::reduced::FluidChoice;
 
-/// A larger file is no scene.
-const LARGEST: u64 = 16 << 20;
+/// Size limit of a scene file.
+const MAX_BYTES: u64 = 16 << 20;
 
-/// Up to this many bytes of a wrong value are shown as they are written.
-const LONGEST_FOUND: usize = 60;
+/// A wrong value of up to this many bytes is quoted in the error.
+const MAX_SHOWN_BYTES: usize = 60;
 
 /// The text of a scene and the overrides of its keys.
 #[derive(Debug, Clone)]
@@ -28,15 +29,15 @@ pub struct Document {
     path: PathBuf,
     text: String,
     overrides: Vec<String>,
-    /// Where it, and the tables that it names, are read from.
+    /// Source of the file and its tables.
     files: Files,
-    /// Who made each override, as errors name it.
-    makers: Vec<String>,
-    /// The layer of each override, from 1; the text is layer 0.
+    /// Origin of each override, as errors name it.
+    origins: Vec<String>,
+    /// The layer of each override, starting at 1. The text is layer 0.
     layers: Vec<usize>,
-    /// That of the next one.
+    /// The layer of the next override.
     layer: usize,
-    /// What its scenes take of the fluid that they leave to the program; where it is absent, what their own motion says.
+    /// The drag law for scenes that leave it to the program. If None, it is chosen from their own motion.
     fluid: Option<FluidChoice>,
 }
 
@@ -57,38 +58,38 @@ impl Document {
         Self::read_from(Files::default(), path)
     }
 
-    /// Reads a scene file of `files`, where its tables are too.
+    /// Reads a scene file from `files`, which also holds its tables.
     ///
     /// # Errors
     /// [`Error::Read`].
     pub fn read_from(files: Files, path: &Path) -> Result<Self> {
         let size = files.size(path)?;
-        if size > LARGEST {
-            let reason = format!("it has {size} bytes, a scene has at most {LARGEST}");
+        if size > MAX_BYTES {
+            let reason = format!("it has {size} bytes, a scene has at most {MAX_BYTES}");
             return Err(Error::Read { path: path.to_path_buf(), reason });
         }
         let text = files.text(path)?;
         Ok(Self { files, ..Self::new(path, text) })
     }
 
-    /// A scene from text; `path` is shown in errors, and tables are looked for beside it.
+    /// A scene from text. Errors show `path`; paths of tables are relative to its folder.
     pub fn new(path: impl Into<PathBuf>, text: impl Into<String>) -> Self {
         Self {
             path: path.into(),
             text: text.into(),
             overrides: Vec::new(),
             files: Files::default(),
-            makers: Vec::new(),
+            origins: Vec::new(),
             layers: Vec::new(),
             layer: 1,
             fluid: None,
         }
     }
 
-    /// Its scenes with other numbers take the law of the fluid, and the water that the rod accelerates, as `scene` does, where they leave
-    /// that to the program: what follows them from number to number would jump else.
+    /// Fixes the drag law and the added mass that the program has chosen for `scene`, so that results do not jump when numbers of the
+    /// scene vary.
     pub fn keep_fluid_of(&mut self, scene: &Scene) {
-        self.fluid = scene.taken_fluid();
+        self.fluid = scene.fluid_choice_or_fixed();
     }
 
     /// Reads a scene that was packed into a folder by [`packed`](Self::packed).
@@ -99,7 +100,7 @@ impl Document {
         let mut document = Self::read(&folder.join(PACKED[0]))?;
         let overrides = folder.join(PACKED[1]);
         if overrides.exists() {
-            document.set_layers(Self::read(&overrides)?.text.lines())?;
+            document.set_override_lines(Self::read(&overrides)?.text.lines())?;
         }
         let mut tables = Contents::new();
         for (i, path) in document.scene()?.files().into_iter().enumerate() {
@@ -109,7 +110,7 @@ impl Document {
         Ok(document)
     }
 
-    /// The files that hold the whole scene, names and contents: its text, its overrides, and the tables that it names.
+    /// All files of the scene by name and content: its text, its overrides and its tables.
     ///
     /// # Errors
     /// Those of [`scene`](Self::scene), and [`Error::Read`] for a table.
@@ -117,7 +118,7 @@ impl Document {
         let scene = self.scene()?;
         let mut files = vec![(PACKED[0].to_string(), self.text.clone().into_bytes())];
         if !self.overrides.is_empty() {
-            files.push((PACKED[1].to_string(), self.layered().join("\n").into_bytes()));
+            files.push((PACKED[1].to_string(), self.override_lines().join("\n").into_bytes()));
         }
         for (i, path) in scene.files().into_iter().enumerate() {
             files.push((packed_table(i), self.files.read(&path)?));
@@ -125,7 +126,7 @@ impl Document {
         Ok(files)
     }
 
-    /// The tables that its `scene` names, with their contents.
+    /// The paths and contents of the tables of its `scene`.
     ///
     /// # Errors
     /// [`Error::Read`].
@@ -133,13 +134,13 @@ impl Document {
         scene.files().into_iter().map(|path| Ok((path.clone(), self.files.read(&path)?))).collect()
     }
 
-    /// The same with the contents of these files, which are no longer read from the disk.
-    pub fn carrying(self, files: Contents) -> Self {
+    /// Uses the contents of these files in place of the disk.
+    pub fn with_files(self, files: Contents) -> Self {
         Self { files: Files::over_disk(files), ..self }
     }
 
-    /// Files of one scene without overrides that says the same from any folder, names and contents: its text in `name`, and the
-    /// tables that it names beside it.
+    /// The files, by name and content, of an equivalent scene without overrides that can be moved to any folder. Its text is in the
+    /// file `name`, with its tables in the same folder.
     ///
     /// # Errors
     /// Those of [`packed`](Self::packed).
@@ -158,7 +159,7 @@ impl Document {
         Ok(files)
     }
 
-    /// Its text, without overrides.
+    /// The text, without overrides.
     pub fn text(&self) -> &str {
         &self.text
     }
@@ -168,15 +169,15 @@ impl Document {
         &self.overrides
     }
 
-    /// Begins a new layer of overrides. Overrides are resolved layer by layer: those of one layer merge into one document whatever
-    /// their order, and where two of them exclude each other, as a time step and a tolerance, the scene is refused. What an override
-    /// of a higher layer excludes in a lower one, the text included, goes. Of one key that a layer sets twice the last value holds, and a key holds against the table that it is in.
+    /// Begins a new layer of overrides. The overrides of one layer are merged regardless of their order; two that exclude each other,
+    /// such as a time step and a tolerance, are an error. An override removes the keys of lower layers, including the text, that it
+    /// excludes. If a layer sets a key twice, the last value applies; a key takes precedence over the table that contains it.
     pub fn begin_layer(&mut self) {
         self.layer += 1;
     }
 
-    /// The overrides in order, with an empty one where a layer begins.
-    pub fn layered(&self) -> Vec<String> {
+    /// The overrides in order, with an empty line at the start of each layer.
+    pub fn override_lines(&self) -> Vec<String> {
         let mut lines = Vec::new();
         for (i, text) in self.overrides.iter().enumerate() {
             if i > 0 && self.layers[i] != self.layers[i - 1] {
@@ -187,11 +188,11 @@ impl Document {
         lines
     }
 
-    /// Sets what [`layered`](Self::layered) says of another document.
+    /// Applies the [`override_lines`](Self::override_lines) of another document.
     ///
     /// # Errors
     /// Those of [`set`](Self::set).
-    pub fn set_layers<'l>(&mut self, lines: impl IntoIterator<Item = &'l str>) -> Result<()> {
+    pub fn set_override_lines<'l>(&mut self, lines: impl IntoIterator<Item = &'l str>) -> Result<()> {
         lines.into_iter().try_for_each(|line| match line {
             "" => {
                 self.begin_layer();
@@ -201,11 +202,11 @@ impl Document {
         })
     }
 
-    /// Overrides a key, as `table.key=value`; a value that is not TOML is taken as a string. A table goes on top of the one that is
-    /// there; a function of time ([`ScalarSignal`](super::value::ScalarSignal)) replaces it.
+    /// Overrides a key by `table.key=value`. A value that is not TOML is a string. A table is merged into the existing one, but a
+    /// function of time ([`ScalarSignal`](super::value::ScalarSignal)) replaces it.
     ///
     /// # Errors
-    /// [`Error::Scene`] where it has not that form.
+    /// [`Error::Scene`] for any other form.
     pub fn set(&mut self, assignment: &str) -> Result<()> {
         let place = || format!("--set {assignment}");
         let refuse = |problem: &str| Error::Scene { place: place(), key: String::new(), problem: problem.to_string() };
@@ -222,31 +223,31 @@ impl Document {
         Ok(())
     }
 
-    /// Overrides a dotted key by `value`; errors name `maker` as the place.
-    pub fn put(&mut self, maker: &str, key: &str, value: &toml::Value) {
-        self.add(maker.to_string(), format!("{key}={value}"));
+    /// Overrides a dotted key by `value`. Errors name `origin` as its location.
+    pub fn set_value(&mut self, origin: &str, key: &str, value: &toml::Value) {
+        self.add(origin.to_string(), format!("{key}={value}"));
     }
 
-    fn add(&mut self, maker: String, text: String) {
-        self.makers.push(maker);
+    fn add(&mut self, origin: String, text: String) {
+        self.origins.push(origin);
         self.overrides.push(text);
         self.layers.push(self.layer);
     }
 
-    /// The scene, checked, and what names all that the document with its overrides says, both of one reading: bytes that are the same
-    /// where keys and values are, however they are written.
+    /// The checked scene, and bytes that identify the content of the document with its overrides: they are equal for equal keys and
+    /// values, however these are written.
     ///
     /// # Errors
     /// Those of [`scene`](Self::scene).
-    pub fn resolved(&self) -> Result<(Scene, Vec<u8>)> {
+    pub fn resolve(&self) -> Result<(Scene, Vec<u8>)> {
         self.with_root(|root| {
             let mut content = Vec::with_capacity(2 * self.text.len());
-            name_table(root.get_ref(), &mut content);
-            Ok((self.scene_of(root)?, content))
+            hash_table(root.get_ref(), &mut content);
+            Ok((self.scene_from(root)?, content))
         })
     }
 
-    /// Text and overrides as another kind of file than a scene, or as mere tables.
+    /// Deserialises text and overrides as another type than a scene.
     ///
     /// # Errors
     /// [`Error::Scene`] with file, line and key.
@@ -254,7 +255,7 @@ impl Document {
         self.with_root(|root| self.deserialized(root))
     }
 
-    /// Where `keys` stand in the text, one number each, rising from its beginning to its end.
+    /// The byte offsets of `keys` in the text.
     ///
     /// # Errors
     /// [`Error::Scene`] where it is not TOML.
@@ -263,29 +264,29 @@ impl Document {
         self.with_root(|root| Ok(keys.iter().map(|key| position(root.get_ref(), key)).collect()))
     }
 
-    /// The scene, checked.
+    /// The checked scene.
     ///
     /// # Errors
-    /// [`Error::Scene`] with file, line and key; [`Error::Several`] of these, where more than one key is wrong by itself.
+    /// [`Error::Scene`] with file, line and key; [`Error::Several`] if several keys are wrong.
     pub fn scene(&self) -> Result<Scene> {
-        self.with_root(|root| self.scene_of(root))
+        self.with_root(|root| self.scene_from(root))
     }
 
-    /// The error of a fault that was found after reading, at its key.
-    pub fn refuse(&self, fault: &KeyError) -> Error {
+    /// Locates an error of a key: adds file and line, or the override.
+    pub fn error_at(&self, fault: &KeyError) -> Error {
         let at = |root: &Spanned<DeTable<'_>>| Ok(self.error(root, span_of(root.get_ref(), &fault.key), fault));
         self.with_root(at).unwrap_or_else(|error| error)
     }
 
-    /// The place of a key as errors name it.
+    /// The location of a key as errors show it: file and line, or the override.
     pub fn place_of(&self, key: &str) -> String {
-        match self.refuse(&KeyError { key: key.to_string(), problem: String::new() }) {
+        match self.error_at(&KeyError { key: key.to_string(), problem: String::new() }) {
             Error::Scene { place, .. } => place,
             _ => self.path.display().to_string(),
         }
     }
 
-    /// Parses text and overrides.
+    /// Parses text and overrides, and calls `read` with the merged root table.
     fn with_root<T>(&self, read: impl FnOnce(&Spanned<DeTable<'_>>) -> Result<T>) -> Result<T> {
         let mut root = DeTable::parse(&self.text).map_err(|e| Error::Scene {
             place: self.place(e.span()),
@@ -294,7 +295,7 @@ impl Document {
         })?;
         // Every override is parsed behind as many blanks as there is text before it, so that no two spans overlap.
         let mut texts = Vec::new();
-        for (text, start) in self.overrides.iter().zip(self.starts()) {
+        for (text, start) in self.overrides.iter().zip(self.override_offsets()) {
             texts.push(format!("{}{text}", " ".repeat(start)));
         }
         let mut layer = (0, DeTable::new());
@@ -307,30 +308,30 @@ impl Document {
                 self.error(&root, e.span(), &KeyError { key: String::new(), problem: e.message().into() })
             })?;
             if layer.0 != *number {
-                overlay(root.get_mut(), std::mem::replace(&mut layer, (*number, DeTable::new())).1);
+                apply_layer(root.get_mut(), std::mem::replace(&mut layer, (*number, DeTable::new())).1);
             }
-            if let Err((fault, span)) = unite(&mut layer.1, table.into_inner(), "") {
+            if let Err((fault, span)) = merge_layer(&mut layer.1, table.into_inner(), "") {
                 return Err(self.error(&root, Some(span), &fault));
             }
         }
-        overlay(root.get_mut(), layer.1);
+        apply_layer(root.get_mut(), layer.1);
         if !texts.is_empty() {
-            let starts: Vec<usize> = self.starts().collect();
+            let starts: Vec<usize> = self.override_offsets().collect();
             // The text before the first override is layer 0.
             let layer_of =
                 |at: usize| starts.partition_point(|start| *start <= at).checked_sub(1).map_or(0, |i| self.layers[i]);
-            settle(root.get_mut(), &layer_of);
+            remove_excluded_keys(root.get_mut(), &layer_of);
         }
         read(&root)
     }
 
-    fn scene_of(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
+    fn scene_from(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         if root.get_ref().contains_key("axes") && root.get_ref().contains_key("scene") {
             let problem = "this is a sweep, not a scene; `caudal sweep` runs it".to_string();
             let fault = KeyError { key: "axes".to_string(), problem };
             return Err(self.error(root, span_of(root.get_ref(), &fault.key), &fault));
         }
-        let mut scene = self.parsed(root).map_err(|first| self.all_mistakes(root, first))?;
+        let mut scene = self.parsed(root).map_err(|first| self.all_errors(root, first))?;
         if scene.name.is_empty() {
             scene.name = self.path.file_stem().map_or_else(|| "scene".into(), |stem| stem.to_string_lossy().into());
         }
@@ -340,24 +341,24 @@ impl Document {
         scene.contents = contents(&scene);
         scene.check().map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         match &self.fluid {
-            Some(fluid) => scene.take_fluid(fluid.clone()),
+            Some(fluid) => scene.set_fluid_choice(fluid.clone()),
             None => scene.choose_fluid(),
         }
         Ok(scene)
     }
 
-    /// The scene as far as each key can be judged by itself.
+    /// The scene with each key checked on its own only.
     fn parsed(&self, root: &Spanned<DeTable<'_>>) -> Result<Scene> {
         check_tables(root.get_ref()).map_err(|fault| self.error(root, span_of(root.get_ref(), &fault.key), &fault))?;
         self.deserialized(root).map(|Unchecked(scene)| scene)
     }
 
-    /// The `first` mistake with those that remain where it, and each after it, is mended; in the order of the text.
-    fn all_mistakes(&self, root: &Spanned<DeTable<'_>>, first: Error) -> Error {
-        let sound = DeTable::parse(SOUND);
-        let Ok(sound) = &sound else { return first };
-        let mut mendable = root.clone();
-        let mut mended: Vec<(String, Error)> = Vec::new();
+    /// All errors of the text in order: after each, a valid value is substituted and the scene is parsed again, beginning with `first`.
+    fn all_errors(&self, root: &Spanned<DeTable<'_>>, first: Error) -> Error {
+        let placeholders = DeTable::parse(PLACEHOLDERS);
+        let Ok(placeholders) = &placeholders else { return first };
+        let mut substituted = root.clone();
+        let mut reported: Vec<(String, Error)> = Vec::new();
         let mut next = Some(first.clone());
         while let Some(error) = next.take() {
             let Error::Scene { key, .. } = &error else { break };
@@ -366,19 +367,19 @@ impl Document {
             let made = |(other, _): &(String, Error)| {
                 other.strip_prefix(&*key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
             };
-            if mended.iter().any(made) {
+            if reported.iter().any(made) {
                 break;
             }
-            mended.push((key.clone(), error));
-            if mended.len() < MOST_MISTAKES && mend(mendable.get_mut(), sound.get_ref(), &key) {
-                next = self.parsed(&mendable).err();
+            reported.push((key.clone(), error));
+            if reported.len() < MAX_ERRORS && substitute(substituted.get_mut(), placeholders.get_ref(), &key) {
+                next = self.parsed(&substituted).err();
             }
         }
         // What is missing last: it may be what another mistake was meant to be.
         let missing = |error: &Error| matches!(error, Error::Scene { problem, .. } if problem.starts_with("missing"));
         let start = |key: &str| span_of(root.get_ref(), key).map_or(usize::MAX, |span| span.start);
-        mended.sort_by_key(|(key, error)| (missing(error), start(key)));
-        if mended.len() < 2 { first } else { Error::Several(mended.into_iter().map(|(_, error)| error).collect()) }
+        reported.sort_by_key(|(key, error)| (missing(error), start(key)));
+        if reported.len() < 2 { first } else { Error::Several(reported.into_iter().map(|(_, error)| error).collect()) }
     }
 
     fn deserialized<T: DeserializeOwned>(&self, root: &Spanned<DeTable<'_>>) -> Result<T> {
@@ -386,7 +387,7 @@ impl Document {
             let span = e.span().filter(|span| *span != root.span());
             let key = span.as_ref().and_then(|span| key_at(root.get_ref(), span.start)).unwrap_or_default();
             let found = span.as_ref().and_then(|span| self.source(span));
-            let (key, problem) = reworded(key, e.message(), found);
+            let (key, problem) = rephrase(key, e.message(), found);
             self.error(root, span, &KeyError { key, problem })
         })
     }
@@ -396,8 +397,8 @@ impl Document {
         Error::Scene { place: self.place(span), key: fault.key.clone(), problem: fault.problem.clone() }
     }
 
-    /// Where each override's text starts in the numbering of spans.
-    fn starts(&self) -> impl Iterator<Item = usize> {
+    /// The offset of each override in the numbering of spans.
+    fn override_offsets(&self) -> impl Iterator<Item = usize> {
         self.overrides.iter().scan(self.text.len() + 1, |next, text| {
             let start = *next;
             *next += text.len() + 1;
@@ -405,21 +406,21 @@ impl Document {
         })
     }
 
-    /// What is written at `span`, where that is short.
+    /// The text at `span`, if it is short.
     fn source(&self, span: &Range<usize>) -> Option<&str> {
-        let overrides = self.overrides.iter().map(String::as_str).zip(self.starts());
+        let overrides = self.overrides.iter().map(String::as_str).zip(self.override_offsets());
         let mut texts = std::iter::once((self.text.as_str(), 0)).chain(overrides);
         let found = texts.find_map(|(text, at)| text.get(span.start.checked_sub(at)?..span.end.checked_sub(at)?))?;
-        (found.len() <= LONGEST_FOUND && !found.contains('\n')).then_some(found)
+        (found.len() <= MAX_SHOWN_BYTES && !found.contains('\n')).then_some(found)
     }
 
-    /// File and line, or the override, that `span` lies in.
+    /// The location of `span` for errors: file and line, or the origin of the override.
     fn place(&self, span: Option<Range<usize>>) -> String {
         let start = span.map_or(0, |span| span.start);
         if start > self.text.len() {
-            let mut overrides = self.overrides.iter().zip(self.starts()).zip(&self.makers);
-            if let Some((_, maker)) = overrides.find(|((text, at), _)| (*at..=at + text.len()).contains(&start)) {
-                return maker.clone();
+            let mut overrides = self.overrides.iter().zip(self.override_offsets()).zip(&self.origins);
+            if let Some((_, origin)) = overrides.find(|((text, at), _)| (*at..=at + text.len()).contains(&start)) {
+                return origin.clone();
             }
         }
         let before = &self.text.as_bytes()[..start.min(self.text.len())];
@@ -427,11 +428,11 @@ impl Document {
     }
 }
 
-/// Keys of which a table has one at most.
+/// Pairs of keys that exclude each other.
 const ALTERNATIVES: [[&str; 2]; 3] =
     [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
 
-/// Calls the file of every `{ table = … }` in `value` that is called `from` `to`.
+/// Renames the file `from` to `to` in every `{ table = … }` in `value`.
 fn rename_table(value: &mut toml::Value, from: &str, to: &str) {
     match value {
         toml::Value::Table(table) => {
@@ -446,7 +447,7 @@ fn rename_table(value: &mut toml::Value, from: &str, to: &str) {
     }
 }
 
-/// Names the contents of the tables of `scene`, as far as they can be read.
+/// Hash of the contents of the tables of `scene`, as far as they can be read.
 fn contents(scene: &Scene) -> u128 {
     let mut hasher = XxHash3_128::new();
     for table in scene.files().into_iter().map(|table| scene.read_from.read(&table).unwrap_or_default()) {
@@ -456,22 +457,22 @@ fn contents(scene: &Scene) -> u128 {
     hasher.finish_128()
 }
 
-/// Appends what names a table: its keys in order, with their values.
-fn name_table(table: &DeTable<'_>, content: &mut Vec<u8>) {
+/// Appends the identifying bytes of a table: its keys in order, with their values.
+fn hash_table(table: &DeTable<'_>, content: &mut Vec<u8>) {
     content.push(b'{');
     for (key, value) in table {
-        name_text(key.get_ref(), content);
-        name_value(value.get_ref(), content);
+        hash_text(key.get_ref(), content);
+        hash_value(value.get_ref(), content);
     }
     content.push(b'}');
 }
 
-fn name_value(value: &DeValue<'_>, content: &mut Vec<u8>) {
+fn hash_value(value: &DeValue<'_>, content: &mut Vec<u8>) {
     match value {
-        DeValue::Table(table) => name_table(table, content),
+        DeValue::Table(table) => hash_table(table, content),
         DeValue::Array(items) => {
             content.push(b'[');
-            items.iter().for_each(|item| name_value(item.get_ref(), content));
+            items.iter().for_each(|item| hash_value(item.get_ref(), content));
             content.push(b']');
         }
         DeValue::Float(x) => {
@@ -482,28 +483,28 @@ fn name_value(value: &DeValue<'_>, content: &mut Vec<u8>) {
             content.push(b'i');
             content.extend(i128::from_str_radix(x.as_str(), x.radix()).unwrap_or_default().to_le_bytes());
         }
-        DeValue::String(text) => name_text(text, content),
+        DeValue::String(text) => hash_text(text, content),
         DeValue::Boolean(truth) => content.extend([b'b', u8::from(*truth)]),
-        DeValue::Datetime(time) => name_text(&time.to_string(), content),
+        DeValue::Datetime(time) => hash_text(&time.to_string(), content),
     }
 }
 
-fn name_text(text: &str, content: &mut Vec<u8>) {
+fn hash_text(text: &str, content: &mut Vec<u8>) {
     content.push(b's');
     content.extend((text.len() as u64).to_le_bytes());
     content.extend(text.as_bytes());
 }
 
-/// The dotted keys that a scene cannot have beside `key`.
+/// The dotted keys that exclude `key`.
 #[cfg(feature = "report")]
-pub(crate) fn rivals(key: &str) -> impl Iterator<Item = String> {
+pub(crate) fn exclusive_keys(key: &str) -> impl Iterator<Item = String> {
     let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
     let pairs = ALTERNATIVES.iter().filter(move |pair| pair.contains(&name)).flatten();
     pairs.filter(move |other| **other != name).map(move |other| format!("{table}.{other}"))
 }
 
-/// Puts the overrides of a layer together; what is a table in one of them and none in another has no meaning.
-fn unite<'a>(
+/// Merges overrides of one layer. A key that is a table in one of them and a value in another is an error.
+fn merge_layer<'a>(
     base: &mut DeTable<'a>,
     more: DeTable<'a>,
     path: &str,
@@ -512,7 +513,7 @@ fn unite<'a>(
         let place = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
         let there = base.get(&key).map(|value| value.get_ref().is_table());
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => unite(base, more, &place)?,
+            (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => merge_layer(base, more, &place)?,
             (_, (value, span)) => {
                 if there.is_some_and(|table| table != value.is_table()) {
                     let found = refused("a table of its keys beside another value", "one of the two");
@@ -526,11 +527,11 @@ fn unite<'a>(
     Ok(())
 }
 
-/// Puts a layer on top of what is below it, table by table; functions of time are values.
-fn overlay<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
+/// Applies a layer to the layers below it, table by table. Functions of time are values.
+fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
     for (key, value) in over {
         match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => overlay(base, over),
+            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
             (_, (value, span)) => {
                 base.remove(&key); // with its old span
                 base.insert(key, Spanned::new(span, value));
@@ -539,14 +540,14 @@ fn overlay<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
     }
 }
 
-/// True for a function of time that says all that it has to.
+/// True for a complete function of time.
 fn is_function(table: &DeTable<'_>) -> bool {
     let whole = table.contains_key("table") || table.contains_key("amplitude") && table.contains_key("frequency_hz");
     whole && table.keys().all(|key| SIGNAL_KEYS.contains(&&**key.get_ref()))
 }
 
-/// Takes out what keys of a higher layer exclude: alternatives, and the parameters of other methods.
-fn settle(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
+/// Removes keys that keys of a higher layer exclude: alternatives, and parameters of other integrators.
+fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
     let layer = |table: &DeTable<'_>, key: &str| table.get_key_value(key).map(|(key, _)| layer_of(key.span().start));
     for [a, b] in ALTERNATIVES {
         match (layer(table, a), layer(table, b)) {
@@ -566,7 +567,7 @@ fn settle(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
     }
     for (_, value) in table.iter_mut() {
         if let DeValue::Table(inner) = value.get_mut() {
-            settle(inner, layer_of);
+            remove_excluded_keys(inner, layer_of);
         }
     }
 }
@@ -582,7 +583,7 @@ impl<T> IntoInnerWithSpan<T> for Spanned<T> {
     }
 }
 
-/// The dotted key that byte `at` belongs to.
+/// The dotted key at byte `at`.
 fn key_at(table: &DeTable<'_>, at: usize) -> Option<String> {
     table.iter().find_map(|(key, value)| {
         let inner = match value.get_ref() {
@@ -604,7 +605,7 @@ fn key_at(table: &DeTable<'_>, at: usize) -> Option<String> {
     })
 }
 
-/// Where `key` stands; where it is absent, where its nearest parent does.
+/// The span of `key`, or of its nearest parent if it is absent.
 fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
     let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
     let (name, value) = table.get_key_value(first)?;
@@ -620,11 +621,11 @@ fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
     Some(inner.unwrap_or_else(|| name.span()))
 }
 
-/// Most mistakes that are reported at once.
-const MOST_MISTAKES: usize = 12;
+/// The largest number of errors that are reported at once.
+const MAX_ERRORS: usize = 12;
 
-/// Keys without a default, with values that stand in for missing and wrong ones while others are looked for.
-const SOUND: &str = "
+/// Valid values of the keys without a default. They substitute missing and wrong values while further errors are searched for.
+const PLACEHOLDERS: &str = "
 rod = { nodes = 9, length_m = 1.0, outer_radius_m = 0.01, youngs_modulus_pa = 1e9, density_kg_m3 = 1e3 }
 actuation = { kind = \"travelling-wave\", kappa_amp = 1.0, frequency_hz = 1.0, wavelength_m = 1.0 }
 medium = { viscosity_pa_s = 1.0, density_kg_m3 = 1e3 }
@@ -633,22 +634,24 @@ loads.point = [{ node = 0, force_n = [0.0, 0.0] }]
 solver = { duration_s = 1.0 }
 ";
 
-/// Gives a dotted key the value of `sound`, or takes it away where that has none; false where neither changes anything.
-fn mend<'a>(table: &mut DeTable<'a>, sound: &DeTable<'a>, key: &str) -> bool {
+/// Sets a dotted key to the value in `placeholders`, or removes it if there is none. Returns false if nothing changed.
+fn substitute<'a>(table: &mut DeTable<'a>, placeholders: &DeTable<'a>, key: &str) -> bool {
     let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
-    let known = sound.get(first).map(Spanned::get_ref);
+    let known = placeholders.get(first).map(Spanned::get_ref);
     let inner = rest.zip(table.get_mut(first).map(Spanned::get_mut));
     if let Some((rest, value)) = inner {
         let nothing = DeTable::new();
         match value {
-            DeValue::Table(inner) => return mend(inner, known.and_then(DeValue::as_table).unwrap_or(&nothing), rest),
+            DeValue::Table(inner) => {
+                return substitute(inner, known.and_then(DeValue::as_table).unwrap_or(&nothing), rest);
+            }
             DeValue::Array(items) => {
                 let (index, rest) = rest.split_once('.').unwrap_or((rest, ""));
                 let item = index.parse().ok().and_then(|index: usize| items.get_mut(index));
                 let known = known.and_then(DeValue::as_array).and_then(|items| items.first());
                 let known = known.and_then(|item| item.get_ref().as_table()).unwrap_or(&nothing);
                 return match item.map(Spanned::get_mut) {
-                    Some(DeValue::Table(inner)) if !rest.is_empty() => mend(inner, known, rest),
+                    Some(DeValue::Table(inner)) if !rest.is_empty() => substitute(inner, known, rest),
                     _ => false,
                 };
             }
@@ -661,7 +664,7 @@ fn mend<'a>(table: &mut DeTable<'a>, sound: &DeTable<'a>, key: &str) -> bool {
             // With no place: it is written nowhere.
             let name = name.unwrap_or_else(|| Spanned::new(0..0, first.to_string().into()));
             table.remove(&name);
-            table.insert(Spanned::new(0..0, name.into_inner()), Spanned::new(0..0, unplaced(value)));
+            table.insert(Spanned::new(0..0, name.into_inner()), Spanned::new(0..0, without_span(value)));
             true
         }
         (None, Some(name)) => table.remove(&name).is_some(),
@@ -669,9 +672,9 @@ fn mend<'a>(table: &mut DeTable<'a>, sound: &DeTable<'a>, key: &str) -> bool {
     }
 }
 
-/// A value that is written nowhere.
-fn unplaced<'a>(value: &DeValue<'a>) -> DeValue<'a> {
-    let nowhere = |value: &Spanned<DeValue<'a>>| Spanned::new(0..0, unplaced(value.get_ref()));
+/// A copy of a value without its position in the text.
+fn without_span<'a>(value: &DeValue<'a>) -> DeValue<'a> {
+    let nowhere = |value: &Spanned<DeValue<'a>>| Spanned::new(0..0, without_span(value.get_ref()));
     match value {
         DeValue::Table(table) => {
             let entry = |(key, value): (&Spanned<DeString<'a>>, &Spanned<DeValue<'a>>)| {
@@ -684,8 +687,8 @@ fn unplaced<'a>(value: &DeValue<'a>) -> DeValue<'a> {
     }
 }
 
-/// Refuses what serde would let pass or complain of in the wrong words: lists in the place of tables, whose values
-/// would be taken in the order of our own structs, and unknown keys of `[solver]`, which stand behind missing ones.
+/// Returns errors that serde would not report, or not clearly: lists in place of tables, which serde reads as the fields of a struct,
+/// and unknown keys of `[solver]`, which it reports after missing ones.
 fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     for (key, value) in root {
         if value.get_ref().is_array() {
@@ -704,8 +707,8 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     solver.keys().try_for_each(|key| super::solver::check_solver_key(key.get_ref(), integrator))
 }
 
-/// serde's words for what is wrong at `key`, in those of this program; `source` is the text of the wrong value.
-fn reworded(key: String, message: &str, source: Option<&str>) -> (String, String) {
+/// Rephrases an error `message` of serde at `key`; `source` is the text of the wrong value.
+fn rephrase(key: String, message: &str, source: Option<&str>) -> (String, String) {
     let listed = |names: &str| names.trim_start_matches("one of ").to_string();
     if let Some((name, names)) =
         message.strip_prefix("unknown field `").and_then(|rest| rest.rsplit_once("`, expected "))

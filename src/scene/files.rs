@@ -1,4 +1,4 @@
-//! Where the text of a scene and the tables that it names are read from.
+//! The source of a scene's text and tables: files on the disk, or contents in memory.
 
 use std::collections::BTreeMap;
 use std::fmt;

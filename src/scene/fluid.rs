@@ -11,7 +11,7 @@ use serde::{Deserialize, Deserializer};
 use super::key_error::KeyError;
 use super::layers::{LayerTable, ShearTable};
 use super::solver::FormKey;
-use super::value::{self, Along, NotNegative, Positive, VectorSignal, Wanted};
+use super::value::{self, NotNegative, NumberOrProfile, Positive, SignalValue, VectorSignal};
 use super::{HeadKind, LoadsTable, NODES, Scene};
 use crate::error::{Result as Read, nearest};
 use crate::fluid::laws::{self, Causes, DragLaw, LAWS, Reach, Recipe, SLENDER, Takes, Uncertainty};
@@ -32,22 +32,22 @@ use crate::spectrum::Spectrum;
 pub struct MediumTable {
     /// Dynamic viscosity, Pa s.
     pub viscosity_pa_s: Positive,
-    /// Density, kg/m³: of added mass, quadratic drag and buoyancy where the scene has them, and of the Reynolds number.
+    /// Density, kg/m³. It enters added mass, quadratic drag, buoyancy and the Reynolds number.
     pub density_kg_m3: Positive,
-    /// Uniform background velocity, m/s.
+    /// Velocity of the uniform background flow, m/s.
     #[serde(default = "still")]
     pub flow_m_s: VectorSignal,
-    /// What lies beyond an interface.
+    /// A second fluid beyond an interface.
     pub beyond: Option<LayerTable>,
-    /// What lies beyond several parallel ones, in their order.
+    /// Several fluids beyond parallel interfaces, in order.
     #[serde(default)]
     pub layers: Vec<LayerTable>,
-    /// How the flow grows across itself.
+    /// A linear shear flow.
     pub shear: Option<ShearTable>,
 }
 
 fn still() -> VectorSignal {
-    VectorSignal([0.0; 2].map(|still| Wanted::Formula(Signal::Constant(still))))
+    VectorSignal([0.0; 2].map(|still| SignalValue::Formula(Signal::Constant(still))))
 }
 
 impl MediumTable {
@@ -65,7 +65,7 @@ impl MediumTable {
     /// The velocity of the flow where it stays as it is, m/s.
     pub(super) fn steady_flow(&self) -> Option<[f64; 2]> {
         match &self.flow_m_s.0 {
-            [Wanted::Formula(Signal::Constant(x)), Wanted::Formula(Signal::Constant(y))] => Some([*x, *y]),
+            [SignalValue::Formula(Signal::Constant(x)), SignalValue::Formula(Signal::Constant(y))] => Some([*x, *y]),
             _ => None,
         }
     }
@@ -76,31 +76,31 @@ impl MediumTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct DragTable {
-    /// Name of the law; `cox` where it is not given, or `stokes-like` beside a ratio.
+    /// The drag law. By default `cox`, or `stokes-like` if `ratio` is given.
     pub law: Option<String>,
-    /// Ratio of the coefficient across the rod to the one along it, of `stokes-like`.
+    /// Ratio of the normal to the tangential drag coefficient, for `stokes-like`.
     pub ratio: Option<Positive>,
-    /// The length in the logarithm of slender-body laws, m.
+    /// Length in the logarithm of slender-body laws, m.
     pub slender_length_m: Option<Positive>,
-    /// Coefficient along the rod, N s/m², of `coefficients`.
-    pub along_n_s_m2: Option<Along<NotNegative>>,
-    /// Coefficient across the rod, N s/m², of `coefficients`.
-    pub across_n_s_m2: Option<Along<NotNegative>>,
-    /// Height above a wall, m.
+    /// Tangential drag coefficient for `coefficients`, N s/m².
+    pub along_n_s_m2: Option<NumberOrProfile<NotNegative>>,
+    /// Normal drag coefficient for `coefficients`, N s/m².
+    pub across_n_s_m2: Option<NumberOrProfile<NotNegative>>,
+    /// Height above the wall, m, for `wall`.
     pub height_m: Option<Positive>,
-    /// Name of the law of the viscous part, of `cross-flow`.
+    /// The law of the viscous part, for `cross-flow`.
     pub viscous: Option<String>,
-    /// Form drag C_d.
+    /// Form drag coefficient C_d.
     pub form_drag: Option<NotNegative>,
-    /// How much cross-flow thins the boundary layer of the flow along the rod, τ.
+    /// Coefficient τ by which cross-flow thins the boundary layer along the rod.
     pub thinning: Option<NotNegative>,
-    /// Factor of the boundary layer's friction.
+    /// Factor of the laminar skin friction.
     pub skin_friction: Option<NotNegative>,
-    /// Coefficient of turbulent friction C_f.
+    /// Turbulent skin friction coefficient C_f.
     pub turbulent_friction: Option<NotNegative>,
-    /// Weight of the drag on the head; 1 where it is not given.
+    /// Factor of the drag on the head part of the rod. By default 1.
     pub head_weight: Option<NotNegative>,
-    /// Arc length up to which the head's weight holds, m.
+    /// Arc length of the head part that `head_weight` applies to, m.
     pub head_length_m: Option<Positive>,
 }
 
@@ -167,7 +167,7 @@ impl schemars::JsonSchema for ReactiveTable {
 }
 
 /// Most nodes on which drag of the whole rod is followed coarsely: steps on N nodes cost N³.
-const MOST_NODES_OF_WHOLE: u64 = 17;
+const MAX_NONLOCAL_NODES: u64 = 17;
 
 fn sharp() -> value::Share {
     value::Share::constant(1.0)
@@ -233,7 +233,7 @@ impl DragTable {
             return fault(key, format!("found with law = \"{}\"; allowed: only with {owners}", law.name));
         }
         for (key, profile) in [("along_n_s_m2", &self.along_n_s_m2), ("across_n_s_m2", &self.across_n_s_m2)] {
-            if let Some(found) = profile.as_ref().and_then(Along::disorder) {
+            if let Some(found) = profile.as_ref().and_then(NumberOrProfile::disorder) {
                 return fault(key, value::refused(found, "points [xi, number] with rising xi from 0 to 1"));
             }
         }
@@ -283,13 +283,13 @@ impl DragTable {
         match law.reach {
             Reach::Edge => Ok(()),
             Reach::Rod { least_spacing, most_nodes } => {
-                self.check_whole(scene, law, least_spacing(&recipe), most_nodes)
+                self.check_nonlocal(scene, law, least_spacing(&recipe), most_nodes)
             }
         }
     }
 
     /// Checks what a `law` for the whole rod at once cannot do; it takes at most `most` nodes, at least `least` (m) apart.
-    fn check_whole(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), KeyError> {
+    fn check_nonlocal(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), KeyError> {
         let name = law.name;
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let (length, nodes) = (scene.rod.length_m.get(), scene.rod.nodes.get());
@@ -324,9 +324,10 @@ impl DragTable {
 
     fn recipe<'a>(&self, scene: &Scene, rod: &'a Rod) -> Result<Recipe<'a>, KeyError> {
         let get = |number: Option<NotNegative>| number.map(NotNegative::get);
-        let profile = |along: &Option<Along<NotNegative>>| along.as_ref().map_or(0.0.into(), Along::profile);
+        let profile =
+            |along: &Option<NumberOrProfile<NotNegative>>| along.as_ref().map_or(0.0.into(), NumberOrProfile::profile);
         Ok(Recipe {
-            taken: scene.taken.as_ref().and_then(|taken| taken.law),
+            taken: scene.fluid_choice.as_ref().and_then(|taken| taken.law),
             wavelength: scene.wavelength(),
             frequency: if self.law()? == &laws::weak_inertia::LAW { scene.spectrum().strongest() } else { None },
             head: HeadWeight {
@@ -401,7 +402,7 @@ fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'
 
 impl Scene {
     /// True where the drag at a place depends on the motion of the whole rod.
-    pub fn has_whole_drag(&self) -> bool {
+    pub fn has_nonlocal_drag(&self) -> bool {
         self.drag.as_ref().and_then(|drag| drag.law().ok()).is_some_and(DragLaw::is_whole)
     }
 
@@ -409,7 +410,7 @@ impl Scene {
     pub fn with_flow(&self, flow: [f64; 2]) -> Self {
         let mut scene = self.clone();
         if let Some(medium) = &mut scene.medium {
-            medium.flow_m_s = VectorSignal(flow.map(|x| Wanted::Formula(Signal::Constant(x))));
+            medium.flow_m_s = VectorSignal(flow.map(|x| SignalValue::Formula(Signal::Constant(x))));
         }
         scene
     }
@@ -431,7 +432,7 @@ impl Scene {
     /// What is wrong with that scene, in words.
     pub fn with_fluid(&self, law: &'static DragLaw, reactive: bool) -> Result<(Self, usize), String> {
         let mut scene = self.with_reactive(reactive).named_model();
-        scene.taken = None;
+        scene.fluid_choice = None;
         let (drag, dropped) = self.drag.clone().unwrap_or_default().with_law(law);
         scene.drag = Some(drag);
         scene.check().map_err(|KeyError { key, problem }| format!("{key}: {problem}"))?;
@@ -528,17 +529,17 @@ impl Scene {
     }
 
     /// The nodes on which its motion is followed coarsely, and the part of its run.
-    fn coarse(&self) -> (u64, ShortRun) {
+    fn short_run_mesh(&self) -> (u64, ShortRun) {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
-        let most = if self.has_whole_drag() { MOST_NODES_OF_WHOLE } else { u64::MAX };
+        let most = if self.has_nonlocal_drag() { MAX_NONLOCAL_NODES } else { u64::MAX };
         let ramp = self.start.ramp_s.map_or(0.0, Positive::get);
         let nodes = nodes(waves).min(self.rod.nodes.get() as u64).min(most);
         (nodes, ShortRun::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
     /// What it comes to on a coarse mesh and over its first periods, as it stands, and the flow around the rod in that motion.
-    fn followed(&self) -> Result<(MotionAndPower, Regime), String> {
-        let (nodes, span) = self.coarse();
+    fn short_run(&self) -> Result<(MotionAndPower, Regime), String> {
+        let (nodes, span) = self.short_run_mesh();
         let model = self.clone().named_model().with_nodes(nodes).model().map_err(|error| error.to_string())?;
         let (model, strongest) = (Arc::new(model), self.spectrum().strongest());
         let ShortRunResult { means, motion } = simulate(&model, span).map_err(|error| error.to_string())?;
@@ -553,7 +554,7 @@ impl Scene {
         if self.medium.is_none() {
             return Err("there is no fluid".to_string());
         }
-        Ok(self.followed()?.1)
+        Ok(self.short_run()?.1)
     }
 
     /// What says whether forces hold on `rod`, which moves so across itself.
@@ -578,7 +579,7 @@ impl Scene {
     /// `[reactive]`, where it is taken: `auto` takes it where estimates of the scene's own motion say that it matters, and where there are
     /// none but the model can hold it.
     pub fn reactive_on(&self) -> Option<&ReactiveTable> {
-        let matters = self.taken.as_ref().map_or(!self.excludes_added_mass(), |taken| taken.reactive);
+        let matters = self.fluid_choice.as_ref().map_or(!self.excludes_added_mass(), |taken| taken.reactive);
         self.reactive.as_ref().filter(|reactive| !reactive.auto || matters)
     }
 
@@ -591,20 +592,20 @@ impl Scene {
     /// The law of the fluid that it takes where it leaves that to the program, and why; none where it says so itself, or where nothing
     /// can be estimated.
     pub fn fluid_choice(&self) -> Option<&FluidChoice> {
-        self.taken.as_ref()
+        self.fluid_choice.as_ref()
     }
 
     /// What it takes of the fluid, by estimates or by its Reynolds number.
-    pub(super) fn taken_fluid(&self) -> Option<FluidChoice> {
-        self.taken.clone().or_else(|| {
+    pub(super) fn fluid_choice_or_fixed(&self) -> Option<FluidChoice> {
+        self.fluid_choice.clone().or_else(|| {
             let (law, reactive) = self.fluid_model(&self.model().ok()?.rod);
             Some(FluidChoice { law, reactive, reason: "by its Reynolds number".to_string(), errors: None })
         })
     }
 
     /// Takes `fluid`, where it leaves that to the program.
-    pub(super) fn take_fluid(&mut self, fluid: FluidChoice) {
-        self.taken = Some(fluid).filter(|_| self.leaves_fluid().contains(&true));
+    pub(super) fn set_fluid_choice(&mut self, fluid: FluidChoice) {
+        self.fluid_choice = Some(fluid).filter(|_| self.leaves_fluid().contains(&true));
     }
 
     /// Takes a law of the fluid by estimates, where it leaves that to the program and they can be made.
@@ -619,14 +620,14 @@ impl Scene {
         let rod = self.rod_on(NODES[0] as usize);
         let motion = self.motion(&rod, estimates.regime.across);
         let counts = reactive::COUNTS.left(&motion).is_none();
-        self.taken = FluidChoice::of(&estimates, |law, with| {
+        self.fluid_choice = FluidChoice::of(&estimates, |law, with| {
             let drag = if law_left { laws::auto::CANDIDATES.contains(&law) } else { fixed == Some(law) };
             let water = if reactive_left { counts || !with } else { with == reactive };
             drag && water && !(with && self.excludes_added_mass())
         });
         let is_below = LAWS.iter().any(|law| law.is_whole() && law.validity.holds(&motion));
-        if let Some((law, changes)) = is_below.then(|| self.whole_drag()).flatten()
-            && let Some(taken) = &mut self.taken
+        if let Some((law, changes)) = is_below.then(|| self.nonlocal_drag()).flatten()
+            && let Some(taken) = &mut self.fluid_choice
         {
             taken.count(law, changes, estimates.held);
         }
@@ -653,7 +654,7 @@ impl Scene {
         if self.medium.is_none() {
             return Err("there is no fluid".to_string());
         }
-        let (nodes, span) = self.coarse();
+        let (nodes, span) = self.short_run_mesh();
         let strongest = self.spectrum().strongest();
         let held = self.head.kind != HeadKind::Free;
         let fixed = self.drag.as_ref().and_then(|drag| drag.law().ok()).filter(|law| *law != &laws::auto::LAW);
@@ -708,17 +709,17 @@ impl Scene {
     }
 
     /// What drag of the whole rod, where it holds and is not taken, would change of motion and power, relative: of a coarse motion.
-    pub fn whole_drag(&self) -> Option<(&'static DragLaw, [f64; 2])> {
-        if self.has_whole_drag() {
+    pub fn nonlocal_drag(&self) -> Option<(&'static DragLaw, [f64; 2])> {
+        if self.has_nonlocal_drag() {
             return None;
         }
         let (_, reactive) = self.fluid_model(&self.rod_on(NODES[0] as usize));
-        let coarse = self.with_nodes(MOST_NODES_OF_WHOLE.min(self.rod.nodes.get() as u64));
-        let (own, regime) = coarse.followed().ok()?;
+        let coarse = self.with_nodes(MAX_NONLOCAL_NODES.min(self.rod.nodes.get() as u64));
+        let (own, regime) = coarse.short_run().ok()?;
         let rod = coarse.rod_on(coarse.rod.nodes.get());
         let motion = coarse.motion(&rod, regime.across);
         let law = LAWS.iter().copied().find(|law| law.is_whole() && law.validity.holds(&motion))?;
-        let (means, _) = coarse.with_fluid(law, reactive).ok()?.0.followed().ok()?;
+        let (means, _) = coarse.with_fluid(law, reactive).ok()?.0.short_run().ok()?;
         Some((law, means.differences(&own)))
     }
 

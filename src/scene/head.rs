@@ -1,12 +1,12 @@
-//! `[head]`: who holds the head, and where.
+//! `[head]`: how the head is held, and the signals that drive it.
 
 use std::path::PathBuf;
 
 use serde::Deserialize;
 
 use super::key_error::KeyError;
-use super::value::{ScalarSignal, VectorSignal, Wanted};
-use super::{Scene, table};
+use super::value::{ScalarSignal, SignalValue, VectorSignal};
+use super::{Scene, csv_table};
 use crate::error::Result;
 use crate::head::{HeadInput, Motion, Signal};
 
@@ -15,14 +15,14 @@ use crate::head::{HeadInput, Motion, Signal};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeadTable {
-    /// Kind of head.
+    /// How the head is held.
     #[serde(default)]
     pub kind: HeadKind,
     /// Position of a driven head, m.
     pub position_m: Option<VectorSignal>,
     /// Angle of a driven head from +x, rad.
     pub angle_rad: Option<ScalarSignal>,
-    /// What a host's pose of a held head is the pose of; absent: the time at which it is given.
+    /// The time that a pose set by a host belongs to. By default `now`.
     pub input: Option<HeadInput>,
 }
 
@@ -31,12 +31,12 @@ pub struct HeadTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum HeadKind {
-    /// Nothing holds it.
+    /// Free: no force or moment at the head.
     #[default]
     Free,
-    /// Held at the origin, along +x.
+    /// Clamped at the origin, along +x.
     Clamped,
-    /// Held where the scene or a host says.
+    /// Held in a pose that the scene or a host prescribes over time.
     Driven,
 }
 
@@ -79,16 +79,16 @@ impl Scene {
 
     /// The signals x and y; from one table that is named for both it takes both.
     pub(super) fn vector_signal(&self, VectorSignal([x, y]): &VectorSignal) -> Result<[Signal; 2]> {
-        let columns = if matches!((x, y), (Wanted::Table(a), Wanted::Table(b)) if a == b) { 2 } else { 1 };
+        let columns = if matches!((x, y), (SignalValue::Table(a), SignalValue::Table(b)) if a == b) { 2 } else { 1 };
         Ok([self.signal(x, 0, columns)?, self.signal(y, columns - 1, columns)?])
     }
 
     /// A signal; from a table it takes value `column` of `columns`.
-    fn signal(&self, wanted: &Wanted, column: usize, columns: usize) -> Result<Signal> {
+    fn signal(&self, wanted: &SignalValue, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
-            Wanted::Formula(signal) => signal.clone(),
-            Wanted::Table(file) => {
-                table::read(&self.read_from, &self.table_path(file), column, columns, self.solver.duration_s.get())?
+            SignalValue::Formula(signal) => signal.clone(),
+            SignalValue::Table(file) => {
+                csv_table::read(&self.read_from, &self.table_path(file), column, columns, self.solver.duration_s.get())?
             }
         })
     }
@@ -100,7 +100,7 @@ impl Scene {
         let flow = self.medium.iter().flat_map(|medium| &medium.flow_m_s.0);
         let mut tables: Vec<&str> = Vec::new();
         for wanted in position.chain(angle).chain(flow) {
-            if let Wanted::Table(file) = wanted
+            if let SignalValue::Table(file) = wanted
                 && !tables.contains(&file.as_str())
             {
                 tables.push(file);

@@ -2,7 +2,7 @@
 
 use crate::error::did_you_mean;
 
-/// A key whose value is missing or not allowed. [`Document::refuse`](super::Document::refuse) adds file and line.
+/// A key whose value is missing or not allowed. [`Document::error_at`](super::Document::error_at) adds file and line.
 #[derive(Debug, Clone, PartialEq)]
 pub struct KeyError {
     /// The dotted key. If the text does not contain it, the error is located at its nearest parent.

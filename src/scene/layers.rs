@@ -14,18 +14,18 @@ use crate::fluid::medium::{Layer, Layers, MOST};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LayerTable {
-    /// Direction across the interface, towards this fluid, of any length; of the first layer where it is not given.
+    /// Normal of the interface, towards this fluid, of any length. By default, that of the first layer.
     #[serde(default, deserialize_with = "some_pair")]
     pub normal: Option<[Finite; 2]>,
-    /// Where the middle of the interface is along the normal, m.
+    /// Position of the middle of the interface along the normal, m.
     pub offset_m: Finite,
-    /// Thickness over which the fluids blend, m.
+    /// Thickness of the transition between the fluids, m.
     pub thickness_m: Positive,
-    /// Dynamic viscosity beyond, Pa s.
+    /// Dynamic viscosity of this fluid, Pa s.
     pub viscosity_pa_s: Positive,
-    /// Density beyond, kg/m³.
+    /// Density of this fluid, kg/m³.
     pub density_kg_m3: Positive,
-    /// Background velocity beyond, along the interface, m/s; that of the first fluid where it is not given.
+    /// Velocity of the background flow in this fluid, along the interface, m/s. By default, that of the first fluid.
     #[serde(default, deserialize_with = "some_pair")]
     pub flow_m_s: Option<[Finite; 2]>,
 }
@@ -35,9 +35,9 @@ pub struct LayerTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct ShearTable {
-    /// How much the flow gains per metre along the normal, 1/s, in the direction of the normal turned by −90°.
+    /// Velocity gradient along the normal, 1/s. The flow is along the normal turned by −90°.
     pub rate_per_s: Finite,
-    /// Direction along which it gains; that of the interfaces where it is not given.
+    /// Direction of the gradient. By default, the normal of the interfaces.
     #[serde(default, deserialize_with = "some_pair")]
     pub normal: Option<[Finite; 2]>,
 }
@@ -47,7 +47,7 @@ fn some_pair<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Option
 }
 
 /// Directions that differ by no more than this (the sine of the angle between them) count as one: rounding of a scene that was turned.
-const SAME: f64 = 1e-9;
+const PARALLEL_TOLERANCE: f64 = 1e-9;
 
 fn vector(pair: [Finite; 2]) -> Vector2<f64> {
     Vector2::from(pair.map(Finite::get))
@@ -122,7 +122,7 @@ impl MediumTable {
         let normal = vector(normal).normalize();
         let others = keys.chain(self.shear.iter().map(|shear| ("medium.shear".to_string(), shear.normal)));
         for (table, other) in others.filter_map(|(table, other)| Some((table, vector(other?)))) {
-            if other.perp(&normal).abs() > SAME * other.norm() || other.dot(&normal) <= 0.0 {
+            if other.perp(&normal).abs() > PARALLEL_TOLERANCE * other.norm() || other.dot(&normal) <= 0.0 {
                 let found = format!("[{}, {}]", other.x, other.y);
                 let allowed = format!("the direction of {first}.normal, as all interfaces are parallel; leave it out");
                 return fault(key(&table, "normal"), value::refused(found, allowed));
@@ -133,7 +133,7 @@ impl MediumTable {
                 otherwise; make it steady, or remove the layers and the shear";
             return fault("medium.flow_m_s".into(), problem.into());
         }
-        let crosses = |flow: Vector2<f64>| normal.dot(&flow).abs() > SAME * flow.norm();
+        let crosses = |flow: Vector2<f64>| normal.dot(&flow).abs() > PARALLEL_TOLERANCE * flow.norm();
         let flows = self.keyed().filter_map(|(table, layer)| Some((key(&table, "flow_m_s"), layer.flow_m_s?)));
         let flows = flows.map(|(key, flow)| (key, vector(flow)));
         for (key, flow) in std::iter::once(("medium.flow_m_s".to_string(), self.first_flow())).chain(flows) {
@@ -157,7 +157,7 @@ impl MediumTable {
             }
         }
         let gravity = scene.loads.as_ref().and_then(|loads| loads.gravity_m_s2).map_or(Vector2::zeros(), vector);
-        if !tables.is_empty() && normal.perp(&gravity).abs() > SAME * gravity.norm() {
+        if !tables.is_empty() && normal.perp(&gravity).abs() > PARALLEL_TOLERANCE * gravity.norm() {
             let found = format!("[{}, {}], which is not along the normal", normal.x, normal.y);
             let allowed = "with gravity, the direction of gravity or its opposite: fluids at rest lie in level layers; \
                 turn the normal, or remove loads.gravity_m_s2";

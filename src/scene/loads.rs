@@ -13,13 +13,13 @@ use crate::rod::Rod;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct LoadsTable {
-    /// Gravity, m/s²; a neutrally buoyant tail has none.
+    /// Acceleration of gravity, m/s². Leave it out for a neutrally buoyant rod.
     #[serde(default, deserialize_with = "value::optional_pair")]
     pub gravity_m_s2: Option<[Finite; 2]>,
-    /// True where the medium carries the rod.
+    /// Whether the medium exerts buoyancy on the rod.
     #[serde(default)]
     pub buoyancy: bool,
-    /// Forces on single nodes.
+    /// Constant forces on single nodes.
     #[serde(default)]
     pub point: Vec<PointLoad>,
 }

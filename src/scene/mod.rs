@@ -1,9 +1,9 @@
-//! Scenes: what a user edits. TOML with units in the keys; unknown keys and values out of range are refused.
+//! Scenes: the TOML files that users write. Keys end in their units; unknown keys and values out of range are errors.
 
 mod actuation;
 mod body;
+mod csv_table;
 mod document;
-mod failure;
 pub mod files;
 pub mod fluid;
 mod head;
@@ -18,7 +18,7 @@ mod rod;
 pub(crate) mod schema;
 mod solver;
 mod start;
-mod table;
+mod start_error;
 pub mod value;
 mod variants;
 
@@ -31,7 +31,7 @@ pub use actuation::ActuationTable;
 pub use body::HeadBodyTable;
 pub use document::Document;
 #[cfg(feature = "report")]
-pub(crate) use document::rivals;
+pub(crate) use document::exclusive_keys;
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
@@ -50,65 +50,65 @@ use crate::error::{Error, Result};
 use crate::model::Model;
 use crate::reduced::FluidChoice;
 
-/// Fewest and most nodes a scene may have.
+/// The smallest and the largest number of nodes of a scene.
 pub const NODES: [u64; 2] = [3, 10_000_000];
 
-/// A scene: everything there is to say about a run.
+/// A scene: the complete description of a run.
 ///
-/// From a file by [`load`](Self::load), from text by [`Document`]; as a value of serde it is read as such a text, with the same checks.
+/// [`load`](Self::load) reads it from a file and [`Document`] from text. Deserialising it by serde applies the same checks.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(remote = "Self", deny_unknown_fields)]
 pub struct Scene {
-    /// Name; the file's where the scene has none.
+    /// Name of the scene. By default, the name of the file without its extension.
     #[serde(default)]
     pub name: String,
-    /// The rod.
+    /// Mesh, cross-section and material of the rod.
     pub rod: RodTable,
-    /// Actuation; absent: a passive rod.
+    /// Natural curvature that drives the rod. Without this table the rod is passive.
     pub actuation: Option<ActuationTable>,
-    /// How the run starts.
+    /// Shape and motion of the rod at the start.
     #[serde(default)]
     pub start: StartTable,
-    /// The fluid.
+    /// The surrounding fluid. Without this table the rod moves in a vacuum.
     pub medium: Option<MediumTable>,
-    /// Drag; absent: none.
+    /// Drag of the fluid on the rod. Without this table there is none.
     pub drag: Option<DragTable>,
-    /// The water that the rod accelerates; absent: no added mass.
+    /// Added mass: the inertia of the fluid that the rod accelerates. Without this table there is none.
     pub reactive: Option<ReactiveTable>,
-    /// A rigid body before the rod; absent: none.
+    /// A rigid spheroid at the head of the rod. Without this table there is none.
     pub head_body: Option<HeadBodyTable>,
-    /// Gravity and point loads; absent: none.
+    /// Gravity, buoyancy and point loads. Without this table there are none.
     pub loads: Option<LoadsTable>,
-    /// The head; absent: free.
+    /// Boundary condition at the head of the rod: free, clamped or driven.
     #[serde(default)]
     pub head: HeadTable,
-    /// How it is solved.
+    /// Model, integrator, step size and duration.
     pub solver: SolverTable,
-    /// What is recorded.
+    /// Output: the times and nodes that are recorded.
     #[serde(default)]
     pub record: RecordTable,
-    /// What `caudal design` is asked for; a run takes no notice of it.
+    /// Goal, variables and constraints of `caudal design`. A run ignores this table.
     #[cfg_attr(feature = "schema", schemars(with = "Option<serde_json::Map<String, serde_json::Value>>"))]
     pub design: Option<toml::Table>,
-    /// Folder that tables are looked for in.
+    /// Folder that relative paths of tables start from.
     #[serde(skip)]
     pub folder: PathBuf,
-    /// Where these are read from.
+    /// Source of these tables: the disk or memory.
     #[serde(skip)]
     pub(crate) read_from: Files,
-    /// The file that says it, as errors name it.
+    /// The file of the scene, as errors name it.
     #[serde(skip)]
     file: PathBuf,
-    /// Names the contents of its tables when it was read.
+    /// Hash of the contents of its tables at the time of reading.
     #[serde(skip)]
     contents: u128,
-    /// The law of the fluid that was taken when it was read, where it leaves that to the program: scenes made from it keep it.
+    /// The drag law chosen when it was read, if the scene leaves the choice to the program. Scenes derived from it keep the choice.
     #[serde(skip)]
-    taken: Option<FluidChoice>,
+    fluid_choice: Option<FluidChoice>,
 }
 
-/// The tables of a scene, each key judged by itself only.
+/// The tables of a scene, with each key checked on its own only.
 struct Unchecked(Scene);
 
 impl<'de> Deserialize<'de> for Unchecked {
@@ -133,7 +133,7 @@ impl Scene {
         Document::read(path.as_ref())?.scene()
     }
 
-    /// Checks what no single key can tell.
+    /// Checks the keys against each other.
     fn check(&self) -> std::result::Result<(), KeyError> {
         self.check_name()?;
         self.rod.check()?;
@@ -153,7 +153,7 @@ impl Scene {
         self.check_method()
     }
 
-    /// A name is also that of a folder.
+    /// The name is also used for a folder.
     fn check_name(&self) -> std::result::Result<(), KeyError> {
         let refuse = |found: std::fmt::Arguments<'_>| {
             Err(KeyError { key: "name".into(), problem: value::refused(found, "a name that can be a folder's") })
@@ -171,7 +171,7 @@ impl Scene {
         Error::Scene { place: self.file.display().to_string(), key: key.to_string(), problem }
     }
 
-    /// The model it describes.
+    /// Builds the model that the scene describes.
     ///
     /// # Errors
     /// [`Error::Read`] or [`Error::Scene`] for the table of a driven head or of a flow.
@@ -198,23 +198,23 @@ impl Scene {
         })
     }
 
-    /// The file that says it, from the root where there is such a file.
+    /// The file of the scene, as an absolute path if it exists.
     pub fn file(&self) -> PathBuf {
         self.file.canonicalize().unwrap_or_else(|_| self.file.clone())
     }
 
-    /// Names what this scene says, the contents of its tables when it was read, and the version of the program; not where
-    /// it stands, nor its name, which may be the file's.
+    /// Hash of the content of the scene and its tables, and of the version of the program. The file's location and the name are
+    /// left out.
     pub fn fingerprint(&self) -> u128 {
         let mut nowhere = self.clone();
         (nowhere.name, nowhere.folder, nowhere.file) = <_>::default();
         nowhere.read_from = Files::default();
-        nowhere.taken = None; // follows from the rest
+        nowhere.fluid_choice = None; // follows from the rest
         // The text of what is left has every part of the scene, and every number to the bit.
         XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }
 
-    /// The [fingerprint](Self::fingerprint) as files have it.
+    /// The [fingerprint](Self::fingerprint) in hexadecimal digits, as output files contain it.
     pub fn fingerprint_text(&self) -> String {
         format!("{:032x}", self.fingerprint())
     }

@@ -1,13 +1,13 @@
-//! The scalar values of a scene as parameters that a host may change before it starts, by the scene's own keys.
+//! The scalar values of a scene by their keys, as parameters that a host may change before the start.
 
 use std::ops::RangeInclusive;
 
 use super::Scene;
-use super::value::{Along, Finite, Gradient, NotNegative, Positive, Share, Tolerance};
+use super::value::{Finite, Gradient, NotNegative, NumberOrProfile, Positive, Share, Tolerance};
 
 /// A scalar value of a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Parameter {
+pub struct ScalarParameter {
     /// Dotted key, for example `rod.length_m`.
     pub key: String,
     /// Which of the key's values it is, where it has several.
@@ -22,7 +22,7 @@ pub struct Parameter {
     pub range: RangeInclusive<f64>,
 }
 
-impl Parameter {
+impl ScalarParameter {
     /// The key, and `[0]`, `[1]`, … where the key has several values.
     pub fn name(&self) -> String {
         self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
@@ -37,7 +37,7 @@ impl Parameter {
 
 /// A quantity of a scene that is given by points along the rod.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Points {
+pub struct ProfileParameter {
     /// Dotted key, for example `rod.depth_m`.
     pub key: &'static str,
     /// SI unit; `1` where there is none.
@@ -71,15 +71,21 @@ ranged!(Positive: f64::MIN_POSITIVE..=f64::INFINITY, NotNegative: 0.0..=f64::INF
 
 /// The parameters in the making.
 #[derive(Default)]
-pub(super) struct List(Vec<Parameter>);
+pub(super) struct ParameterList(Vec<ScalarParameter>);
 
-impl List {
+impl ParameterList {
     pub(super) fn add<T: Ranged>(&mut self, key: &str, unit: &'static str, description: &str, value: T) {
         self.push(key, None, unit, description, &value);
     }
 
     /// A number, where it is one.
-    fn along<T: Ranged + Copy>(&mut self, key: &str, unit: &'static str, description: &str, value: &Along<T>) {
+    fn along<T: Ranged + Copy>(
+        &mut self,
+        key: &str,
+        unit: &'static str,
+        description: &str,
+        value: &NumberOrProfile<T>,
+    ) {
         if let Some(value) = value.number() {
             self.add(key, unit, description, value);
         }
@@ -100,15 +106,15 @@ impl List {
         value: &T,
     ) {
         let (description, value) = (description.to_string(), value.number());
-        self.0.push(Parameter { key: key.to_string(), component, unit, description, value, range: T::range() });
+        self.0.push(ScalarParameter { key: key.to_string(), component, unit, description, value, range: T::range() });
     }
 }
 
 impl Scene {
     /// The scalar values of this scene. Which there are follows from the tables and kinds that the scene has, never from
     /// other values; the number of nodes, which changes the sizes of variables, is not among them.
-    pub fn parameters(&self) -> Vec<Parameter> {
-        let mut list = List::default();
+    pub fn parameters(&self) -> Vec<ScalarParameter> {
+        let mut list = ParameterList::default();
         let rod = &self.rod;
         list.add("rod.length_m", "m", "length of the rod", rod.length_m);
         list.along("rod.outer_radius_m", "m", "outer radius", &rod.outer_radius_m);
@@ -219,7 +225,7 @@ impl Scene {
         );
         if let Ok((method, values)) = self.method() {
             for (parameter, value) in method.parameters.iter().zip(values) {
-                list.0.push(Parameter {
+                list.0.push(ScalarParameter {
                     key: format!("solver.{}", parameter.name),
                     component: None,
                     unit: "1",
@@ -264,7 +270,7 @@ impl Scene {
         tables.iter().find(|(_, same)| !same).map(|(table, _)| table.to_string())
     }
 
-    /// Sets every [tunable](Parameter::is_tunable) value that there is to `one`.
+    /// Sets every [tunable](ScalarParameter::is_tunable) value that there is to `one`.
     fn set_tunable(&mut self, one: Positive) {
         fn set<T>(value: &mut Option<T>, one: T) {
             if value.is_some() {
@@ -279,7 +285,7 @@ impl Scene {
             }
             for value in [&mut drag.along_n_s_m2, &mut drag.across_n_s_m2] {
                 if value.as_ref().is_some_and(|value| value.number().is_some()) {
-                    *value = Some(Along::<NotNegative>::constant(1.0));
+                    *value = Some(NumberOrProfile::<NotNegative>::constant(1.0));
                 }
             }
             let factors = [
@@ -297,8 +303,8 @@ impl Scene {
     }
 
     /// What of this scene is given by points along the rod, phases and factors on the stiffness left out.
-    pub fn profiles(&self) -> Vec<Points> {
-        fn points<T: Copy>(along: &Along<T>) -> Option<Vec<[f64; 2]>> {
+    pub fn profiles(&self) -> Vec<ProfileParameter> {
+        fn points<T: Copy>(along: &NumberOrProfile<T>) -> Option<Vec<[f64; 2]>> {
             along.points().map(<[_]>::to_vec)
         }
         let (rod, drag) = (&self.rod, self.drag.as_ref());
@@ -315,14 +321,14 @@ impl Scene {
             ("drag.across_n_s_m2", "N s/m^2", drag.and_then(|drag| drag.across_n_s_m2.as_ref()).and_then(points)),
         ]
         .into_iter()
-        .filter_map(|(key, unit, points)| Some(Points { key, unit, points: points? }))
+        .filter_map(|(key, unit, points)| Some(ProfileParameter { key, unit, points: points? }))
         .collect()
     }
 }
 
 /// The overrides ([`Document::set`](super::Document::set)) that turn the values of `parameters` into `values`.
-pub fn overrides(parameters: &[Parameter], values: &[f64]) -> Vec<String> {
-    let all: Vec<(&Parameter, f64)> = parameters.iter().zip(values.iter().copied()).collect();
+pub fn overrides(parameters: &[ScalarParameter], values: &[f64]) -> Vec<String> {
+    let all: Vec<(&ScalarParameter, f64)> = parameters.iter().zip(values.iter().copied()).collect();
     let mut overrides = Vec::new();
     for (i, (parameter, value)) in all.iter().enumerate() {
         match parameter.component {

@@ -16,7 +16,7 @@ pub struct Parcel<T = ()> {
     caudal_version: String,
     /// The scene or the sweep, one of `files`.
     pub path: PathBuf,
-    /// Its overrides, see [`Document::layered`].
+    /// Its overrides, see [`Document::override_lines`].
     pub set: Vec<String>,
     /// It and the files that it names.
     pub files: Contents,
@@ -42,7 +42,7 @@ impl<T> Parcel<T> {
             let content = scene.read_from.read(&file)?;
             files.insert(file, content);
         }
-        Ok(Self::of(path, document.layered(), files, task))
+        Ok(Self::of(path, document.override_lines(), files, task))
     }
 
     /// The scene, and what is to be done with it.
@@ -51,7 +51,7 @@ impl<T> Parcel<T> {
     /// Those of [`Document::read`].
     pub fn scene(self) -> Result<(Document, T)> {
         let mut document = Document::read_from(Files::of(self.files), &self.path)?;
-        document.set_layers(self.set.iter().map(String::as_str))?;
+        document.set_override_lines(self.set.iter().map(String::as_str))?;
         Ok((document, self.task))
     }
 }

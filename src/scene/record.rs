@@ -4,23 +4,23 @@ use serde::Deserialize;
 
 use super::Scene;
 use super::key_error::KeyError;
-use super::value::{self, NotNegative, Positive, Whole};
+use super::value::{self, BoundedInteger, NotNegative, Positive};
 
 /// `[record]`.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RecordTable {
-    /// Steps between recorded times, 1 where it is not given; the first and the last time are always recorded.
-    pub every: Option<Whole<1, 1_000_000_000>>,
-    /// Time between recorded times, s, whatever the steps.
+    /// Number of steps between recorded times. By default 1. The first and the last time are always recorded.
+    pub every: Option<BoundedInteger<1, 1_000_000_000>>,
+    /// Interval between recorded times, s, independent of the steps.
     pub interval_s: Option<Positive>,
-    /// First time of the table of nodes, s.
+    /// First time of the node table, s.
     #[serde(default = "from_start")]
     pub nodes_from_s: NotNegative,
-    /// The nodes of that table; a negative one counts from the tip, −1. All where it is not given.
+    /// Nodes of the node table; negative numbers count from the tip, −1. By default all.
     pub nodes: Option<Vec<i64>>,
-    /// Form of that table; by default up to 200 nodes have a CSV file and more have none.
+    /// Format of the node table. By default `csv` up to 200 nodes and `none` beyond.
     pub nodes_table: Option<NodesTable>,
 }
 
@@ -44,10 +44,10 @@ impl Default for RecordTable {
 }
 
 /// Most rows that `record.interval_s` may ask for.
-const MOST_ROWS: f64 = 1e9;
+const MAX_ROWS: f64 = 1e9;
 
 /// Up to this many nodes nodes.csv is written unless asked otherwise.
-const NODES_CSV_UP_TO: usize = 200;
+const MAX_CSV_NODES: usize = 200;
 
 fn from_start() -> NotNegative {
     NotNegative::constant(0.0)
@@ -89,8 +89,8 @@ impl RecordTable {
         if self.every.is_some() && self.interval_s.is_some() {
             return fault("found beside every; allowed: one of the two".into());
         }
-        if let Some(interval) = self.interval_s.map(Positive::get).filter(|x| duration > MOST_ROWS * x) {
-            let allowed = format!("at least {:e}, so that there are at most {MOST_ROWS:e} rows", duration / MOST_ROWS);
+        if let Some(interval) = self.interval_s.map(Positive::get).filter(|x| duration > MAX_ROWS * x) {
+            let allowed = format!("at least {:e}, so that there are at most {MAX_ROWS:e} rows", duration / MAX_ROWS);
             let found = format_args!("{interval:e}, which makes {:.1e} rows", duration / interval);
             return fault(value::refused(found, allowed));
         }
@@ -111,7 +111,7 @@ impl Scene {
     /// The form of the table of nodes.
     pub fn nodes_table(&self) -> NodesTable {
         let recorded = self.record.nodes.as_ref().map_or(self.nodes(), Vec::len);
-        let default = if recorded <= NODES_CSV_UP_TO { NodesTable::Csv } else { NodesTable::None };
+        let default = if recorded <= MAX_CSV_NODES { NodesTable::Csv } else { NodesTable::None };
         self.record.nodes_table.unwrap_or(default)
     }
 }

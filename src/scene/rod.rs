@@ -5,7 +5,7 @@ use std::ops::RangeInclusive;
 use serde::Deserialize;
 
 use super::key_error::KeyError;
-use super::value::{self, Along, Gradient, NotNegative, Positive, Whole};
+use super::value::{self, BoundedInteger, Gradient, NotNegative, NumberOrProfile, Positive};
 use super::{HeadKind, NODES, Scene};
 use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Shape, Stiffness};
 
@@ -14,32 +14,32 @@ use crate::rod::{MassLumping, Material, Profile, Rod, Sections, Shape, Stiffness
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct RodTable {
-    /// Number of nodes; the centre of a body before the rod is one more.
-    pub nodes: Whole<{ NODES[0] }, { NODES[1] }>,
-    /// Length, m.
+    /// Number of nodes. A `[head_body]` adds one.
+    pub nodes: BoundedInteger<{ NODES[0] }, { NODES[1] }>,
+    /// Length of the rod, m.
     pub length_m: Positive,
-    /// Outline of the cross-section; without it `ellipse` where `depth_m` is given, else `round`. `round` with another depth than the
-    /// diameter is a round core with a membrane that only the fluid feels.
+    /// Shape of the cross-section. By default, `ellipse` if `depth_m` is given and `round` otherwise. A `round` section whose depth
+    /// differs from the diameter is a round core with a thin membrane: only the fluid feels the membrane.
     pub section: Option<Shape>,
-    /// Outer radius, m; half the thickness in the plane of motion.
-    pub outer_radius_m: Along<Positive>,
-    /// Inner radius, m, half the thickness of a hole of the section's own shape; 0, a solid rod, where it is not given.
+    /// Outer radius, or half the thickness in the plane of motion, m.
+    pub outer_radius_m: NumberOrProfile<Positive>,
+    /// Inner radius, or half the thickness of a hole of the same shape, m. By default 0: a solid rod.
     #[serde(default = "solid")]
-    pub inner_radius_m: Along<NotNegative>,
-    /// Depth across the plane of motion, m; twice the outer radius where it is not given.
-    pub depth_m: Option<Along<NotNegative>>,
+    pub inner_radius_m: NumberOrProfile<NotNegative>,
+    /// Depth perpendicular to the plane of motion, m. By default, twice the outer radius.
+    pub depth_m: Option<NumberOrProfile<NotNegative>>,
     /// Young's modulus, Pa.
     pub youngs_modulus_pa: Positive,
-    /// Density, kg/m³.
-    pub density_kg_m3: Along<Positive>,
-    /// Points [ξ, factor] of the mass, linear in between, constant outside.
-    pub mass_profile: Option<Along<NotNegative>>,
-    /// a in EI(1 + a(1−ξ)); 0 where neither this nor a profile is given.
+    /// Density of the material, kg/m³.
+    pub density_kg_m3: NumberOrProfile<Positive>,
+    /// Factor of the mass along the rod.
+    pub mass_profile: Option<NumberOrProfile<NotNegative>>,
+    /// Linear taper of the stiffness: a in EI(1 + a(1 − ξ)). By default 0.
     pub stiffness_gradient: Option<Gradient>,
-    /// Points [ξ, factor] of EI, linear in between, constant outside.
+    /// Factor of EI along the rod, as points [ξ, factor]: linear between them, constant beyond.
     #[serde(default, deserialize_with = "value::optional_pairs")]
     pub stiffness_profile: Option<Vec<[NotNegative; 2]>>,
-    /// Lumping of the mass.
+    /// How the mass of an edge is lumped at nodes.
     #[serde(default)]
     pub mass_lumping: MassLumping,
 }
@@ -47,8 +47,8 @@ pub struct RodTable {
 /// Masses, lengths and stiffnesses of a rod, in SI units: products of a few of them are numbers still.
 pub(super) const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
 
-fn solid() -> Along<NotNegative> {
-    Along::<NotNegative>::constant(0.0)
+fn solid() -> NumberOrProfile<NotNegative> {
+    NumberOrProfile::<NotNegative>::constant(0.0)
 }
 
 impl RodTable {
@@ -75,9 +75,9 @@ impl RodTable {
             shape: self.shape(),
             outer: self.outer_radius_m.profile(),
             inner: self.inner_radius_m.profile(),
-            depth: self.depth_m.as_ref().map(Along::profile),
+            depth: self.depth_m.as_ref().map(NumberOrProfile::profile),
             density: self.density_kg_m3.profile(),
-            mass_factor: self.mass_profile.as_ref().map_or(1.0.into(), Along::profile),
+            mass_factor: self.mass_profile.as_ref().map_or(1.0.into(), NumberOrProfile::profile),
         }
     }
 
@@ -87,9 +87,9 @@ impl RodTable {
         let disorders = [
             ("outer_radius_m", self.outer_radius_m.disorder()),
             ("inner_radius_m", self.inner_radius_m.disorder()),
-            ("depth_m", self.depth_m.as_ref().and_then(Along::disorder)),
+            ("depth_m", self.depth_m.as_ref().and_then(NumberOrProfile::disorder)),
             ("density_kg_m3", self.density_kg_m3.disorder()),
-            ("mass_profile", self.mass_profile.as_ref().and_then(Along::disorder)),
+            ("mass_profile", self.mass_profile.as_ref().and_then(NumberOrProfile::disorder)),
         ];
         for (key, disorder) in disorders {
             if let Some(found) = disorder {

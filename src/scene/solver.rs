@@ -1,4 +1,4 @@
-//! `[solver]`: model, method, steps and form.
+//! `[solver]`: model, integrator, step size, tolerances and form of the equations.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
@@ -22,32 +22,33 @@ use crate::system::Form;
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 pub struct SolverTable {
-    /// Name of the method; see [`Scene::integrator_name`] for scenes that say nothing.
+    /// The integrator. By default `esdirk3` with adaptive steps, and `generalized-alpha` if `time_step_s` is given, or
+    /// `implicit-euler` if the start is also a `jump`.
     pub integrator: Option<String>,
-    /// The rung of the ladder of models, or `auto`.
+    /// The model: `full`, a cheaper one, or `auto` for the cheapest whose estimated error is within `accuracy`.
     #[serde(default = "full")]
     pub model: String,
-    /// Largest estimated error of the model that `auto` takes.
+    /// Largest relative error of the model that `auto` may choose. By default 1e-3.
     #[serde(default = "default_accuracy")]
     pub accuracy: Positive,
-    /// What that error is of; all that the scene has where it is not given.
+    /// The quantities whose error `accuracy` limits. By default, all that the scene has.
     pub accuracy_of: Option<Vec<ErrorMeasure>>,
-    /// Step size, s.
+    /// Step size of fixed steps, s.
     pub time_step_s: Option<Positive>,
-    /// Largest estimated error of an adaptive step, see [`Pace::Adaptive`].
+    /// Relative tolerance of adaptive steps. By default 1e-3, if `time_step_s` is not given.
     pub tolerance: Option<Tolerance>,
     /// Duration of the run, s.
     pub duration_s: Positive,
-    /// Largest displacement increment of Newton's last iteration over the length; [`Scene::newton_tolerance`] is that of
-    /// scenes that say nothing too.
+    /// Newton's method stops when the displacement increment divided by the rod length is below this. By default 1e-10 with
+    /// fixed steps, and `tolerance`/1000, at most 1e-6, with adaptive ones.
     pub newton_tolerance: Option<Tolerance>,
     /// The linear solver.
     #[serde(default)]
     pub linear: linear::Choice,
-    /// What Newton's method takes as unknowns.
+    /// The unknowns of Newton's method.
     #[serde(default)]
     pub form: FormKey,
-    /// The method's own parameters.
+    /// The parameters of the integrator.
     #[serde(flatten)]
     #[cfg_attr(feature = "schema", schemars(skip))]
     pub parameters: BTreeMap<String, toml::Value>,
@@ -58,19 +59,19 @@ pub struct SolverTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum FormKey {
-    /// Positions where their rounding error stays below [`chain::ACCURACY`], else the chain form.
+    /// Positions, or the chain form if the rounding error of positions would be too large.
     #[default]
     Auto,
-    /// See [`Form::Positions`].
+    /// The positions of the nodes.
     Positions,
-    /// See [`Form::Chain`].
+    /// Positions, angles, forces and moments: accurate for very fine meshes and stiff rods.
     Chain,
 }
 
-/// Most steps a scene may have; integers are exact well beyond.
-const MOST_STEPS: f64 = 1e15;
+/// The largest number of steps of a scene.
+const MAX_STEPS: f64 = 1e15;
 
-/// The keys of `[solver]` beside the methods' parameters.
+/// The keys of `[solver]` other than the parameters of integrators.
 const SOLVER_KEYS: [&str; 10] = [
     "integrator",
     "time_step_s",
@@ -84,7 +85,7 @@ const SOLVER_KEYS: [&str; 10] = [
     "accuracy_of",
 ];
 
-/// Refuses a key of `[solver]` that is neither its own nor a parameter of any method.
+/// Returns an error for a key of `[solver]` that is neither its own nor a parameter of an integrator.
 pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::result::Result<(), KeyError> {
     let parameters = |method: &'static Method| method.parameters.iter().map(|parameter| parameter.name);
     if SOLVER_KEYS.contains(&key) || METHODS.iter().any(|method| parameters(method).any(|name| name == key)) {
@@ -101,11 +102,11 @@ pub(super) fn check_solver_key(key: &str, integrator: Option<&str>) -> std::resu
 const AUTO: &str = "auto";
 
 /// The errors of cheaper models are estimated on no more nodes than this.
-const ESTIMATES_UP_TO: u64 = 17;
+const MAX_ESTIMATE_NODES: u64 = 17;
 
 /// Part of the accuracy that is the tolerance of the cheaper model that `auto` takes, so that its steps add nothing to its
 /// error: measured on three scenes, the overdamped model's displacement is off by up to 30 times its tolerance.
-const STEPS_OF_ACCURACY: f64 = 0.01;
+const TOLERANCE_PER_ACCURACY: f64 = 0.01;
 
 /// The method of a scene that names none: without a step of its own; with one; and with one where the rod is released into
 /// its natural curvature at once, on which methods that damp little fail.
@@ -117,8 +118,8 @@ const DEFAULT_TOLERANCE: f64 = 1e-3;
 /// Newton's tolerance where steps are fixed; where they are adaptive, the part of their tolerance that it is, and the largest
 /// value: from a transverse error δ on, stiff rods have the stretching energy of δ²/2ℓ.
 const NEWTON_TOLERANCE: f64 = 1e-10;
-const NEWTON_OF_TOLERANCE: f64 = 1e-3;
-const LARGEST_NEWTON_TOLERANCE: f64 = 1e-6;
+const NEWTON_TOLERANCE_RATIO: f64 = 1e-3;
+const MAX_NEWTON_TOLERANCE: f64 = 1e-6;
 
 pub(super) fn full() -> String {
     "full".to_string()
@@ -132,18 +133,18 @@ impl SolverTable {
     /// Refuses steps too many to be counted.
     pub(super) fn check_steps(&self) -> std::result::Result<(), KeyError> {
         let duration = self.duration_s.get();
-        let Some(step) = self.time_step_s.map(Positive::get).filter(|step| duration > MOST_STEPS * step) else {
+        let Some(step) = self.time_step_s.map(Positive::get).filter(|step| duration > MAX_STEPS * step) else {
             return Ok(());
         };
         let allowed =
-            format!("at least {:e}, so that duration_s has at most {MOST_STEPS:e} steps", duration / MOST_STEPS);
+            format!("at least {:e}, so that duration_s has at most {MAX_STEPS:e} steps", duration / MAX_STEPS);
         let problem = value::refused(format_args!("{step:e}"), allowed);
         Err(KeyError { key: "solver.time_step_s".into(), problem })
     }
 }
 
 impl Scene {
-    /// Checks that its model holds what the scene has.
+    /// Checks that the model supports every part of the scene.
     pub(super) fn check_model(&self) -> std::result::Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let kind = self.kind()?;
@@ -182,12 +183,12 @@ impl Scene {
         Ok(())
     }
 
-    /// True where it names a model that cannot hold the water's inertia.
+    /// True if it names a model without inertia of the fluid.
     pub(super) fn excludes_added_mass(&self) -> bool {
         self.kind().ok().flatten().is_some_and(|kind| kind.needs_drag)
     }
 
-    /// Checks its method with its steps and form.
+    /// Checks the integrator against steps and form.
     pub(super) fn check_method(&self) -> std::result::Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
         let (method, _) = self.method()?;
@@ -221,7 +222,7 @@ impl Scene {
         Ok(())
     }
 
-    /// True where every node that is free to move has drag.
+    /// True if every node that can move has drag.
     fn is_dragged(&self) -> bool {
         let Some(drag) = &self.drag else { return false };
         let weightless = drag.head_weight.is_some_and(|weight| weight.get() == 0.0);
@@ -231,7 +232,7 @@ impl Scene {
         bare < first * spacing
     }
 
-    /// The rung of the ladder of models it names, none where the program chooses.
+    /// The model that it names, or None if the program chooses.
     fn kind(&self) -> std::result::Result<Option<&'static ModelKind>, KeyError> {
         let model = self.solver.model.as_str();
         let kind = ModelKind::named(model);
@@ -245,18 +246,18 @@ impl Scene {
         Ok(kind)
     }
 
-    /// True where it names a model that leaves some of the rod's mechanics out.
+    /// True if it names a reduced model.
     pub fn names_a_cheaper_model(&self) -> bool {
         self.kind().is_ok_and(|kind| kind.is_some_and(|kind| kind.method.is_some()))
     }
 
-    /// What of its medium cheaper models cannot hold.
+    /// The property of its medium that reduced models do not support, if any.
     fn requires_full_model(&self) -> Option<&'static str> {
         let stack = self.medium.as_ref().filter(|medium| medium.is_stacked())?;
         Some(if stack.interfaces().next().is_some() { "an interface in [medium]" } else { "[medium.shear]" })
     }
 
-    /// How far the cheaper models of it are from the whole one; of a fine mesh, on a coarser one.
+    /// Estimated errors of the reduced models, on a coarser mesh if the mesh is fine.
     ///
     /// # Errors
     /// Those of [`model`](Self::model) and [`integrator`](Self::integrator).
@@ -264,7 +265,7 @@ impl Scene {
         if self.requires_full_model().is_some() {
             return Ok(Estimates::none("it cannot hold a medium that changes with the place"));
         }
-        let nodes = (self.rod.nodes.get() as u64).min(ESTIMATES_UP_TO);
+        let nodes = (self.rod.nodes.get() as u64).min(MAX_ESTIMATE_NODES);
         let step = self.typical_step();
         let (method, _) = self.method().map_err(|KeyError { key, problem }| self.error(&key, problem))?;
         let iterations = match (method.implicit, self.integrator()?.rule(step)) {
@@ -284,7 +285,7 @@ impl Scene {
         Ok(Estimates::of(&Arc::new(self.with_nodes(nodes).model()?), run))
     }
 
-    /// The rung that it names, or the cheapest one that is accurate enough.
+    /// The model that it names, or the cheapest one that is accurate enough.
     ///
     /// # Errors
     /// Those of [`estimates`](Self::estimates).
@@ -304,7 +305,8 @@ impl Scene {
         }
     }
 
-    /// The rung that it names, where that can run `model`, another than its own; the whole model where the program would choose.
+    /// The kind of model that it names, if that can run `model`, which differs from the scene's own; the full model if the program
+    /// would choose.
     ///
     /// # Errors
     /// [`Error::Scene`](crate::Error::Scene).
@@ -316,18 +318,18 @@ impl Scene {
         }
     }
 
-    /// What its accuracy is asked of.
+    /// The quantities whose error `accuracy` limits.
     fn measures(&self) -> &[ErrorMeasure] {
         self.solver.accuracy_of.as_deref().unwrap_or(&ErrorMeasure::ALL)
     }
 
-    /// How a cheaper model that `auto` takes chooses its steps at most: for itself.
+    /// The step control of a reduced model that `auto` chooses: adaptive.
     pub(super) fn cheaper_pace(&self) -> Pace {
-        let most = STEPS_OF_ACCURACY * self.solver.accuracy.get();
+        let most = TOLERANCE_PER_ACCURACY * self.solver.accuracy.get();
         Pace::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
     }
 
-    /// The method and the values of its parameters.
+    /// The integrator and the values of its parameters.
     pub(crate) fn method(&self) -> std::result::Result<(&'static Method, Vec<f64>), KeyError> {
         let solver = &self.solver;
         let names = || METHODS.iter().map(|method| method.name);
@@ -364,8 +366,7 @@ impl Scene {
         Ok((method, values))
     }
 
-    /// The name of its method: a scene that names none takes one that fits the step it gives and its start, or one that
-    /// chooses steps for itself.
+    /// The name of its integrator. By default it depends on whether a step size is given, and on the start.
     pub fn integrator_name(&self) -> &str {
         let [without_step, with_step, released] = DEFAULT_INTEGRATORS;
         let default = match self.solver.time_step_s {
@@ -376,7 +377,7 @@ impl Scene {
         self.solver.integrator.as_deref().unwrap_or(default)
     }
 
-    /// How its steps are chosen.
+    /// The control of its step size.
     pub fn pace(&self) -> Pace {
         match (self.solver.time_step_s, self.solver.tolerance) {
             (Some(step), _) => Pace::Fixed(step.get()),
@@ -384,22 +385,22 @@ impl Scene {
         }
     }
 
-    /// The largest displacement increment of Newton's last iteration over the length.
+    /// Tolerance of the displacement increment of Newton's method, divided by the length.
     pub fn newton_tolerance(&self) -> f64 {
         match (self.solver.newton_tolerance, self.pace()) {
             (Some(tolerance), _) => tolerance.get(),
             (None, Pace::Fixed(_)) => NEWTON_TOLERANCE,
-            (None, Pace::Adaptive(tolerance)) => (NEWTON_OF_TOLERANCE * tolerance).min(LARGEST_NEWTON_TOLERANCE),
+            (None, Pace::Adaptive(tolerance)) => (NEWTON_TOLERANCE_RATIO * tolerance).min(MAX_NEWTON_TOLERANCE),
         }
     }
 
-    /// True where Newton's method [foresees](crate::newton::Newton::foreseeing) iterations: a tolerance that is given is that of increments
-    /// that were made.
+    /// True if Newton's method may [predict](crate::newton::Newton::foreseeing) the last increment instead of computing it, which it
+    /// does unless a tolerance is given.
     pub fn newton_foresees(&self) -> bool {
         self.solver.newton_tolerance.is_none()
     }
 
-    /// The size of its steps, s; where they are adaptive, about what is usual: a fiftieth of the fastest period of what drives it, or of the run.
+    /// Its step size, s, or a typical one if steps are adaptive: 1/50 of the shortest period of the drive, or of the run.
     pub fn typical_step(&self) -> f64 {
         match self.pace() {
             Pace::Fixed(step) => step,
@@ -410,12 +411,12 @@ impl Scene {
         }
     }
 
-    /// The form in which `rod`, its own, is solved.
+    /// The form in which the equations of its `rod` are solved.
     pub fn form(&self, rod: &Rod) -> Form {
         match (self.solver.form, Method::named(self.integrator_name())) {
             (FormKey::Positions, _) | (_, Some(Method { implicit: false, .. })) => Form::Positions,
             (FormKey::Chain, _) => Form::Chain,
-            (FormKey::Auto, _) if self.has_whole_drag() => Form::Positions,
+            (FormKey::Auto, _) if self.has_nonlocal_drag() => Form::Positions,
             (FormKey::Auto, _) => chain::form(rod, self.typical_step()),
         }
     }
@@ -429,8 +430,8 @@ impl Scene {
         Ok((method.build)(&values))
     }
 
-    /// The lengths (s) of the calls of `do_step` that make its run: one of whole steps of Δt, and one of the shorter last
-    /// step if there is one; one in all where steps are adaptive.
+    /// The durations (s) of the calls of `do_step` that make up its run: one for all full steps of Δt, and one for a shorter last
+    /// step, if any. Adaptive steps need a single call.
     pub fn spans(&self) -> impl Iterator<Item = f64> {
         let duration = self.solver.duration_s.get();
         let Pace::Fixed(step) = self.pace() else { return [Some(duration), None].into_iter().flatten() };
@@ -438,7 +439,7 @@ impl Scene {
         [(whole > 0).then_some(whole as f64 * step), last].into_iter().flatten()
     }
 
-    /// The same, whole steps one by one.
+    /// The same, with one call per full step.
     #[cfg(feature = "report")]
     pub(crate) fn single_steps(&self) -> impl Iterator<Item = f64> + use<> {
         let (step, steps) = match self.pace() {
@@ -449,7 +450,7 @@ impl Scene {
         (0..whole).map(move |_| step).chain(last)
     }
 
-    /// The number of its steps; none is known before where they are adaptive.
+    /// The number of its steps, or None if they are adaptive.
     pub fn steps(&self) -> Option<u64> {
         let Pace::Fixed(step) = self.pace() else { return None };
         let (whole, last) = whole_steps(self.solver.duration_s.get(), step);
@@ -457,7 +458,7 @@ impl Scene {
     }
 }
 
-/// The whole steps in `duration` (s), and the shorter last one (s) if there is one: together the duration.
+/// The number of full steps in `duration` (s), and the size (s) of a shorter last step, if any.
 pub(crate) fn whole_steps(duration: f64, step: f64) -> (u64, Option<f64>) {
     let whole = (duration / step).round();
     if (whole * step - duration).abs() <= 1e-9 * duration {

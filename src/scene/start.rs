@@ -12,12 +12,12 @@ use crate::start::Start;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct StartTable {
-    /// Kind of start.
+    /// How the actuation begins.
     #[serde(default)]
     pub kind: StartKind,
-    /// Duration of a ramp, s.
+    /// Duration of the ramp, s; only with `kind = "ramp"`.
     pub ramp_s: Option<Positive>,
-    /// Spin of the whole rod about its centre of mass at the start, rad/s; only of a free rod.
+    /// Initial angular velocity of the whole rod about its centre of mass, rad/s; only with a free head.
     pub spin_rad_s: Option<Finite>,
 }
 
@@ -26,11 +26,11 @@ pub struct StartTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum StartKind {
-    /// See [`Start::Jump`].
+    /// The straight rod at rest is released into the full actuation at once.
     Jump,
-    /// See [`Start::Ramp`].
+    /// The actuation of the straight rod at rest grows smoothly from zero over `ramp_s`.
     Ramp,
-    /// See [`Start::Shaped`].
+    /// The rod starts in the shape of its natural curvature and moves with it, without momentum.
     #[default]
     Shaped,
 }

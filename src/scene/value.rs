@@ -1,4 +1,4 @@
-//! Values of a scene's keys: each type knows its range, so that a wrong value is refused where it stands.
+//! Types of the values of scene keys. Each type has a range, so that an error about a wrong value has its line.
 
 use std::fmt;
 use std::marker::PhantomData;
@@ -114,9 +114,9 @@ pub fn refused(found: impl fmt::Display, allowed: impl fmt::Display) -> String {
 
 /// A whole number from `MIN` to `MAX`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Whole<const MIN: u64, const MAX: u64>(u64);
+pub struct BoundedInteger<const MIN: u64, const MAX: u64>(u64);
 
-impl<const MIN: u64, const MAX: u64> Whole<MIN, MAX> {
+impl<const MIN: u64, const MAX: u64> BoundedInteger<MIN, MAX> {
     /// The smallest.
     pub const LEAST: Self = Self(MIN);
 
@@ -131,7 +131,7 @@ impl<const MIN: u64, const MAX: u64> Whole<MIN, MAX> {
     }
 }
 
-impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for Whole<MIN, MAX> {
+impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for BoundedInteger<MIN, MAX> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Within<const MIN: u64, const MAX: u64>;
         impl<const MIN: u64, const MAX: u64> Visitor<'_> for Within<MIN, MAX> {
@@ -166,14 +166,14 @@ impl<'de, const MIN: u64, const MAX: u64> Deserialize<'de> for Whole<MIN, MAX> {
 
 /// A function of time in a scene.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Wanted {
+pub enum SignalValue {
     /// A number or a sinusoid.
     Formula(Signal),
     /// A table in a file, its path relative to the scene.
     Table(String),
 }
 
-impl Wanted {
+impl SignalValue {
     /// The signal, where it is a formula.
     pub fn formula(&self) -> Option<&Signal> {
         match self {
@@ -202,14 +202,14 @@ struct Keys<T, P> {
 
 impl<T, P> Keys<T, P> {
     /// The functions, with `component` picking entry `i` of a value, `phase` of a phase.
-    fn wanted<const M: usize, E: Error>(
+    fn signal_value<const M: usize, E: Error>(
         self,
         component: fn(&T, usize) -> f64,
         phase: fn(&P, usize) -> f64,
-    ) -> Result<[Wanted; M], E> {
+    ) -> Result<[SignalValue; M], E> {
         match self {
             Self { table: Some(file), amplitude: None, frequency_hz: None, phase_rad: None, offset: None } => {
-                Ok(std::array::from_fn(|_| Wanted::Table(file.clone())))
+                Ok(std::array::from_fn(|_| SignalValue::Table(file.clone())))
             }
             Self { table: Some(_), .. } => Err(E::custom(refused(
                 "a table beside other keys",
@@ -217,7 +217,7 @@ impl<T, P> Keys<T, P> {
             ))),
             Self { amplitude: Some(amplitude), frequency_hz: Some(frequency), phase_rad, offset, .. } => {
                 Ok(std::array::from_fn(|i| {
-                    Wanted::Formula(Signal::Sinusoid {
+                    SignalValue::Formula(Signal::Sinusoid {
                         amplitude: component(&amplitude, i),
                         frequency: frequency.get(),
                         phase: phase_rad.as_ref().map_or(0.0, |value| phase(value, i)),
@@ -312,13 +312,13 @@ pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 
 /// A number, or a profile along the rod: points [ξ, number] with rising ξ from 0 to 1, linear in between.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Along<T> {
+pub struct NumberOrProfile<T> {
     points: Vec<[f64; 2]>,
     /// The number where it is the same everywhere.
     number: Option<T>,
 }
 
-impl Along<Positive> {
+impl NumberOrProfile<Positive> {
     /// The same times a positive `factor`.
     pub(super) fn times(&self, factor: f64) -> Self {
         Self {
@@ -328,7 +328,7 @@ impl Along<Positive> {
     }
 }
 
-impl<T: Copy> Along<T> {
+impl<T: Copy> NumberOrProfile<T> {
     /// The number, where it is one.
     pub fn number(&self) -> Option<T> {
         self.number
@@ -357,42 +357,42 @@ impl<T: Copy> Along<T> {
     }
 }
 
-impl Along<NotNegative> {
+impl NumberOrProfile<NotNegative> {
     /// A default; not checked.
     pub(super) fn constant(number: f64) -> Self {
         Self { points: vec![[0.0, number]], number: Some(NotNegative(number)) }
     }
 }
 
-impl<'de, T: Deserialize<'de>> Deserialize<'de> for Along<T> {
+impl<'de, T: Deserialize<'de>> Deserialize<'de> for NumberOrProfile<T> {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Either<T>(PhantomData<T>);
         impl<'de, T: Deserialize<'de>> Visitor<'de> for Either<T> {
-            type Value = Along<T>;
+            type Value = NumberOrProfile<T>;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("a number, or points [[xi, number], …]")
             }
 
-            fn visit_f64<E: Error>(self, x: f64) -> Result<Along<T>, E> {
-                Ok(Along { points: vec![[0.0, x]], number: Some(T::deserialize(F64Deserializer::new(x))?) })
+            fn visit_f64<E: Error>(self, x: f64) -> Result<NumberOrProfile<T>, E> {
+                Ok(NumberOrProfile { points: vec![[0.0, x]], number: Some(T::deserialize(F64Deserializer::new(x))?) })
             }
 
-            fn visit_i64<E: Error>(self, x: i64) -> Result<Along<T>, E> {
+            fn visit_i64<E: Error>(self, x: i64) -> Result<NumberOrProfile<T>, E> {
                 self.visit_f64(x as f64)
             }
 
-            fn visit_u64<E: Error>(self, x: u64) -> Result<Along<T>, E> {
+            fn visit_u64<E: Error>(self, x: u64) -> Result<NumberOrProfile<T>, E> {
                 self.visit_f64(x as f64)
             }
 
-            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<Along<T>, A::Error> {
+            fn visit_seq<A: SeqAccess<'de>>(self, mut seq: A) -> Result<NumberOrProfile<T>, A::Error> {
                 let mut points = Vec::new();
                 while let Some(Pair([xi, value])) = seq.next_element::<Pair<Finite>>()? {
                     T::deserialize(F64Deserializer::<A::Error>::new(value.get()))?;
                     points.push([xi.get(), value.get()]);
                 }
-                Ok(Along { points, number: None })
+                Ok(NumberOrProfile { points, number: None })
             }
         }
         deserializer.deserialize_any(Either(PhantomData))
@@ -401,36 +401,36 @@ impl<'de, T: Deserialize<'de>> Deserialize<'de> for Along<T> {
 
 /// One function of time.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ScalarSignal(pub Wanted);
+pub struct ScalarSignal(pub SignalValue);
 
 impl<'de> Deserialize<'de> for ScalarSignal {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Scalar;
         impl<'de> Visitor<'de> for Scalar {
-            type Value = Wanted;
+            type Value = SignalValue;
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("a number, { amplitude, frequency_hz, phase_rad, offset } or { table = \"file.csv\" }")
             }
 
-            fn visit_f64<E: Error>(self, x: f64) -> Result<Wanted, E> {
+            fn visit_f64<E: Error>(self, x: f64) -> Result<SignalValue, E> {
                 Number { allowed: "a finite number", ok: |_| true }
                     .visit_f64(x)
-                    .map(|x| Wanted::Formula(Signal::Constant(x)))
+                    .map(|x| SignalValue::Formula(Signal::Constant(x)))
             }
 
-            fn visit_i64<E: Error>(self, x: i64) -> Result<Wanted, E> {
+            fn visit_i64<E: Error>(self, x: i64) -> Result<SignalValue, E> {
                 self.visit_f64(x as f64)
             }
 
-            fn visit_u64<E: Error>(self, x: u64) -> Result<Wanted, E> {
+            fn visit_u64<E: Error>(self, x: u64) -> Result<SignalValue, E> {
                 self.visit_f64(x as f64)
             }
 
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Wanted, A::Error> {
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<SignalValue, A::Error> {
                 let keys = Keys::<Finite, Finite>::deserialize(MapAccessDeserializer::new(map))?;
-                let [wanted] = keys.wanted(|value, _| value.get(), |phase, _| phase.get())?;
-                Ok(wanted)
+                let [signal_value] = keys.signal_value(|value, _| value.get(), |phase, _| phase.get())?;
+                Ok(signal_value)
             }
         }
         deserializer.deserialize_any(Scalar).map(Self)
@@ -439,25 +439,25 @@ impl<'de> Deserialize<'de> for ScalarSignal {
 
 /// Two functions of time, x and y.
 #[derive(Debug, Clone, PartialEq)]
-pub struct VectorSignal(pub [Wanted; 2]);
+pub struct VectorSignal(pub [SignalValue; 2]);
 
 impl<'de> Deserialize<'de> for VectorSignal {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         struct Vector;
         impl<'de> Visitor<'de> for Vector {
-            type Value = [Wanted; 2];
+            type Value = [SignalValue; 2];
 
             fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 f.write_str("[x, y], { amplitude = [x, y], frequency_hz, phase_rad, offset = [x, y] } or { table = \"file.csv\" }")
             }
 
-            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[Wanted; 2], A::Error> {
+            fn visit_seq<A: SeqAccess<'de>>(self, seq: A) -> Result<[SignalValue; 2], A::Error> {
                 pair(SeqAccessDeserializer::new(seq)).map(|[x, y]: [ScalarSignal; 2]| [x.0, y.0])
             }
 
-            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<[Wanted; 2], A::Error> {
+            fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<[SignalValue; 2], A::Error> {
                 Keys::<Pair<Finite>, Each>::deserialize(MapAccessDeserializer::new(map))?
-                    .wanted(|value, i| value.0[i].get(), |phase, i| phase.0[i])
+                    .signal_value(|value, i| value.0[i].get(), |phase, i| phase.0[i])
             }
         }
         deserializer.deserialize_any(Vector).map(Self)
@@ -528,9 +528,9 @@ mod schema {
         [] Gradient, "Gradient", |generator| json_schema!({ "type": "number", "exclusiveMinimum": -1 });
         [] Tolerance, "Tolerance", |generator| json_schema!({ "type": "number", "exclusiveMinimum": 0, "exclusiveMaximum": 1 });
         [] Share, "Share", |generator| json_schema!({ "type": "number", "minimum": 0, "maximum": 1 });
-        [const MIN: u64, const MAX: u64] Whole<MIN, MAX>, "Whole", |generator|
+        [const MIN: u64, const MAX: u64] BoundedInteger<MIN, MAX>, "Whole", |generator|
             json_schema!({ "type": "integer", "minimum": MIN, "maximum": MAX });
-        [T: JsonSchema] Along<T>, "Along", |generator| {
+        [T: JsonSchema] NumberOrProfile<T>, "Along", |generator| {
             let value = T::json_schema(generator);
             let point = json_schema!({
                 "type": "array",

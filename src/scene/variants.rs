@@ -1,23 +1,23 @@
-//! The same scene otherwise: what studies, sweeps and estimates make of it.
+//! Copies of a scene with one property changed, such as the number of nodes or the integrator, for studies, sweeps and estimates.
 
 use std::collections::BTreeMap;
 
 use super::solver::{DEFAULT_INTEGRATORS, full};
-use super::value::{Finite, Positive, Tolerance, Whole};
+use super::value::{BoundedInteger, Finite, Positive, Tolerance};
 use super::{Scene, SolverTable};
 use crate::integrator::{Method, Pace};
 use crate::reduced::{ModelChoice, ModelKind};
 
-/// The tolerance of [`Scene::whole`], and its Newton's method's: forces of stiff rods are differences of tiny stretches.
-const WHOLE_TOLERANCE: f64 = 1e-6;
+/// The tolerances of [`Scene::reference`] and of its Newton's method: forces of stiff rods are differences of tiny stretches.
+const REFERENCE_TOLERANCE: f64 = 1e-6;
 
-const WHOLE_NEWTON_TOLERANCE: f64 = 1e-13;
+const REFERENCE_NEWTON_TOLERANCE: f64 = 1e-13;
 
 impl Scene {
-    /// The same scene on another number of nodes; point loads go to the nearest.
+    /// The scene with another number of nodes. Point loads move to the nearest node.
     pub fn with_nodes(&self, nodes: u64) -> Self {
         let mut scene = self.clone();
-        scene.rod.nodes = Whole::nearest(nodes);
+        scene.rod.nodes = BoundedInteger::nearest(nodes);
         let (old, new) = (self.rod.nodes.get() as f64, scene.rod.nodes.get() as f64);
         let (all, front) = (self.nodes() as i64, self.front() as i64);
         for load in scene.loads.iter_mut().flat_map(|loads| &mut loads.point) {
@@ -28,28 +28,28 @@ impl Scene {
         scene
     }
 
-    /// The same scene by the whole model, with steps whose error is small: what cheaper models are compared with.
-    pub fn whole(&self) -> Self {
-        let mut scene = self.with_newton_tolerance(WHOLE_NEWTON_TOLERANCE);
+    /// The scene with the full model and accurate adaptive steps, as a reference for reduced models.
+    pub fn reference(&self) -> Self {
+        let mut scene = self.with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE);
         scene.solver = SolverTable {
             integrator: Some(DEFAULT_INTEGRATORS[0].to_string()),
             model: full(),
             time_step_s: None,
-            tolerance: Some(Tolerance::constant(WHOLE_TOLERANCE)),
+            tolerance: Some(Tolerance::constant(REFERENCE_TOLERANCE)),
             parameters: BTreeMap::new(),
             ..scene.solver
         };
         scene
     }
 
-    /// The same scene over another duration (s).
+    /// The scene with another duration (s).
     pub fn with_duration(&self, duration: f64) -> Self {
         let mut scene = self.clone();
         scene.solver.duration_s = Positive::constant(duration);
         scene
     }
 
-    /// The same scene with other steps; only an adaptive method takes a tolerance.
+    /// The scene with another step control. Only adaptive integrators accept a tolerance.
     pub fn with_pace(&self, pace: Pace) -> Self {
         let mut scene = self.clone();
         scene.solver.integrator = Some(self.integrator_name().to_string());
@@ -60,14 +60,14 @@ impl Scene {
         scene
     }
 
-    /// The same scene with a tolerance of Newton's method of at most `most`.
+    /// The scene with a tolerance of Newton's method of at most `most`.
     pub fn with_newton_tolerance(&self, most: f64) -> Self {
         let mut scene = self.clone();
         scene.solver.newton_tolerance = Some(Tolerance::constant(self.newton_tolerance().min(most)));
         scene
     }
 
-    /// The same scene by the whole model and another method, with `values` for its parameters, in their order.
+    /// The scene with the full model and another integrator, whose parameters have `values`, in order.
     pub fn with_method(&self, method: &Method, values: &[f64]) -> Self {
         let mut scene = self.clone();
         scene.solver.model = full();
@@ -77,14 +77,14 @@ impl Scene {
         scene
     }
 
-    /// The same scene by a rung of the ladder of models.
+    /// The scene with another kind of model.
     pub fn with_model(&self, kind: &ModelKind) -> Self {
         let mut scene = self.clone();
         scene.solver.model = kind.name.to_string();
         scene
     }
 
-    /// The same scene by the whole model, where it leaves the model to the program.
+    /// The scene with the full model if it leaves the model to the program.
     pub(super) fn named_model(mut self) -> Self {
         if ModelKind::named(&self.solver.model).is_none() {
             self.solver.model = full();
@@ -92,20 +92,20 @@ impl Scene {
         self
     }
 
-    /// The same scene with the law of the fluid, and with or without the water that the rod accelerates, as `other`, which hardly
-    /// differs, takes them where both leave that to the program.
+    /// The scene with the drag law and the added mass that the program has chosen for `other`, a nearly equal scene, if both leave the
+    /// choice to the program.
     pub fn with_fluid_of(&self, other: &Self) -> Self {
         let mut scene = self.clone();
-        scene.taken = None;
-        if let Some(fluid) = other.taken_fluid() {
-            scene.take_fluid(fluid);
+        scene.fluid_choice = None;
+        if let Some(fluid) = other.fluid_choice_or_fixed() {
+            scene.set_fluid_choice(fluid);
         }
         scene
     }
 
-    /// The same scene as its run takes it by `choice`: a cheaper model that `auto` takes has steps of its own, and solves as
-    /// well as what it is compared with.
-    pub fn taken(&self, choice: &ModelChoice) -> Self {
+    /// The scene as it is run after `choice`: a reduced model that `auto` chooses has its own step control, and the tolerance of Newton's
+    /// method of the reference.
+    pub fn with_choice(&self, choice: &ModelChoice) -> Self {
         if choice.reason.is_none() || choice.kind.method.is_none() {
             return self.with_model(choice.kind);
         }
@@ -113,17 +113,17 @@ impl Scene {
             (Pace::Adaptive(tolerance), Some(estimates)) => Pace::Adaptive(tolerance.min(estimates.tolerance)),
             (pace, _) => pace,
         };
-        self.with_pace(pace).with_model(choice.kind).with_newton_tolerance(WHOLE_NEWTON_TOLERANCE)
+        self.with_pace(pace).with_model(choice.kind).with_newton_tolerance(REFERENCE_NEWTON_TOLERANCE)
     }
 
-    /// The same scene with Young's modulus times `factor`.
+    /// The scene with Young's modulus multiplied by `factor`.
     pub fn with_modulus(&self, factor: f64) -> Self {
         let mut scene = self.clone();
         scene.rod.youngs_modulus_pa = Positive::constant(self.rod.youngs_modulus_pa.get() * factor);
         scene
     }
 
-    /// The same scene with the actuation's amplitude times `factor`.
+    /// The scene with the amplitude of the actuation multiplied by `factor`.
     pub fn with_amplitude(&self, factor: f64) -> Self {
         let mut scene = self.clone();
         if let Some(actuation) = &mut scene.actuation {
@@ -132,7 +132,7 @@ impl Scene {
         scene
     }
 
-    /// The same scene with a spin (rad/s) of the free rod at the start.
+    /// The scene with an initial angular velocity (rad/s) of the free rod.
     pub fn with_spin(&self, spin: f64) -> Self {
         let mut scene = self.clone();
         scene.start.spin_rad_s = Some(Finite::constant(spin));

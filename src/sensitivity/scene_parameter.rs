@@ -5,7 +5,7 @@ use super::parameter::Parameter;
 use crate::error::{Error, Result};
 use crate::fluid::DENSITY;
 use crate::model::Model;
-use crate::scene::parameter::{Parameter as Scalar, Points};
+use crate::scene::parameter::{ProfileParameter, ScalarParameter};
 use crate::scene::{Document, Scene};
 
 /// The key of the flow, m/s.
@@ -56,8 +56,8 @@ impl SceneParameter {
 pub struct SceneParameters<'a> {
     scene: &'a Scene,
     model: &'a Model,
-    scalars: Vec<Scalar>,
-    profiles: Vec<Points>,
+    scalars: Vec<ScalarParameter>,
+    profiles: Vec<ProfileParameter>,
 }
 
 impl<'a> SceneParameters<'a> {
@@ -77,7 +77,8 @@ impl<'a> SceneParameters<'a> {
     /// The numbers of a key: one, two components, or one for each point along the rod; none where the motion does not depend on it.
     pub fn of_key(&self, key: &str) -> Vec<SceneParameter> {
         let list = |values: Vec<f64>| toml::Value::Array(values.into_iter().map(toml::Value::Float).collect());
-        let scalars: Vec<&Scalar> = self.scalars.iter().filter(|scalar| scalar.key == key && self.fits(key)).collect();
+        let scalars: Vec<&ScalarParameter> =
+            self.scalars.iter().filter(|scalar| scalar.key == key && self.fits(key)).collect();
         if let Some(points) = self.profiles.iter().find(|points| points.key == key).filter(|_| scalars.is_empty()) {
             let whole = toml::Value::Array(points.points.iter().map(|point| list(point.to_vec())).collect());
             let number = |(i, [xi, value]): (usize, &[f64; 2])| SceneParameter {
@@ -94,7 +95,7 @@ impl<'a> SceneParameters<'a> {
             return points.points.iter().enumerate().map(number).collect();
         }
         let whole = list(scalars.iter().map(|scalar| scalar.value).collect());
-        let number = |scalar: &&Scalar| {
+        let number = |scalar: &&ScalarParameter| {
             let (place, whole) = match scalar.component {
                 None => (vec![], toml::Value::Float(scalar.value)),
                 Some(i) => (vec![i], whole.clone()),
@@ -181,7 +182,7 @@ pub fn finite_differences(
     let scene_of = |values: &[f64]| {
         let mut document = document.clone();
         document.begin_layer();
-        keys_with(numbers, values).iter().for_each(|(key, value)| document.put("a derivative", key, value));
+        keys_with(numbers, values).iter().for_each(|(key, value)| document.set_value("a derivative", key, value));
         document.scene()
     };
     let own = scene_of(values)?;

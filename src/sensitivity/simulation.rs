@@ -246,7 +246,7 @@ impl Simulation {
                 return Err(refusal(format!("{name}: found {found} values; allowed: {}", own.len())));
             }
             for (key, value) in scene_parameter::keys_with(own, &value.values) {
-                document.put("a simulation's values", &key, &value);
+                document.set_value("a simulation's values", &key, &value);
             }
         }
         let scene = document.scene()?;

@@ -1,4 +1,4 @@
-//! Dense output: what a run was like at any time of its last internal step, at no cost to the steps.
+//! Dense output: state and measurements at any time within the last internal step, at no cost to the steps.
 //!
 //! Either the [`ModelStepper`](crate::reduced::ModelStepper) knows the state in between, or it follows from the ends of the step
 //! ([`StepInterpolation`]).
@@ -10,7 +10,7 @@ use crate::metrics::{Measurements, RunMetrics};
 use crate::system::{State, System};
 use crate::variable::View;
 
-/// Room for the state and the readings in between.
+/// Work arrays for the interpolated state and its measurements.
 #[derive(Debug)]
 pub(super) struct DenseOutput {
     state: State,
@@ -19,17 +19,17 @@ pub(super) struct DenseOutput {
 }
 
 impl DenseOutput {
-    /// Room for states like `state`.
+    /// Allocates for states like `state`.
     pub(super) fn new(state: &State, metrics: &RunMetrics) -> Self {
         Self { state: state.clone(), metrics: metrics.clone(), interpolation: StepInterpolation::default() }
     }
 
-    /// Forgets the step, as another one is made.
+    /// Forgets the step, because another one begins.
     pub(super) fn forget(&mut self) {
         self.interpolation.forget();
     }
 
-    /// What was read last.
+    /// The last interpolated state and its measurements.
     pub(super) fn last(&self) -> (&State, &Measurements) {
         (&self.state, &self.metrics.now)
     }
@@ -48,7 +48,7 @@ impl Stepper {
         Ok(())
     }
 
-    /// What `look` reads at time `t` (s) of the last internal step.
+    /// Calls `look` with the view at time `t` (s) within the last internal step.
     ///
     /// # Errors
     /// [`Error::OutsideStep`], also where an input was set or a snapshot restored since that step; errors of the reading.

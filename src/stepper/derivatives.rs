@@ -1,4 +1,4 @@
-//! Derivatives of what is read, now: by time, and by the inputs at this time.
+//! Derivatives of variables at the current time: with respect to time, and directional derivatives with respect to inputs.
 //!
 //! An input acts on the motion only through the steps that follow, so its derivatives are those of what
 //! [`get`](Stepper::get) returns right after [`set`](Stepper::set): positions and velocities stay, moments, energies, powers and

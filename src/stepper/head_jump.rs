@@ -1,14 +1,14 @@
-//! A head that a host moves in a jump.
+//! Detection of jumps in the pose or velocity that a host gives for the head.
 
 use super::Stepper;
 use crate::model::Mechanics;
 
-/// A pose that is this part of the length, or this angle (rad), or more, from where the head would have gone, is a jump; so is a
-/// velocity that swings a clamped rod, bending in its first mode, by as much.
-const JUMP: f64 = 0.05;
+/// A pose is a jump if it is at least this fraction of the length, or this angle (rad), from the extrapolated one. A velocity is a jump
+/// if it makes a clamped rod oscillate in its first mode with this amplitude.
+const MIN_RELATIVE_JUMP: f64 = 0.05;
 
 /// βL² of the first mode of a clamped rod: ω₁ = (βL)² √(EI/(m L³)).
-const FIRST_MODE: f64 = 3.516;
+const FIRST_MODE_COEFFICIENT: f64 = 3.516;
 
 /// A jump of the pose or of the velocity that a host gives, from one step to the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,14 +61,16 @@ impl Stepper {
         let length = rod.length;
         let omega = match self.dynamics.mechanics {
             Mechanics::Overdamped => f64::INFINITY, // without inertia nothing rings
-            _ => FIRST_MODE * (rod.ei / (rod.total_mass() * length.powi(3))).sqrt(),
+            _ => FIRST_MODE_COEFFICIENT * (rod.ei / (rod.total_mass() * length.powi(3))).sqrt(),
         };
         let units = [1.0, omega].map(|per_time| [length, length, 1.0].map(|unit| unit * per_time));
         let part = |jump: &HeadJump| jump.distance / units[jump.order][jump.coordinate];
         for (coordinate, distances) in distances.into_iter().enumerate() {
             for (order, distance) in distances.into_iter().enumerate() {
                 let jump = HeadJump { time, coordinate, order, distance };
-                if part(&jump) >= JUMP && self.head_jump.as_ref().is_none_or(|known| part(known) < part(&jump)) {
+                if part(&jump) >= MIN_RELATIVE_JUMP
+                    && self.head_jump.as_ref().is_none_or(|known| part(known) < part(&jump))
+                {
                     self.head_jump = Some(jump);
                 }
             }

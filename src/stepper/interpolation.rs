@@ -1,4 +1,4 @@
-//! The state within a step, from the states at its ends: as good as those, whatever the stiffness of the rod.
+//! Interpolation of the state within a step from the states at its ends, as accurate as those whatever the stiffness of the rod.
 //!
 //! Motions are smooth, so cubics of values and rates say where the rod is. Forces are not read from such positions: the
 //! error of a cubic, however small, stretches and bends a stiff rod by far more than the forces that act on it. They are
@@ -25,17 +25,17 @@ const MAX_ACCELERATION_DEVIATION: f64 = 4.0;
 /// Part of an edge's EA beyond which a compression is not taken from balance.
 const MAX_COMPRESSION: f64 = 0.5;
 
-/// A place in a step.
+/// A time within a step, with cubic Hermite interpolation between its ends.
 #[derive(Debug, Clone, Copy)]
 struct StepFraction {
-    /// Part of the step before it.
+    /// Fraction of the step before it.
     z: f64,
     /// The step, s.
     h: f64,
 }
 
 impl StepFraction {
-    /// The line between the values at the ends.
+    /// Linear interpolation between the values at the ends.
     fn linear(self, from: f64, to: f64) -> f64 {
         from + self.z * (to - from)
     }

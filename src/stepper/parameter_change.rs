@@ -1,4 +1,4 @@
-//! A model that changes between steps: stiffness or drag are others from now on, the motion goes on.
+//! Change of tunable parameters, such as stiffness or drag, between steps: the model changes and the motion continues.
 
 use super::Stepper;
 use crate::error::{Error, Result};
@@ -6,14 +6,14 @@ use crate::scene::Scene;
 use crate::system::Form;
 
 impl Stepper {
-    /// True if [`change_parameters`](Self::change_parameters) can be: of a stepper of a scene's own model, but not in the chain form, whose state has moments,
-    /// not curvatures.
+    /// True if [`change_parameters`](Self::change_parameters) is possible: for a scene's own model, but not in the chain form, whose state
+    /// has moments in place of curvatures.
     pub fn can_change_parameters(&self) -> bool {
         self.source_scene.is_some() && self.form() != Form::Chain
     }
 
     /// Goes on as `scene`, whose tunable parameters alone differ from this one's
-    /// ([`Parameter::is_tunable`](crate::scene::parameter::Parameter::is_tunable)): state, inputs and totals stay, accelerations
+    /// ([`Parameter::is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable)): state, inputs and totals stay, accelerations
     /// follow with the next step. The energy that a stiffness gives or takes at once is no defect of the balance.
     ///
     /// # Errors

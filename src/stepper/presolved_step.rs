@@ -1,4 +1,4 @@
-//! Steps that are solved ahead, beside those of other cases.
+//! Time steps that a batch has solved in SIMD lanes together with those of other cases, before their steppers accept them.
 
 use nalgebra::Vector2;
 
@@ -10,30 +10,30 @@ use crate::integrator::{Pace, Rule};
 use crate::newton::Progress;
 use crate::system::{State, System};
 
-/// A step that has set out.
+/// A time step that was solved together with other cases in SIMD lanes and waits to be accepted.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PresolvedStep {
     end: f64,
     h: f64,
     rule: Rule,
-    /// Its guess keeps the lengths of edges.
+    /// Its initial guess keeps the lengths of edges.
     keeps_lengths: bool,
-    /// Iterations of Newton's method that solved it; none before it is solved.
+    /// Newton iterations that solved it; 0 before.
     iterations: u32,
-    /// It went through no state without meaning.
+    /// Its states were checked for folds and collapsed edges.
     checked: bool,
-    /// What its end is measured to be is in the stepper's reading.
+    /// The measurements at its end are stored in the stepper.
     measured: bool,
 }
 
 impl PresolvedStep {
-    /// Its size (s) and rule, and whether its guess keeps the lengths of edges.
+    /// Its size (s) and rule, and whether its initial guess keeps the lengths of edges.
     pub fn kind(&self) -> (f64, Rule, bool) {
         (self.h, self.rule, self.keeps_lengths)
     }
 }
 
-/// What cases have in common that are solved side by side.
+/// The properties that cases must share to be solved in one batch.
 #[derive(Debug, PartialEq)]
 pub(crate) struct BatchKey {
     nodes: usize,
@@ -43,7 +43,7 @@ pub(crate) struct BatchKey {
 }
 
 impl Stepper {
-    /// What others must have in common with it to be solved beside it; `None` where that cannot be.
+    /// The properties that steppers must share to be solved in one batch, or `None` if this one cannot be batched.
     pub(crate) fn batch_key(&self) -> Option<BatchKey> {
         let (dynamics, model) = (&self.dynamics, self.model());
         let Pace::Fixed(step) = self.pace else { return None };
@@ -60,7 +60,8 @@ impl Stepper {
         same.then_some(shape)
     }
 
-    /// Sets out on the next internal step, where it does so as on the one before: all that depends on the time alone is that of its end.
+    /// Prepares the next internal step, if nothing but the time has changed since the last one. Quantities that depend on time alone are
+    /// evaluated at its end.
     pub(crate) fn presolve_next(&mut self) -> Option<PresolvedStep> {
         let Pace::Fixed(h) = self.pace else { return None };
         let (inputs, scenes) = (&self.dynamics.inputs, self.model().fluid);
@@ -82,14 +83,14 @@ impl Stepper {
         Some(PresolvedStep { end, h, rule, keeps_lengths, iterations: 0, checked: false, measured: false })
     }
 
-    /// The state that it has set out from and the one that it goes to, of which only what the time says is known, and Newton's method
-    /// before its first iteration.
+    /// The states at the start and at the end of the prepared step, the latter known only where it depends on time alone, and the initial
+    /// progress of Newton's method.
     pub(crate) fn presolve_inputs(&self) -> ([&State; 2], Progress) {
         ([&self.now.state, &self.next], self.newton.progress(&self.dynamics))
     }
 
-    /// Takes over the solution of a step that was found in so many `iterations`, which `write` writes; it is `checked` that it went
-    /// through no state without meaning, or not yet.
+    /// Stores the solution of a step that took so many `iterations`, which `write` writes. If `checked`, its states were checked for folds
+    /// and collapsed edges.
     pub(crate) fn store_presolved(
         &mut self,
         step: &PresolvedStep,
@@ -114,7 +115,7 @@ impl Stepper {
         }
     }
 
-    /// Ends the step of `h` (s) to `end` that was solved ahead; `None` where none was, or the solution does not do.
+    /// Completes the presolved step of `h` (s) to `end`. Returns `None` if there is none, or if its solution is not valid.
     pub(super) fn take_presolved(&mut self, end: f64, h: f64) -> Option<()> {
         let PresolvedStep { rule, iterations, checked, measured, .. } =
             self.presolved.take().filter(|solved| solved.end == end && solved.h == h)?;

@@ -1,4 +1,4 @@
-//! Everything of a stepper that changes, as one value: snapshots and the undoing of failed steps are copies of it.
+//! All that changes in a stepper during a run, as one value. Snapshots and the undo of failed steps copy it.
 
 use serde::{Deserialize, Serialize};
 
@@ -9,20 +9,20 @@ use crate::model::{Course, Dynamics, Inputs};
 use crate::newton::Work;
 use crate::system::State;
 
-/// What changes beside the inputs.
+/// All that changes during a run, other than the inputs.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct RunState {
     pub clock: Clock,
-    /// The host's time (s), where it is ahead of the state's by steps that wait.
+    /// The time (s) of the host, if it is ahead of the state's by deferred steps.
     pub pending_time: Option<f64>,
-    /// The next internal step that the pace wants, s.
+    /// The size of the next internal step by the step control, s.
     pub time_step: f64,
     pub state: State,
-    /// An input has changed since the last internal step set out.
+    /// An input has changed since the last internal step was prepared.
     pub inputs_changed: bool,
-    /// Inputs have changed since the state settled under them.
+    /// Inputs have jumped since the state was last reinitialised.
     pub needs_reinitialisation: bool,
-    /// How much the flow has changed at once since then, m/s.
+    /// Jump of the flow since then, m/s.
     pub flow_jump: [f64; 2],
     pub metrics: RunMetrics,
     pub cycles: Cycles,
@@ -51,10 +51,10 @@ impl RunState {
     }
 }
 
-/// Time, state, inputs and how they go on, totals and counts. Not in it: the model, and matrices and factors, which every step
-/// makes anew.
+/// Time, state, inputs with their extrapolation, totals and counts. The model is not part of it, nor are matrices and factors, which
+/// every step recomputes.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct SavedState {
+pub(super) struct SavedRun {
     pub now: RunState,
     pub inputs: Inputs,
     pub course: Option<Box<Course>>,
@@ -63,14 +63,14 @@ pub(super) struct SavedState {
 
 impl Stepper {
     /// A copy of everything that changes.
-    pub(super) fn saved(&self) -> SavedState {
+    pub(super) fn saved(&self) -> SavedRun {
         let Dynamics { inputs, course, .. } = &self.dynamics;
-        SavedState { now: self.now.clone(), inputs: inputs.clone(), course: course.clone(), work: self.newton.work }
+        SavedRun { now: self.now.clone(), inputs: inputs.clone(), course: course.clone(), work: self.newton.work }
     }
 
     /// The same into `saved`, without allocating where there is room.
-    pub(super) fn copy_to(&self, saved: &mut SavedState) {
-        let SavedState { now, inputs, course, work } = saved;
+    pub(super) fn copy_to(&self, saved: &mut SavedRun) {
+        let SavedRun { now, inputs, course, work } = saved;
         now.copy_from(&self.now);
         inputs.clone_from(&self.dynamics.inputs);
         course.clone_from(&self.dynamics.course);
@@ -78,8 +78,8 @@ impl Stepper {
     }
 
     /// Goes back to `saved`.
-    pub(super) fn restore_saved(&mut self, saved: &SavedState) {
-        let SavedState { now, inputs, course, work } = saved;
+    pub(super) fn restore_saved(&mut self, saved: &SavedRun) {
+        let SavedRun { now, inputs, course, work } = saved;
         self.now.copy_from(now);
         self.dynamics.restore(inputs);
         self.dynamics.course.clone_from(course);

@@ -1,17 +1,17 @@
-//! Snapshots: everything of a stepper that changes, kept in memory or as bytes that another process can take over.
+//! Snapshots: all that changes in a stepper during a run, in memory or serialised for another process.
 
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use twox_hash::XxHash3_128;
 
 use super::Stepper;
-use super::run_state::SavedState;
+use super::run_state::SavedRun;
 use crate::error::{Error, Result};
 use crate::model::Inputs;
 use crate::system::{State, System};
 
 /// Begins every serialised snapshot.
-const MAGIC: [u8; 8] = *b"caudal\x00\x01";
+const FILE_SIGNATURE: [u8; 8] = *b"caudal\x00\x01";
 
 /// Everything of a [`Stepper`] that changes: time, state, inputs, totals and counts. Not copied: the model, and the
 /// matrices and factors, which every step makes anew.
@@ -19,15 +19,15 @@ const MAGIC: [u8; 8] = *b"caudal\x00\x01";
 pub struct Snapshot {
     /// The scene, see [`Scene::fingerprint`](crate::scene::Scene::fingerprint), or the model of a stepper that was made without one.
     pub(super) scene: u128,
-    saved: SavedState,
+    saved: SavedRun,
 }
 
 /// What is wrong with a snapshot of another scene.
-const OTHER: &str = "it was saved from another scene or model, or from this one with other parameters";
+const WRONG_SCENE: &str = "it was saved from another scene or model, or from this one with other parameters";
 
 /// What stands before a serialised snapshot.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
-struct Label {
+struct Header {
     magic: [u8; 8],
     version: String,
     scene: u128,
@@ -35,10 +35,10 @@ struct Label {
     checksum: u128,
 }
 
-impl Label {
+impl Header {
     fn of(scene: u128, bytes: &[u8]) -> Self {
         let checksum = XxHash3_128::oneshot(bytes);
-        Self { magic: MAGIC, version: env!("CARGO_PKG_VERSION").to_string(), scene, checksum }
+        Self { magic: FILE_SIGNATURE, version: env!("CARGO_PKG_VERSION").to_string(), scene, checksum }
     }
 
     fn check_version(&self) -> Result<()> {
@@ -79,9 +79,9 @@ impl Snapshot {
     /// # Errors
     /// [`Error::Snapshot`] for bytes that are damaged, or come from another version or kind of file.
     pub fn deserialize(bytes: &[u8]) -> Result<Self> {
-        let (label, content) = label_of(bytes)?;
-        let snapshot: Self = label.read(content)?;
-        if snapshot.scene == label.scene { Ok(snapshot) } else { refuse(OTHER) }
+        let (header, content) = header_of(bytes)?;
+        let snapshot: Self = header.read(content)?;
+        if snapshot.scene == header.scene { Ok(snapshot) } else { refuse(WRONG_SCENE) }
     }
 }
 
@@ -97,7 +97,7 @@ impl Stepper {
     /// [`Error::Snapshot`] for a snapshot of another scene or model; [`Error::WrongLength`] where its arrays do not fit.
     pub fn restore(&mut self, snapshot: &Snapshot) -> Result<()> {
         if snapshot.scene != self.scene {
-            return refuse(OTHER);
+            return refuse(WRONG_SCENE);
         }
         let (expected, found) = (self.now.state.q.len(), snapshot.saved.now.state.q.len());
         if !self.fits(snapshot) {
@@ -119,7 +119,7 @@ impl Stepper {
 
     /// True if every array of `snapshot` has the length it has here.
     fn fits(&self, other: &Snapshot) -> bool {
-        let SavedState { now, inputs: given, course, .. } = &other.saved;
+        let SavedRun { now, inputs: given, course, .. } = &other.saved;
         let (nodes, unknowns, here) = (self.dynamics.nodes(), self.now.state.q.len(), &self.now.state);
         let State { t: _, q, v, a, links, memory } = &now.state;
         let lengths = [q.len(), v.len(), a.len(), now.metrics.first_positions.len()];
@@ -143,7 +143,7 @@ impl Stepper {
 pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
     let failed = |error: postcard::Error| Error::Snapshot(error.to_string());
     let content = postcard::to_stdvec(content).map_err(failed)?;
-    let mut bytes = postcard::to_stdvec(&Label::of(scene, &content)).map_err(failed)?;
+    let mut bytes = postcard::to_stdvec(&Header::of(scene, &content)).map_err(failed)?;
     bytes.extend(content);
     Ok(bytes)
 }
@@ -153,18 +153,18 @@ pub fn seal(scene: u128, content: &impl Serialize) -> Result<Vec<u8>> {
 /// # Errors
 /// [`Error::Snapshot`] for bytes that are damaged, or come from another scene, version or kind of file.
 pub fn open<T: DeserializeOwned>(scene: u128, bytes: &[u8]) -> Result<T> {
-    let (label, content) = label_of(bytes)?;
-    label.check_version()?;
-    if label.scene != scene {
-        return refuse(OTHER);
+    let (header, content) = header_of(bytes)?;
+    header.check_version()?;
+    if header.scene != scene {
+        return refuse(WRONG_SCENE);
     }
-    label.read(content)
+    header.read(content)
 }
 
 /// The label that `bytes` begin with, and what follows it.
-fn label_of(bytes: &[u8]) -> Result<(Label, &[u8])> {
-    let label = postcard::take_from_bytes::<Label>(bytes).ok().filter(|(label, _)| label.magic == MAGIC);
-    label.map_or_else(|| refuse("these bytes are no state of caudal, or are damaged"), Ok)
+fn header_of(bytes: &[u8]) -> Result<(Header, &[u8])> {
+    let header = postcard::take_from_bytes::<Header>(bytes).ok().filter(|(header, _)| header.magic == FILE_SIGNATURE);
+    header.map_or_else(|| refuse("these bytes are no state of caudal, or are damaged"), Ok)
 }
 
 fn refuse<T>(text: &str) -> Result<T> {

@@ -1,16 +1,16 @@
-//! Taking back a step that failed: everything is then as it was before the call.
+//! Undo of a failed step: the stepper is then as it was before the call.
 
 use super::Stepper;
-use super::run_state::SavedState;
+use super::run_state::SavedRun;
 
-/// What there was before the step that is under way. It is kept only once a step can fail halfway: before the first of several
-/// internal steps, of a halved one, or before inputs act.
+/// The saved state before the current step. It is saved only if the step may fail halfway: before the first of several internal steps,
+/// before a halved one, or before inputs jump.
 #[derive(Debug, Default)]
 pub(super) struct Undo {
-    /// What there was is in `room`.
+    /// `room` holds the state before this step.
     kept: bool,
-    /// Room after the first step that needed it.
-    room: Option<Box<SavedState>>,
+    /// Allocated by the first step that needs it.
+    room: Option<Box<SavedRun>>,
 }
 
 impl Undo {
@@ -21,7 +21,7 @@ impl Undo {
 }
 
 impl Stepper {
-    /// Keeps what there is, unless it was kept before in this step.
+    /// Saves the current state, unless this step has already saved one.
     pub(super) fn save_for_undo(&mut self) {
         if self.undo.kept {
             return;
@@ -36,7 +36,7 @@ impl Stepper {
         }
     }
 
-    /// Goes back to what was kept of this step; where nothing was, the step has changed nothing but the counts of its attempt.
+    /// Restores the state saved in this step. If none was saved, the step has changed nothing but counts.
     pub(super) fn undo_step(&mut self) {
         match self.undo.room.take() {
             Some(room) if self.undo.kept => {

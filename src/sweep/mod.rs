@@ -18,7 +18,7 @@ use toml::Value;
 use crate::error::{Error, Result, bytes, did_you_mean, nearest};
 use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Frame, Owner, room};
-use crate::scene::{Document, Files, KeyError, Scene, rivals};
+use crate::scene::{Document, Files, KeyError, Scene, exclusive_keys};
 
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, rows, run};
@@ -244,10 +244,10 @@ impl Sweep {
         if document.read_as::<toml::Table>().is_ok_and(|table| table.contains_key("rod") && !table.contains_key("axes"))
         {
             let problem = "this is a scene, not a sweep; `caudal run` runs it".to_string();
-            return Err(document.refuse(&KeyError { key: "rod".to_string(), problem }));
+            return Err(document.error_at(&KeyError { key: "rod".to_string(), problem }));
         }
         let file: File = document.read_as()?;
-        let refuse = |fault: KeyError| document.refuse(&fault);
+        let refuse = |fault: KeyError| document.error_at(&fault);
         let mut axes = axis::read(&file.axes, "axes").map_err(refuse)?;
         let at = document.positions(&axes.iter().map(|axis| axis.path.clone()).collect::<Vec<_>>())?;
         let mut order: Vec<_> = at.into_iter().zip(axes).collect();
@@ -271,7 +271,7 @@ impl Sweep {
                 key: key.clone(),
                 problem,
             })?;
-            base.put(&place, key, value);
+            base.set_value(&place, key, value);
         }
         base.begin_layer();
         for assignment in set {
@@ -308,7 +308,7 @@ impl Sweep {
             base,
             document,
         };
-        sweep.check(&file.report).map_err(|fault| sweep.document.refuse(&fault))?;
+        sweep.check(&file.report).map_err(|fault| sweep.document.error_at(&fault))?;
         if let Some(split) = &file.report.split {
             sweep.split = sweep.axes.iter().position(|axis| axis.is_called(split));
         }
@@ -452,7 +452,7 @@ impl Sweep {
     pub fn document(&self, case: &Case) -> Document {
         let mut document = self.base.clone();
         for (axis, key, value) in &case.settings {
-            document.put(&self.places[*axis], key, value);
+            document.set_value(&self.places[*axis], key, value);
         }
         document
     }
@@ -462,7 +462,7 @@ impl Sweep {
     /// # Errors
     /// [`Error::Scene`] that names the axis and the case; [`Error::Read`].
     pub fn scene(&self, case: &Case) -> Result<(Scene, String)> {
-        let (scene, mut inputs) = self.document(case).resolved().map_err(|error| match error {
+        let (scene, mut inputs) = self.document(case).resolve().map_err(|error| match error {
             Error::Several(mistakes) => {
                 Error::Several(mistakes.into_iter().map(|one| self.in_case(case, one)).collect())
             }
@@ -646,10 +646,9 @@ fn excluded(axes: &[Axis], key: &str, asked: bool) -> std::result::Result<(), St
     let within = |a: &str, b: &str| a == b || a.strip_prefix(b).is_some_and(|rest| rest.starts_with('.'));
     let sets = |axis: &&Axis| {
         axis.kind != Kind::Factors
-            && axis
-                .keys
-                .iter()
-                .any(|own| asked && (within(own, key) || within(key, own)) || rivals(key).any(|rival| rival == *own))
+            && axis.keys.iter().any(|own| {
+                asked && (within(own, key) || within(key, own)) || exclusive_keys(key).any(|rival| rival == *own)
+            })
     };
     match axes.iter().find(sets) {
         Some(axis) => {

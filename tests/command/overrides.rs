@@ -90,7 +90,7 @@ const SETTINGS: [(&str, &[&str]); 48] = [
 fn outcome(overrides: &[&str]) -> Result<(Scene, Vec<u8>), String> {
     let mut document = Document::new("tail.toml", TAIL);
     overrides.iter().try_for_each(|text| document.set(text)).map_err(|e| e.to_string())?;
-    document.resolved().map_err(|e| e.to_string())
+    document.resolve().map_err(|e| e.to_string())
 }
 
 #[test]
@@ -147,7 +147,7 @@ fn what_excludes_each_other_is_refused_in_one_layer_and_settled_between_layers()
     document.set("solver.tolerance=1e-4").unwrap();
     assert!(document.scene().unwrap().solver.time_step_s.is_none());
     let mut again = Document::new("tail.toml", TAIL);
-    again.set_layers(document.layered().iter().map(String::as_str)).unwrap();
+    again.set_override_lines(document.override_lines().iter().map(String::as_str)).unwrap();
     assert_eq!(again.scene().unwrap().pace(), document.scene().unwrap().pace());
     // A parameter stays with its method.
     let beta = |overrides: &[&str]| outcome(overrides).unwrap().0.solver.parameters.get("beta").cloned();

@@ -314,7 +314,7 @@ impl Case {
     fn problem(&self, values: &Values) -> caudal::Result<Problem> {
         let mut document = self.document.clone();
         for (key, value) in scene_parameter::keys_with(&self.numbers, &values.numbers) {
-            document.put("a difference", &key, &value);
+            document.set_value("a difference", &key, &value);
         }
         let mut problem = Problem::of(&document.scene()?.with_fluid_of(&self.own))?;
         self.set(&mut problem, values)?;

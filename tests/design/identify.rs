@@ -132,8 +132,8 @@ fn derivatives_by_every_number_of_every_law_are_those_of_whole_simulations() {
                     let own = |key: &str| known.iter().find(|known| known.key == key).map(|known| known.value);
                     let value = |key: &str, factor: f64| -> f64 {
                         let mut document = document.clone();
-                        document.put("test", key, &toml::Value::Float(own(key).unwrap() * factor));
-                        document.put("test", "drag.law", &toml::Value::String(name.clone()));
+                        document.set_value("test", key, &toml::Value::Float(own(key).unwrap() * factor));
+                        document.set_value("test", "drag.law", &toml::Value::String(name.clone()));
                         let mut problem = Problem::of(&document.scene().unwrap()).unwrap();
                         let values = problem.forward(&[], std::slice::from_ref(output), 1, |_| {}).unwrap().values;
                         values.iter().zip(&weights).map(|(x, w)| x * w).sum()

@@ -497,12 +497,12 @@ fn laws_of_creeping_flow_are_published_with_the_inertia_that_they_leave_out() {
 #[test]
 fn what_drag_of_the_whole_rod_would_change_is_said_where_it_holds() {
     let sperm = scene_of(include_str!("../../models/sperm.toml"), &[]);
-    let (law, [motion, power]) = sperm.whole_drag().unwrap();
+    let (law, [motion, power]) = sperm.nonlocal_drag().unwrap();
     println!("{}: {motion} {power}", law.name);
     // Of the whole run: 17 %; the coarse motion has 17 nodes.
     assert!(law.is_whole() && (0.12..0.25).contains(&power), "{power}");
     let eel = scene_of(include_str!("../../models/eel.toml"), &[]);
-    assert!(eel.whole_drag().is_none());
+    assert!(eel.nonlocal_drag().is_none());
 }
 
 #[test]
@@ -703,7 +703,7 @@ fn where_there_is_nothing_to_compare_with_no_error_is_claimed() {
 fn the_errors_of_auto_know_the_drag_of_the_whole_rod() {
     let scene = scene_of(include_str!("../../models/sperm.toml"), &["drag.law=auto"]);
     let [_, power] = scene.fluid_choice().unwrap().errors.unwrap();
-    let (_, [_, truth]) = scene.whole_drag().unwrap();
+    let (_, [_, truth]) = scene.nonlocal_drag().unwrap();
     println!("{power} for {truth}: {}", scene.fluid_choice().unwrap().reason);
     assert!(power >= truth.abs() && scene.fluid_choice().unwrap().reason.contains("nonlocal"));
 }

@@ -168,7 +168,7 @@ fn every_number_of_a_wave_is_one_of_the_scene_and_goes_through_overrides() {
     ] {
         let scene = scene_with(kind);
         let parameters = scene.parameters();
-        let names: Vec<String> = parameters.iter().map(caudal::scene::parameter::Parameter::name).collect();
+        let names: Vec<String> = parameters.iter().map(caudal::scene::parameter::ScalarParameter::name).collect();
         let model = scene.model().unwrap();
         let numbers = SceneParameters::of(&scene, &model);
         for key in keys {

@@ -118,7 +118,7 @@ fn readings_between_steps_are_as_good_as_those_at_their_ends_whatever_rod_head_m
         let scene = scene_of(&text, &overrides);
         // The same motion in small steps.
         let mut truth = match scene.solver.model.as_str() {
-            "full" => Stepper::of(&scene.whole()).unwrap(),
+            "full" => Stepper::of(&scene.reference()).unwrap(),
             _ => Stepper::of(&scene.with_pace(Pace::Adaptive(1e-7))).unwrap(),
         };
         let variables = recorded(&truth);

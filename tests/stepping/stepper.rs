@@ -278,7 +278,7 @@ fn the_bytes_of_a_snapshot_are_refused_by_any_other_scene_and_taken_by_the_same_
     let newmark = Method::named("newmark").unwrap();
     let others = [
         ("nodes", scene.with_nodes(11)),
-        ("whole", scene.whole()),
+        ("whole", scene.reference()),
         ("duration", scene.with_duration(0.123)),
         ("pace", scene.with_pace(Pace::Fixed(1e-3))),
         ("method", scene.with_method(newmark, &newmark.defaults())),

@@ -197,7 +197,7 @@ pub unsafe extern "C" fn fmi2GetReal(c: Component, vr: *const Reference, count: 
         call(c, |instance| {
             instance.only_in(&READABLE)?;
             let (references, out) = (values(vr, count)?, values_mut(value, count)?);
-            instance.settle()?;
+            instance.apply_inputs()?;
             for (reference, out) in references.iter().zip(out) {
                 *out = instance.value(instance.real(*reference)?);
             }

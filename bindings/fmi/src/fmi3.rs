@@ -242,7 +242,7 @@ pub unsafe extern "C" fn fmi3GetFloat64(
             instance.only_in(&READABLE)?;
             let (references, mut out) = (values(references, count)?, values_mut(out, out_count)?);
             parts(instance, references, out.len())?;
-            instance.settle()?;
+            instance.apply_inputs()?;
             for reference in references {
                 let target = instance.float(*reference)?;
                 let (these, rest) = out.split_at_mut(instance.len3(*reference).unwrap_or(1));

@@ -255,7 +255,7 @@ impl Instance {
             let mut stepper = Stepper::of(&scene)?;
             stepper.set_entries(self.inputs.changes(stepper.model(), true).into_iter())?;
             self.stepper.own = Some(Box::new(stepper));
-            self.inputs.settle();
+            self.inputs.mark_applied();
         }
         self.built.clone_from(&self.settings);
         self.stale = false;

@@ -41,7 +41,7 @@ pub fn run<'py>(
     });
     let (mut stepper, assessment) = prepared.or_raise(py)?;
     if let Some(fault) = &assessment.refusal {
-        return Err(exception(py, &document.refuse(fault)));
+        return Err(exception(py, &document.error_at(fault)));
     }
     let mut trajectory = Trajectory::start(scene, &stepper, record.as_deref()).or_raise(py)?;
     let claim = Claim::forced(force);

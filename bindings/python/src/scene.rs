@@ -129,7 +129,7 @@ impl Scene {
         });
         let assessment = assessment.or_raise(py)?;
         match &assessment.refusal {
-            Some(fault) => Err(self.document.refuse(fault)).or_raise(py),
+            Some(fault) => Err(self.document.error_at(fault)).or_raise(py),
             None => Ok(assessment.all_warnings().cloned().collect()),
         }
     }
@@ -177,7 +177,7 @@ impl Scene {
     fn __reduce__<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
         let rebuild = py.import("caudal._caudal")?.getattr("_rebuild")?;
         let tables = self.document.tables(&self.scene).or_raise(py)?;
-        Ok((rebuild, (&self.path, self.text(), self.document.layered(), tables).into_pyobject(py)?))
+        Ok((rebuild, (&self.path, self.text(), self.document.override_lines(), tables).into_pyobject(py)?))
     }
 
     /// Files of one scene without overrides that says the same from any folder, names and contents: its text in `name`, and the
@@ -202,7 +202,7 @@ impl Scene {
             if tables.is_empty() {
                 return Ok((document, scene));
             }
-            let document = document.carrying(tables);
+            let document = document.with_files(tables);
             let scene = document.scene()?;
             Ok((document, scene))
         };
@@ -221,7 +221,7 @@ pub fn rebuild(
     overrides: Vec<String>,
     tables: BTreeMap<PathBuf, Vec<u8>>,
 ) -> PyResult<Scene> {
-    let mut document = Document::new(path.clone(), text).carrying(tables);
-    document.set_layers(overrides.iter().map(String::as_str)).or_raise(py)?;
+    let mut document = Document::new(path.clone(), text).with_files(tables);
+    document.set_override_lines(overrides.iter().map(String::as_str)).or_raise(py)?;
     Scene::of(py, path, document)
 }

@@ -1,4 +1,4 @@
-//! Getting and setting. What a host sets waits until it is needed; then the stepper has it, and nothing else does.
+//! Getting and setting values. Inputs that a host sets are kept until the stepper needs them.
 
 use std::ops::Range;
 
@@ -45,8 +45,8 @@ impl SetInputs {
         self.0.iter().any(|input| input.pending)
     }
 
-    /// The stepper has them all.
-    pub(super) fn settle(&mut self) {
+    /// Marks all as passed to the stepper.
+    pub(super) fn mark_applied(&mut self) {
         self.0.iter_mut().for_each(|input| input.pending = false);
     }
 
@@ -123,9 +123,9 @@ impl Instance {
         }
     }
 
-    /// Makes ready for reading.
+    /// Passes pending inputs to the stepper, before values are read.
     #[inline]
-    pub fn settle(&mut self) -> Outcome {
+    pub fn apply_inputs(&mut self) -> Outcome {
         if self.stale || self.inputs.is_pending() {
             self.ready()?;
         }
@@ -222,7 +222,7 @@ impl Instance {
         let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
         let changes = self.inputs.changes(stepper.model(), false);
         stepper.set_entries(changes.iter().copied())?;
-        self.inputs.settle();
+        self.inputs.mark_applied();
         Ok(())
     }
 }

@@ -1,4 +1,4 @@
-//! Tables of a driven head: CSV files with a header, time first.
+//! CSV tables of functions of time, for a driven head or a flow: a header, then a column of times followed by values and rates.
 
 use std::path::Path;
 
