@@ -1,16 +1,15 @@
-//! What a swimmer is measured by: averages over whole cycles of its drive, and how they differ from cycle to cycle.
+//! Performance of a swimmer: means over the last whole cycles of its drive (speed, thrust, power, efficiency) and their spread.
 //!
-//! A cycle is a period of the actuation, whose phase a host may make faster or slower; without an actuation it is the period
-//! of the sinusoids of driven head and flow. [`Cycles`] follows the run step by step and keeps the increase of a few integrals over each
-//! of the last [`MAX_CYCLES`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held
-//! head, and work. The end of a cycle need not be the end of a step: there an integral is the cubic Hermite polynomial of its
-//! values and rates at the ends of the step, of fourth order in the step, so that no step is made for it. ∫F dt, ∫M dt and
-//! ∫e dt are summed by the parabola through the last three steps' ends, or Simpson's rule where the middle of a step is known;
-//! work is the meter's.
+//! A cycle is a period of the actuation, whose frequency a host may change; without an actuation it is the period of the sinusoids
+//! of driven head and flow. [`Cycles`] follows the run step by step and keeps the increments of a few integrals over each of the
+//! last [`MAX_CYCLES`] whole cycles: position, ∫u dt of the flow, ∫e dt of the head's axis e, ∫F dt and ∫M dt of a held head, and
+//! work. A cycle may end within a step: the integrals are interpolated there by cubic Hermite polynomials of their values and rates,
+//! to fourth order in the step. ∫F dt, ∫M dt and ∫e dt are integrated by the parabola through the ends of the last three steps, or
+//! by Simpson's rule if the midpoint of a step is known; work is that of [`RunMetrics`].
 //!
-//! [`MEASURES`] says what is made of a cycle, with T its duration, f = 1/T, L the rod's length, e the mean unit vector from the
-//! rod to its head's front, and U the mean velocity against the flow, of the centre of mass or of a held head. Each is averaged
-//! over the cycles; its spread is their standard deviation, Σ(x − x̄)²/(n − 1) under the root.
+//! [`MEASURES`] lists the measures of a cycle, with its duration T, f = 1/T, the length L of the rod, the mean unit vector e from the
+//! rod to the front of its head, and the mean velocity U relative to the flow, of the centre of mass or of a held head. The mean of
+//! each is taken over the cycles, and its spread is the standard deviation √(Σ(x − x̄)²/(n − 1)).
 
 pub mod derivatives;
 
@@ -25,28 +24,28 @@ use crate::model::{Dynamics, Model};
 use crate::rod::node;
 use crate::system::State;
 
-/// How many cycles are kept, and averaged at most.
+/// The largest number of cycles that are kept and averaged.
 pub const MAX_CYCLES: usize = 4;
 
-/// Cycles are alike where they differ by no more than this part.
+/// Cycles are periodic if they differ by no more than this, relative.
 const PERIODIC_TOLERANCE: f64 = 0.01;
 
-/// A mean counts as no smaller than this part of the mean modulus: what nearly cancels over a cycle is known no better.
+/// Differences of means are relative to at least this fraction of the mean modulus, because means may nearly cancel over a cycle.
 const CANCELLATION_FLOOR: f64 = 0.01;
 
-/// A distance a cycle below this part of the length is none.
+/// A swimmer that moves less than this fraction of its length per cycle is at rest.
 const MIN_DISTANCE: f64 = 1e-9;
 
-/// A phase (in cycles) or frequency within this of a whole number, or multiple, is one.
+/// Rounding of phases (in cycles) to integers, and of frequency ratios.
 const PHASE_ROUNDING: f64 = 1e-9;
 
-/// A step longer than this many of the one before is not summed by a parabola through that one's begin.
+/// The parabola of three steps' ends is not used if a step is longer than this many times the one before.
 const MAX_STEP_RATIO: f64 = 4.0;
 
 /// Standard gravity, m/s², for the cost of transport.
 pub const GRAVITY: f64 = 9.80665;
 
-/// Places of the integrals in [`Integrals`]; vectors take two, the work eight.
+/// Indices of the integrals in [`Integrals`]: vectors have two entries, work has eight.
 mod index {
     pub(super) const POSITION: usize = 0;
     pub(super) const FLOW: usize = 2;
@@ -79,16 +78,16 @@ fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, spray, load, h
     }
 }
 
-/// What repeats itself, and so says when a cycle is over.
+/// The periodic drive that defines the cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 enum CycleSource {
-    /// The actuation, at the frequency that it has.
+    /// The actuation, at its current frequency.
     Actuation,
-    /// The driven head or the flow, at this frequency, Hz.
+    /// The driven head or the flow, at this frequency (Hz).
     Head(f64),
-    /// A head or a flow that moves by a table.
+    /// A head or a flow given by a table, which has no period.
     Table,
-    /// Sinusoids of head and flow whose frequencies are no multiples of the lowest.
+    /// Sinusoids of head and flow whose frequencies are not multiples of the lowest.
     Mixed,
     /// Nothing.
     Nothing,
@@ -128,7 +127,7 @@ impl CycleSource {
         }
     }
 
-    /// Why there is no cycle yet.
+    /// The reason why there is no cycle yet.
     fn reason(self, dynamics: &Dynamics) -> String {
         let shorter = |period: f64| format!("shorter than one cycle of {period:.4} s");
         match self {
@@ -143,16 +142,16 @@ impl CycleSource {
     }
 }
 
-/// True where head and flow go on as the scene says.
+/// True if no host drives the head or the flow.
 fn steady(dynamics: &Dynamics) -> bool {
     dynamics.inputs.head.is_none() && !dynamics.inputs.flow_taken
 }
 
-/// What is followed, at one time.
+/// The integrals and their rates at one time.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct CycleSample {
     time: f64,
-    /// Phase in cycles, where there is one.
+    /// Phase in cycles, if the drive is periodic.
     phase: Option<f64>,
     integrals: Integrals,
     rates: Integrals,
@@ -160,7 +159,7 @@ struct CycleSample {
     tip: [Vector2<f64>; 2],
 }
 
-/// The rates of all integrals in `state`, whose reading is `measurements`.
+/// The rates of all integrals in `state`, which has these `measurements`.
 #[inline(always)]
 fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Integrals {
     let mut rates = Integrals::zeros();
@@ -193,7 +192,7 @@ fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Int
 }
 
 impl CycleSample {
-    /// What is known of `state` without its past: the rest of the integrals is zero.
+    /// The sample of `state`, with the integrals that follow from the state alone; the others are zero.
     #[inline(always)]
     fn of(source: CycleSource, dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
         let (mut integrals, tip) = (Integrals::zeros(), dynamics.model.rod.nodes - 1);
@@ -209,8 +208,8 @@ impl CycleSample {
         }
     }
 
-    /// Sums from `last` on what has no other record, with the rates in the `middle` of the step or, where these are not
-    /// known, those `before` the last.
+    /// Integrates the other integrals from `last` on, with the rates at the `middle` of the step or, if unknown, those `before` the
+    /// last.
     #[inline(always)]
     fn sum(&mut self, last: &Self, middle: Option<&Integrals>, before: Option<(f64, &Integrals)>) {
         let h = self.time - last.time;
@@ -230,7 +229,7 @@ impl CycleSample {
     }
 }
 
-/// The integrals at the part `z` of the step between two samples, and their rates there.
+/// The integrals at the fraction `z` of the step between two samples, and their rates there.
 #[inline(always)]
 fn interpolate(from: &CycleSample, to: &CycleSample, z: f64) -> [Integrals; 2] {
     let h = to.time - from.time;
@@ -241,7 +240,7 @@ fn interpolate(from: &CycleSample, to: &CycleSample, z: f64) -> [Integrals; 2] {
     [from.integrals + ((twist * z + curve) * z + from.rates * h) * z, rates]
 }
 
-/// The parts of a step, over which the phase goes from `before` to `after`, at which a cycle ends.
+/// The fractions of a step at which a cycle ends, as the phase grows from `before` to `after`.
 fn ends_in(before: f64, after: f64) -> impl DoubleEndedIterator<Item = f64> {
     let (first, last) = ((before + PHASE_ROUNDING).floor() as i64 + 1, (after + PHASE_ROUNDING).floor() as i64);
     // Of more than are kept the first need not be known.
@@ -249,8 +248,7 @@ fn ends_in(before: f64, after: f64) -> impl DoubleEndedIterator<Item = f64> {
     phases.map(move |phase| ((phase as f64 - before) / (after - before)).min(1.0))
 }
 
-/// The least and the largest of the cubic with the values and rates at both ends of a step of `h` (s), over the parts `span`
-/// of it.
+/// The minimum and maximum over the fractions `span` of a step of `h` (s) of the cubic with these values and rates at its ends.
 fn range(values: [f64; 2], rates: [f64; 2], h: f64, span: [f64; 2]) -> [f64; 2] {
     let change = values[1] - values[0];
     let (a, b, c) =
@@ -267,9 +265,9 @@ fn range(values: [f64; 2], rates: [f64; 2], h: f64, span: [f64; 2]) -> [f64; 2] 
 /// One whole cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Cycle {
-    /// When it began, s.
+    /// Time of its start, s.
     pub from: f64,
-    /// When it ended, s.
+    /// Time of its end, s.
     pub until: f64,
     /// Peak-to-peak excursion of the tip across the mean path, see [`STROUHAL`], m.
     pub excursion: f64,
@@ -295,12 +293,12 @@ impl Cycle {
         (self.mean_vector(index::FORCE), self.mean(index::FORCE_MODULUS))
     }
 
-    /// Mean modulus of the velocity against the flow, of the centre of mass or of a held head, m/s.
+    /// Mean modulus of the velocity relative to the flow, of the centre of mass or of a held head, m/s.
     pub fn mean_path_speed(&self) -> f64 {
         self.mean(index::PATH)
     }
 
-    /// Mean power that goes into the fluid: into drag, wake and spray, W.
+    /// Mean power dissipated in the fluid by drag, wake and spray, W.
     pub fn mean_power_into_fluid(&self) -> f64 {
         [1, 5, 7].map(|i| self.power(i)).iter().sum()
     }
@@ -315,30 +313,30 @@ impl Cycle {
         self.mean_vector(index::POSITION) - self.mean_vector(index::FLOW)
     }
 
-    /// e; none where the head turned all round.
+    /// e, or None if the head turned all round.
     fn axis(&self) -> Option<Vector2<f64>> {
         self.mean_vector(index::AXIS).try_normalize(PHASE_ROUNDING)
     }
 
-    /// The parts of a vector along the axis and across it, to the left.
+    /// The components of a vector along the axis and to its left.
     fn along_and_across(&self, vector: Vector2<f64>) -> [f64; 2] {
         self.axis().map_or([0.0; 2], |axis| [vector.dot(&axis), axis.perp(&vector)])
     }
 
-    /// |U|, m/s, where the swimmer gets anywhere.
+    /// |U|, m/s, or None if the swimmer stays in place.
     fn net_speed(&self, dynamics: &Dynamics) -> Option<f64> {
         let speed = self.velocity().norm();
         (speed * self.period() >= MIN_DISTANCE * dynamics.model.rod.length).then_some(speed)
     }
 
-    /// |U| and the mean power of the actuation, where both are above zero and the head is free.
+    /// |U| and the mean power of the actuation, if both are positive and the head is free.
     fn speed_and_power(&self, dynamics: &Dynamics) -> Option<(f64, f64)> {
         let power = self.power(0);
         self.net_speed(dynamics).filter(|_| power > 0.0 && dynamics.model.head.is_none()).map(|speed| (speed, power))
     }
 
-    /// Of a held head that moves against the flow: its thrust (N) and speed (m/s) along its axis, and the mean power of actuation and
-    /// head, where that is above zero.
+    /// Thrust (N) and speed (m/s) along the axis of a held head that moves relative to the flow, and the mean power of actuation and
+    /// head, if that is positive.
     fn thrust_speed_and_power(&self, dynamics: &Dynamics) -> Option<([f64; 2], f64)> {
         let axis = held(dynamics, self.axis()?)?;
         let (thrust, speed) = (self.mean_vector(index::FORCE).dot(&axis), self.velocity().dot(&axis));
@@ -346,7 +344,7 @@ impl Cycle {
         self.net_speed(dynamics).filter(|_| power > 0.0).map(|_| ([thrust, speed], power))
     }
 
-    /// Why this swimmer has no [`EFFICIENCY`], where it has none.
+    /// The reason why this swimmer has no [`EFFICIENCY`], if it has none.
     fn missing_efficiency(&self, dynamics: &Dynamics) -> Option<&'static str> {
         if (EFFICIENCY.of)(self, dynamics).is_some() {
             return None;
@@ -365,7 +363,7 @@ impl Cycle {
         })
     }
 
-    /// True where it is `other`, the next one, but for [`PERIODIC_TOLERANCE`].
+    /// True if it equals `other`, the next one, within [`PERIODIC_TOLERANCE`].
     fn is_similar(&self, other: &Self) -> bool {
         let of = |cycle: &Self| {
             let [ahead, aside] = cycle.along_and_across(cycle.velocity());
@@ -389,10 +387,10 @@ impl Cycle {
     }
 }
 
-/// One quantity of a cycle; none where the scene or the motion has no such quantity.
+/// A quantity of a cycle, or None if it is undefined for the scene or the motion.
 #[derive(Debug, Clone, Copy)]
 pub struct CycleMeasure {
-    /// What it is called: what its keys have in common.
+    /// Its name, the common part of its keys.
     pub name: &'static str,
     /// The key of its mean in summary.json, which ends in its unit.
     pub key: &'static str,
@@ -406,7 +404,7 @@ pub struct CycleMeasure {
 }
 
 impl CycleMeasure {
-    /// What it is called, in words.
+    /// Its name for messages.
     pub fn label(&self) -> String {
         self.name.replace('_', " ")
     }
@@ -434,7 +432,7 @@ fn held<T>(dynamics: &Dynamics, value: T) -> Option<T> {
     dynamics.model.head.is_some().then_some(value)
 }
 
-/// The mean of a force along the head's mean axis, where the rod accelerates the fluid: else drag is all there is.
+/// The mean of a force along the head's mean axis, in a fluid with added mass; otherwise drag is the only force.
 fn along_axis_in_water(cycle: &Cycle, dynamics: &Dynamics, place: usize) -> Option<f64> {
     let axis = cycle.axis().filter(|_| dynamics.model.forces.are_inertial())?;
     Some(cycle.mean_vector(place).dot(&axis))
@@ -583,7 +581,7 @@ measure!(
     }
 );
 
-/// All measures, in the order in which every face shows them.
+/// All measures, in the order of display.
 pub const MEASURES: [CycleMeasure; 21] = [
     PERIOD,
     SPEED,
@@ -619,7 +617,7 @@ pub(crate) fn efficiency(cycles: &[Cycle], dynamics: &Dynamics, fluid: Fluid) ->
 }
 
 impl CycleMeasure {
-    /// Its mean over `cycles`; none where one of them has none.
+    /// Its mean over `cycles`, or None if it is undefined for one of them.
     pub fn mean(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
         let mut sum = 0.0;
         for cycle in cycles {
@@ -628,7 +626,7 @@ impl CycleMeasure {
         Some(sum / cycles.len() as f64).filter(|mean| mean.is_finite())
     }
 
-    /// The standard deviation of `cycles`, at least two.
+    /// Its standard deviation over at least two `cycles`.
     pub fn spread(&self, cycles: &[Cycle], dynamics: &Dynamics) -> Option<f64> {
         let mean = self.mean(cycles, dynamics)?;
         let squares = cycles.iter().filter_map(|cycle| (self.of)(cycle, dynamics)).map(|x| (x - mean).powi(2));
@@ -643,22 +641,23 @@ pub struct Cycles {
     /// Time (s) and integrals at the start.
     start: (f64, Integrals),
     last: CycleSample,
-    /// Time (s) and rates of the sample before the last, where nothing jumped since.
+    /// Time (s) and rates of the sample before the last, unless inputs have jumped since.
     before: Option<(f64, Integrals)>,
-    /// Where the cycle under way began.
+    /// Time (s) and integrals at the start of the current cycle.
     begin: Option<(f64, Integrals)>,
-    /// Across the path through the fluid, and velocity (m/s) of what the tip is seen from: those of the last cycle.
+    /// The direction across the path through the fluid, and the velocity (m/s) of the frame that the tip is observed in, of the last
+    /// cycle.
     across: Vector2<f64>,
     drift: Vector2<f64>,
-    /// The least and largest coordinate of the tip there in this cycle, m.
+    /// The minimum and maximum coordinate of the tip in that direction in this cycle, m.
     range: [f64; 2],
-    /// Whole cycles in order of time; so many of them are there.
+    /// The first `count` entries are whole cycles, in order of time.
     kept: [Cycle; MAX_CYCLES],
     count: usize,
 }
 
 impl Cycles {
-    /// None yet of a run that starts at `state`.
+    /// No cycles yet, for a run that starts at `state`.
     pub fn start(dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
         let source = CycleSource::of(&dynamics.model);
         let last = CycleSample::of(source, dynamics, state, metrics);
@@ -682,8 +681,8 @@ impl Cycles {
         }
     }
 
-    /// Counts what happened up to `state`, a step or a change at once, which `metrics` has counted. `middle` is what the
-    /// middle of the step was like, where the method knows it as well as the end.
+    /// Adds a step to `state`, or a jump, after `metrics` has counted it. `middle` is the midpoint of the step, if the model has dense
+    /// output.
     pub fn follow(
         &mut self,
         dynamics: &Dynamics,
@@ -705,7 +704,7 @@ impl Cycles {
         self.last = now;
     }
 
-    /// Ends the cycles that are over by `now`.
+    /// Completes the cycles that end by `now`.
     fn finish_cycles(&mut self, dynamics: &Dynamics, now: &CycleSample) {
         let mut passed = 0.0;
         match (self.last.phase, now.phase) {
@@ -727,7 +726,7 @@ impl Cycles {
         self.extend_range(now, [passed, 1.0]);
     }
 
-    /// Widens the range by what the tip did over the parts `span` of the step to `now`.
+    /// Extends the range by the motion of the tip over the fractions `span` of the step to `now`.
     fn extend_range(&mut self, now: &CycleSample, span: [f64; 2]) {
         let seen = |&CycleSample { time, tip: [place, velocity], .. }: &CycleSample| {
             [place - self.drift * time, velocity - self.drift].map(|tip| tip.dot(&self.across))
@@ -737,7 +736,7 @@ impl Cycles {
         self.range = [self.range[0].min(least), self.range[1].max(most)];
     }
 
-    /// The cycle that is over at time `until` (s), with these integrals.
+    /// Appends the cycle that ends at time `until` (s) with these integrals.
     fn push_cycle(&mut self, dynamics: &Dynamics, until: f64, integrals: Integrals) {
         let Some((from, first)) = self.begin.replace((until, integrals)) else { return };
         let cycle = Cycle { from, until, excursion: self.range[1] - self.range[0], change: integrals - first };
@@ -754,20 +753,20 @@ impl Cycles {
         self.drift = cycle.mean_vector(index::POSITION);
     }
 
-    /// The last whole cycles at time `t` (s), now or within the last step.
+    /// The last whole cycles at time `t` (s), at present or within the last step.
     pub fn whole(&self, t: f64) -> &[Cycle] {
         let count = self.kept[..self.count].iter().take_while(|cycle| cycle.until <= t).count();
         &self.kept[..count]
     }
 
-    /// All that was since the start, as one cycle whose excursion is not known.
+    /// The whole run since its start as one cycle, whose excursion is unknown.
     pub fn since_start(&self) -> Option<Cycle> {
         let ((from, first), until) = (self.start, self.last.time);
         let cycle = Cycle { from, until, excursion: 0.0, change: self.last.integrals - first };
         (cycle.period() > 0.0).then_some(cycle)
     }
 
-    /// True where no cycle can be known: a table or a host moves the head or the flow.
+    /// True if no cycles are defined because a table or a host moves the head or the flow.
     pub fn are_unknown(&self, dynamics: &Dynamics) -> bool {
         match self.source {
             CycleSource::Actuation => false,
@@ -776,12 +775,12 @@ impl Cycles {
         }
     }
 
-    /// Why there is none yet.
+    /// The reason why there is none yet.
     pub(crate) fn reason(&self, dynamics: &Dynamics) -> Option<String> {
         (self.count == 0).then(|| self.source.reason(dynamics))
     }
 
-    /// What the last whole cycles come to.
+    /// The averages over the last whole cycles.
     pub fn averages(&self, dynamics: &Dynamics) -> CycleAverages {
         let cycles = self.whole(f64::INFINITY);
         CycleAverages {
@@ -805,8 +804,8 @@ impl Cycles {
     }
 }
 
-/// True where each of `cycles` is like the one before: velocity and force along the axis and across it, moment and powers
-/// differ by at most 1 % of their size; none where there are fewer than two.
+/// True if each of `cycles` equals the one before: velocity and force along and across the axis, moment and powers differ by at most
+/// 1 % of their size. None for fewer than two cycles.
 pub fn is_periodic(cycles: &[Cycle]) -> Option<bool> {
     (cycles.len() > 1).then(|| cycles.windows(2).all(|pair| pair[0].is_similar(&pair[1])))
 }
@@ -814,15 +813,15 @@ pub fn is_periodic(cycles: &[Cycle]) -> Option<bool> {
 /// Averages over the last whole cycles of a run, with their spread.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CycleAverages {
-    /// How many cycles.
+    /// Number of cycles.
     pub used: usize,
-    /// When the first of them began and the last ended, s.
+    /// Times of the start of the first and the end of the last, s.
     pub span: Option<[f64; 2]>,
-    /// Whether they are alike, [`is_periodic`].
+    /// Whether the motion [is periodic](is_periodic).
     pub periodic: Option<bool>,
-    /// Why there are none.
+    /// The reason why there are none.
     pub reason: Option<String>,
-    /// Why there is no efficiency, where there is none.
+    /// The reason why there is no efficiency, if there is none.
     pub efficiency_reason: Option<String>,
     /// Mean and spread of each of [`MEASURES`].
     measures: [(Option<f64>, Option<f64>); MEASURES.len()],
@@ -836,7 +835,7 @@ impl CycleAverages {
         self.measures[place].0
     }
 
-    /// How a free swimmer swims: within 60° of its head's axis, of its tail's, or neither.
+    /// How a free swimmer swims: head first or tail first within 60°, or sideways.
     pub fn swims(&self) -> Option<&'static str> {
         let degrees = self.mean(&DIRECTION).filter(|_| self.free)?.to_degrees();
         Some(match degrees {
@@ -855,7 +854,7 @@ fn short(x: f64) -> String {
     }
 }
 
-/// One sentence: how it swims, or how the tail pushes its head.
+/// One sentence about how it swims, or how the tail propels its head.
 impl std::fmt::Display for CycleAverages {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         if let Some(reason) = &self.reason {
@@ -911,7 +910,7 @@ impl std::fmt::Display for CycleAverages {
     }
 }
 
-/// One map, flat: number of cycles, then every measure with its spread by its key.
+/// A flat map of the number of cycles, and each measure and its spread by its key.
 impl Serialize for CycleAverages {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let mut map = serializer.serialize_map(None)?;

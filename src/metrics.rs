@@ -1,4 +1,4 @@
-//! What is measured of a run: energies, powers, work and displacement, and the balance that they must close.
+//! Measurements of a run: energies, powers, forces and momentum at each time, their totals, and the balances of energy and momentum.
 
 use std::f64::consts::PI;
 
@@ -28,7 +28,7 @@ pub struct Energy {
     pub bending: f64,
     /// Kinetic energy E_k.
     pub kinetic: f64,
-    /// What forces from outside store: the energy of the fluid that the rod accelerates.
+    /// Energy stored by external forces: kinetic energy of the added mass.
     pub fluid: f64,
 }
 
@@ -49,26 +49,26 @@ impl Energy {
 /// Powers (W), or work (J): dE/dt = actuation − viscous − wake − spray + load + head + flow + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Power {
-    /// Put in by the moving natural curvature: −Σ m_k dκ̄_k/dt.
+    /// Supplied by the change of natural curvature: −Σ m_k dκ̄_k/dt.
     pub actuation: f64,
-    /// Taken by drag: F·(v−u) ≥ 0.
+    /// Dissipated by drag: F·(v − u) ≥ 0.
     pub viscous: f64,
-    /// Taken by the wake that leaves the tail.
+    /// Dissipated in the wake that the tail sheds.
     pub wake: f64,
-    /// Taken by the spray where the rod meets a denser fluid.
+    /// Dissipated in the spray where the rod enters a denser fluid.
     pub spray: f64,
-    /// Put in by gravity, point loads and a host's forces.
+    /// Supplied by gravity, point loads and forces of a host.
     pub load: f64,
-    /// Put in by a held head.
+    /// Supplied by a held head.
     pub head: f64,
-    /// Put in by the background flow: −F·u.
+    /// Supplied by the background flow: −F·u.
     pub flow: f64,
-    /// Put in by other forces.
+    /// Supplied by other forces.
     pub other: f64,
 }
 
 impl Power {
-    /// What goes into the rod, net.
+    /// The net power into the rod.
     pub fn net(&self) -> f64 {
         self.actuation - self.viscous - self.wake - self.spray + self.load + self.head + self.flow + self.other
     }
@@ -84,7 +84,7 @@ impl Power {
         self.other += other.other;
     }
 
-    /// What every force in `forces` stores, J and N s, and its part of powers and forces, added to `self` and `resultants`.
+    /// Adds the powers and resultants of all `forces` to `self` and `resultants`; returns the energy (J) and momentum (N s) they store.
     fn add_forces(
         &mut self,
         forces: &Forces,
@@ -105,7 +105,7 @@ impl Power {
         (stored, momentum)
     }
 
-    /// The powers of a force with that sink, and what it does, added to `self` and `resultants`.
+    /// Adds the powers and the resultant of a force with that sink.
     #[inline(always)]
     fn add_powers(&mut self, sink: Option<Sink>, powers: Powers, resultants: &mut Resultants) {
         let Powers { opposing, against_fluid, of_flow } = powers;
@@ -123,21 +123,21 @@ impl Power {
     }
 }
 
-/// Forces on the whole rod (N), or impulses (N s), by who gives them:
+/// Resultant forces on the rod (N), or impulses (N s), by source:
 /// d/dt (momentum of the rod + of the fluid) = drag + wake + spray + flow + load + head + other.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Resultants {
     /// Drag.
     pub drag: Vector2<f64>,
-    /// The wake that leaves the tail.
+    /// The wake that the tail sheds.
     pub wake: Vector2<f64>,
-    /// The spray where the rod meets a denser fluid.
+    /// The spray where the rod enters a denser fluid.
     pub spray: Vector2<f64>,
-    /// The inertia of the fluid: less the rate of its momentum, so that it is no part of the balance.
+    /// The inertia of the fluid, minus the rate of its momentum. It is not part of the balance.
     pub inertia: Vector2<f64>,
-    /// The pressure of a flow that accelerates.
+    /// The pressure of an accelerating flow.
     pub flow: Vector2<f64>,
-    /// Gravity, point loads, buoyancy and a host's forces.
+    /// Gravity, point loads, buoyancy and forces of a host.
     pub load: Vector2<f64>,
     /// A held head.
     pub head: Vector2<f64>,
@@ -146,12 +146,12 @@ pub struct Resultants {
 }
 
 impl Resultants {
-    /// What changes the momentum of rod and fluid together.
+    /// The rate of the momentum of rod and fluid together.
     pub fn net(&self) -> Vector2<f64> {
         self.drag + self.wake + self.spray + self.flow + self.load + self.head + self.other
     }
 
-    /// What the force with that sink gives.
+    /// The resultant of forces with that sink.
     pub(crate) fn from(&mut self, sink: Option<Sink>) -> &mut Vector2<f64> {
         match sink {
             Some(Sink::Drag) => &mut self.drag,
@@ -179,9 +179,9 @@ impl Resultants {
 /// Momentum, N s.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Momentum {
-    /// Of the rod; zero of one that moves without inertia.
+    /// Of the rod; zero without inertia.
     pub rod: Vector2<f64>,
-    /// Of the fluid that it accelerates, against the flow.
+    /// Of the fluid that it accelerates, relative to the flow.
     pub fluid: Vector2<f64>,
 }
 
@@ -192,7 +192,7 @@ impl Momentum {
     }
 }
 
-/// All that is measured at one time.
+/// All measurements at one time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Measurements {
     /// Time, s.
@@ -223,15 +223,16 @@ pub struct Measurements {
     pub moment: Vec<f64>,
     /// Largest |ℓ/ΔL − 1| of an edge.
     pub strain: f64,
-    /// κ̄_k; of a rod that takes it as its shape, the κ_k it has taken.
+    /// κ̄_k, or κ_k for the shape model, which prescribes it.
     natural: Vec<f64>,
     /// Unit tangent of each edge.
     tangent: Vec<Vector2<f64>>,
-    /// How fast it moves across itself.
+    /// Its cross-flow velocity.
     across: CrossFlowSquares,
 }
 
-/// How fast a rod moves across itself through the fluid, as mean squares over its length; integrated over time in [`RunningTotals`].
+/// Cross-flow of a rod, its velocity normal to itself through the fluid, as mean squares over its length. [`RunningTotals`] integrates
+/// them over time.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct CrossFlowSquares {
     /// Of the velocity w, m²/s².
@@ -247,7 +248,7 @@ pub struct CrossFlowSquares {
 }
 
 impl CrossFlowSquares {
-    /// Of a rod in `dynamics` at `state`, its edges along `tangent`; nothing where no fluid acts on it.
+    /// Of a rod at `state` whose edges have these tangents; zero without fluid.
     fn of(dynamics: &Dynamics, state: &State, tangent: &[Vector2<f64>]) -> Self {
         let (forces, inputs) = (&dynamics.model.forces, &dynamics.inputs);
         if forces.is_empty() || inputs.fluid.viscosity <= 0.0 {
@@ -284,7 +285,7 @@ impl CrossFlowSquares {
 }
 
 impl Measurements {
-    /// An empty reading for `nodes` nodes.
+    /// Empty measurements for `nodes` nodes.
     pub fn new(nodes: usize) -> Self {
         let zeros = || vec![0.0; nodes];
         let tangent = vec![Vector2::zeros(); nodes - 1];
@@ -301,13 +302,13 @@ impl Measurements {
         *self = Self { kappa, moment, natural, tangent, ..*other };
     }
 
-    /// The number of nodes it is for; zero where its arrays differ in length.
+    /// The number of nodes; zero if the lengths of its arrays are inconsistent.
     pub(crate) fn nodes(&self) -> usize {
         let lengths = [self.kappa.len(), self.moment.len(), self.natural.len(), self.tangent.len() + 1];
         if lengths == [lengths[0]; 4] { lengths[0] } else { 0 }
     }
 
-    /// Measures `state`, whose time `dynamics` was last moved to.
+    /// Measures `state`. `dynamics` must be at its time.
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`]; [`Error::NotFinite`] for energies and powers.
@@ -364,11 +365,11 @@ impl Measurements {
         self.assemble(dynamics, state, &sums, forces, held)
     }
 
-    /// The same of a `state` that was `measured` beside others; `of_force` says of each force, at its place, its powers and the energy (J)
-    /// and momentum (N s) that it stores, `fill` writes curvatures, moments and tangents.
+    /// The same for a `state` that was `measured` in a batch. `of_force` returns the powers of the force with that index, and the energy
+    /// (J) and momentum (N s) that it stores; `fill` writes curvatures, moments and tangents.
     ///
     /// # Errors
-    /// Those of [`take`](Self::take).
+    /// Those of [`measure`](Self::measure).
     #[cfg(all(feature = "report", target_arch = "x86_64"))]
     pub(crate) fn measure_presolved(
         &mut self,
@@ -395,8 +396,8 @@ impl Measurements {
         self.assemble(dynamics, state, &measured.sums, forces, || measured.held)
     }
 
-    /// Takes over the `sums` of `state`, its curvatures, moments and tangents being here already: `forces` adds what forces do, and says
-    /// what they store, J and N s; `held` is the force (N) that a held head must exert.
+    /// Assembles the measurements from the `sums` of `state`, after curvatures, moments and tangents. `forces` adds the powers and
+    /// resultants of forces and returns the energy (J) and momentum (N s) they store; `held` returns the force (N) that holds the head.
     #[inline(always)]
     fn assemble(
         &mut self,
@@ -458,7 +459,7 @@ impl Measurements {
         self.head_angle[0]
     }
 
-    /// Largest rotation (rad) of an edge since `before`, or the `most` that there was, where that is larger.
+    /// The largest rotation (rad) of an edge since `before`, at least `most`.
     fn rotation_since(&self, before: &Self, most: f64) -> f64 {
         let chord = |(t, old): (&Vector2<f64>, &Vector2<f64>)| (t - old).norm_squared();
         let larger = |largest: f64, chord: f64| if chord > largest { chord } else { largest };
@@ -470,8 +471,7 @@ impl Measurements {
         most.max(2.0 * (0.5 * largest.sqrt()).min(1.0).asin())
     }
 
-    /// Work (J) from `before` to here, over which the loads did `load`: Simpson's rule of the powers with those in the
-    /// `middle`, where that is known.
+    /// Work (J) since `before`, by Simpson's rule with the powers at the `middle`; `load` is the work of the loads.
     fn smooth_work_since(&self, before: &Self, middle: &Self, load: f64) -> Power {
         let sixth = (self.time - before.time) / 6.0;
         let work = |of: fn(&Power) -> f64| sixth * (of(&before.power) + 4.0 * of(&middle.power) + of(&self.power));
@@ -487,8 +487,8 @@ impl Measurements {
         }
     }
 
-    /// Work (J) from `before` to here, over which the loads did `load`: trapezoidal in time for viscosity and flow, in
-    /// κ̄ for the actuation, in the head's position and angle for the head.
+    /// Work (J) since `before`, by the trapezoidal rule: in time for drag and flow, in κ̄ for the actuation, in position and angle for the
+    /// head. `load` is the work of the loads.
     fn work_since(&self, before: &Self, load: f64, head_mass: f64) -> Power {
         let half_time = 0.5 * (self.time - before.time);
         let trapezoid = |of: fn(&Power) -> f64| half_time * (of(&self.power) + of(&before.power));
@@ -512,12 +512,12 @@ impl Measurements {
     }
 }
 
-/// Who gives the energy of a change at once.
+/// The source of the energy of a jump.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WorkSource {
-    /// The actuation: the shape changed.
+    /// The actuation, for a jump of the shape.
     Actuation,
-    /// The flow: it changed, or the density of the fluid.
+    /// The flow, for a jump of its velocity or of the density.
     Flow,
 }
 
@@ -530,7 +530,7 @@ pub struct RunningTotals {
     pub impulse: Resultants,
     /// Energies integrated over time since the start, J s.
     pub energy_time: Energy,
-    /// How fast the rod moved across itself, integrated over time since the start.
+    /// Cross-flow integrated over time since the start.
     pub across_time: CrossFlowSquares,
     /// Largest |y_COM|, m.
     pub max_lateral: f64,
@@ -542,17 +542,17 @@ pub struct RunningTotals {
     pub max_rotation: f64,
     /// Largest force (N) and moment (N m) of the tail on a held head at any step.
     pub max_on_head: [f64; 2],
-    /// Steps made.
+    /// Number of accepted steps.
     pub steps: u64,
-    /// Times that a step was halved.
+    /// Number of halved steps.
     pub halvings: u64,
-    /// Steps that were too inaccurate and made again with a smaller size.
+    /// Number of steps that were rejected by the error estimate and repeated with a smaller size.
     pub rejections: u64,
 }
 
 impl RunningTotals {
-    /// The totals at `now` between these and `later`, whose readings are the `ends`: work is the cubic Hermite polynomial of
-    /// work and power.
+    /// The totals at `now`, between these and `later`, with the measurements `ends`. Work is interpolated by the cubic Hermite polynomial
+    /// of work and power.
     pub(crate) fn until(&self, later: &Self, ends: [&Measurements; 2], now: &Measurements) -> Self {
         let [from, to] = ends;
         let work = |of: fn(&Power) -> f64| {
@@ -597,10 +597,10 @@ impl RunningTotals {
     }
 }
 
-/// What is known of a run so far: its start, its totals, and the last reading.
+/// Metrics of a run: its start, its running totals, and the current measurements.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct RunMetrics {
-    /// The last reading.
+    /// The current measurements.
     pub now: Measurements,
     /// The totals.
     pub totals: RunningTotals,
@@ -615,7 +615,7 @@ pub struct RunMetrics {
 }
 
 impl RunMetrics {
-    /// Starts at `state`, whose time `dynamics` was last moved to.
+    /// Metrics of a run that starts at `state`. `dynamics` must be at its time.
     ///
     /// # Errors
     /// Those of [`Measurements::measure`].
@@ -646,9 +646,9 @@ impl RunMetrics {
         (self.first_momentum, self.first) = (*first_momentum, *first);
     }
 
-    /// Counts the step to `next`, over which the loads did the work `load` (J), and keeps the old reading in `next`.
-    /// A reading at the same time counts what an input changed at once. `middle` is the reading in the middle of the step,
-    /// where the method knows it as well as the end.
+    /// Adds the step to `next` to the totals, and swaps the previous measurements into `next`; `load` is the work (J) of the loads. If the
+    /// time is the same, it adds the effect of a jump of inputs. `middle` holds the measurements at the midpoint of the step, if the model
+    /// has dense output.
     ///
     /// # Errors
     /// [`Error::NotFinite`] for work that is not; nothing is counted then.
@@ -712,8 +712,7 @@ impl RunMetrics {
         Ok(())
     }
 
-    /// Counts what a shape or a motion that changed at once did, its reading in `next`: the `source` gives what the energies
-    /// gain.
+    /// Adds a jump of shape or motion, with the measurements `next` after it. The `source` supplies the gain of energy.
     pub fn count_jump(&mut self, next: &mut Measurements, source: WorkSource) {
         let work = &mut self.totals.work;
         let given = match source {
@@ -737,7 +736,7 @@ impl RunMetrics {
         self.now.time - self.first.0
     }
 
-    /// How fast the rod moved across itself through the fluid since the start; none before the first step.
+    /// Root mean square of the cross-flow since the start, or None before the first step.
     pub fn across(&self) -> Option<regime::Across> {
         let CrossFlowSquares { speed, per_depth, body, density, viscosity } = self.totals.across_time;
         let elapsed = Some(self.elapsed()).filter(|elapsed| *elapsed > 0.0)?;
@@ -751,12 +750,12 @@ impl RunMetrics {
         self.now.com.x - self.first.1.x
     }
 
-    /// Defect of the balance of momentum, N s: what was given and is neither in the rod nor in the fluid.
+    /// Defect of the momentum balance, N s: the total impulse minus the change of momentum of rod and fluid.
     pub fn momentum_defect(&self) -> Vector2<f64> {
         self.totals.impulse.net() - (self.now.momentum.total() - self.first_momentum)
     }
 
-    /// Defect of the energy balance, J: what went in and neither went out nor is stored.
+    /// Defect of the energy balance, J: the net work minus the change of energy.
     pub fn numerical_dissipation(&self) -> f64 {
         self.totals.work.net() - (self.now.energy.total() - self.first_energy)
     }

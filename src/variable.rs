@@ -1,6 +1,6 @@
-//! The one table of variables: inputs, outputs and parameters with name, unit, causality and meaning.
+//! The table of variables: inputs, outputs and parameters with name, unit, causality and meaning.
 //!
-//! Every face of the program (command, files, bindings) reads it. Adding an output is one line of [`VARIABLES`].
+//! The command, output files and bindings all use it. A new output is one line of [`VARIABLES`].
 
 use nalgebra::Vector2;
 
@@ -13,7 +13,7 @@ use crate::newton::Work;
 use crate::rod::{bend, node};
 use crate::system::{Form, State};
 
-/// Who decides a variable's value.
+/// What determines the value of a variable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Causality {
     /// Fixed by the scene.
@@ -27,7 +27,7 @@ pub enum Causality {
 }
 
 impl Causality {
-    /// The FMI standard's word.
+    /// The term of the FMI standard.
     pub fn name(self) -> &'static str {
         match self {
             Self::Parameter => "parameter",
@@ -43,16 +43,16 @@ impl Causality {
 pub enum Size {
     /// One.
     Scalar,
-    /// One a node.
+    /// One per node.
     Nodes,
-    /// One a joint; a held head has one more, the half-cell joint at node 0, which comes first.
+    /// One per joint. A held head adds the half-cell joint at node 0, which comes first.
     Joints,
 }
 
-/// What variables are read from.
+/// The quantities that variables are read from.
 #[derive(Debug, Clone, Copy)]
 pub struct View<'a> {
-    /// Time as the host counts it, s.
+    /// Time of the host, s.
     pub time: f64,
     /// The model.
     pub dynamics: &'a Dynamics,
@@ -80,7 +80,7 @@ impl View<'_> {
         self.state.q[2 * k + i] - self.metrics.first_positions[2 * k + i]
     }
 
-    /// The mean of `measure` over the last whole cycles; zero before the first, NaN where none can be known.
+    /// The mean of `measure` over the last whole cycles: zero before the first, NaN if no cycles are defined.
     fn average(&self, measure: &CycleMeasure) -> f64 {
         let cycles = self.cycles.whole(self.state.t);
         if cycles.is_empty() {
@@ -99,29 +99,29 @@ impl View<'_> {
     }
 }
 
-/// An input that an output follows at once, before any step.
+/// Direct feedthrough: an input that an output depends on immediately, without a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DirectFeedthrough {
     /// Its name.
     pub input: &'static str,
-    /// Which of its entries.
+    /// The entries that it depends on.
     pub entries: FeedthroughEntries,
-    /// Where it does.
+    /// The condition for it.
     pub condition: FeedthroughCondition,
 }
 
-/// Where an output follows an input at once.
+/// The condition for a direct feedthrough.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FeedthroughCondition {
-    /// Everywhere.
+    /// No condition.
     Always,
-    /// Where positions are the unknowns: in the chain form an edge's force is one itself, and waits for the step.
+    /// Positions are the unknowns. In the chain form the force of an edge is itself an unknown, which changes with the next step.
     InPositions,
-    /// Where the rod is buoyant.
+    /// The rod is buoyant.
     WithBuoyancy,
-    /// Where the rod takes its natural curvature: moments follow from balance then.
+    /// The shape model, where moments follow from balance.
     OfShape,
-    /// Where it does not: moments follow from the curvature.
+    /// Any other model, where moments follow from the curvature.
     OfElasticity,
 }
 
@@ -143,12 +143,12 @@ impl FeedthroughCondition {
     }
 }
 
-/// Which entries of an input an entry of an output follows.
+/// The entries of an input that an entry of an output depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum FeedthroughEntries {
     /// All.
     All,
-    /// That of its own node.
+    /// That of the same node.
     Own,
     /// Those of the first nodes.
     First(usize),
@@ -170,7 +170,7 @@ const fn elastic(input: &'static str, entries: FeedthroughEntries) -> DirectFeed
     DirectFeedthrough { input, entries, condition: FeedthroughCondition::OfElasticity }
 }
 
-/// The same where the rod takes its natural curvature.
+/// The same feedthrough for the shape model.
 const fn of_shape<const N: usize>(feeds: &[DirectFeedthrough]) -> [DirectFeedthrough; N] {
     let mut all = [feeds[0]; N];
     let mut i = 0;
@@ -185,7 +185,7 @@ const fn of_shape<const N: usize>(feeds: &[DirectFeedthrough]) -> [DirectFeedthr
     all
 }
 
-/// `a`, then `b`: `N` in all.
+/// The concatenation of `a` and `b`, with `N` entries in total.
 const fn join<const N: usize>(a: &[DirectFeedthrough], b: &[DirectFeedthrough]) -> [DirectFeedthrough; N] {
     let mut all = [a[0]; N];
     let mut i = 0;
@@ -219,7 +219,7 @@ const WAVE: [DirectFeedthrough; 2] =
 const NATURAL: &[DirectFeedthrough] = &[WAVE[0], WAVE[1], elastic("natural_curvature_1_m", FeedthroughEntries::All)];
 const FORCES: &[DirectFeedthrough] =
     &[always("force_x_n", FeedthroughEntries::All), always("force_y_n", FeedthroughEntries::All)];
-/// What the balance of a rod follows that takes its natural curvature.
+/// The feedthrough of quantities that follow from balance in the shape model.
 const BALANCE: [DirectFeedthrough; 18] = of_shape(&join::<18>(&FLUID, FORCES));
 const NATURAL_RATE: [DirectFeedthrough; 22] = join(
     &BALANCE,
@@ -272,49 +272,49 @@ const HEAD_POWER: [DirectFeedthrough; 24] = join(
     ],
 );
 
-/// Reads a variable, or one entry of it: the index is a node.
+/// Reads a variable, or its entry at a node.
 type Get = fn(&View<'_>, usize) -> f64;
-/// The first change of a variable, from what is read now and its change.
+/// The differential of a variable, from the current view and its differential.
 type DerivativeOf = fn(&View<'_>, &View<'_>, usize) -> f64;
 /// Sets a variable at a time.
 type Set = fn(&mut Dynamics, f64, &[f64]);
 /// Sets the entries of an array from an index on.
 type SetEntries = fn(&mut Dynamics, usize, &[f64]);
 
-/// Decides whether a value is allowed, and says in words what is.
+/// Tests whether a value is allowed, with a description of the allowed values.
 type Allowed = (fn(f64) -> bool, &'static str);
 
-/// One variable.
+/// A variable.
 #[derive(Debug)]
 pub struct Variable {
     /// Name, ending in its unit.
     pub name: &'static str,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
-    /// Who decides it.
+    /// What determines its value.
     pub causality: Causality,
     /// What it is.
     pub description: &'static str,
-    /// How many values it has.
+    /// Its number of values.
     pub size: Size,
-    /// True where trajectory.csv has it.
+    /// True if it is a column of trajectory.csv.
     pub recorded: bool,
-    /// The inputs that it follows at once.
+    /// The inputs that it depends on immediately.
     pub feedthrough: &'static [DirectFeedthrough],
     fed_in: fn(&Model) -> bool,
-    /// It is the stiffness of the rod, or follows it otherwise than by a curvature.
+    /// It is the stiffness of the rod, or depends on it directly.
     elastic: bool,
-    /// It is how a held head is turned, which follows from the time alone.
+    /// It is the rotation of a held head, a function of time alone.
     turned: bool,
     needs: Requirement,
     get: Get,
-    /// Where it is not linear in state and readings; else its change is what is read of theirs.
+    /// Its differential, if it is not linear in state and measurements.
     tangent: Option<DerivativeOf>,
     set: Option<Set>,
     set_entries: Option<SetEntries>,
-    /// For an input of a held head: the coordinate (x, y, angle) and the order of its derivative by time.
+    /// For an input of a held head: the coordinate (x, y, angle) and the order of its time derivative.
     head: Option<[usize; 2]>,
-    /// Values that are allowed, beyond being finite.
+    /// Allowed values, in addition to being finite.
     allowed: Option<Allowed>,
 }
 
@@ -383,22 +383,22 @@ impl Variable {
         Self { allowed: Some((|x| x >= 0.0, "a number that is not negative")), ..self }
     }
 
-    /// True where a scene with `model` has it.
+    /// True if a scene with `model` has it.
     pub fn exists_in(&self, model: &Model) -> bool {
         (self.needs.met)(model)
     }
 
-    /// Its smallest value, where there is one.
+    /// Its lower bound, if any.
     pub fn least(&self) -> Option<f64> {
         self.allowed.map(|_| 0.0)
     }
 
-    /// True if it is set by a host.
+    /// True if a host sets it.
     pub fn is_input(&self) -> bool {
         self.causality == Causality::Input
     }
 
-    /// The nodes of the entries of `input` that its own entry at node `k` follows at once in `dynamics` that are solved in `form`.
+    /// The nodes of the entries of `input` that its entry at node `k` immediately depends on, in `dynamics` solved in `form`.
     pub fn follows(&self, k: usize, input: &Self, dynamics: &Dynamics, form: Form) -> std::ops::Range<usize> {
         let model = &*dynamics.model;
         let entries = input.entries(model);
@@ -412,14 +412,14 @@ impl Variable {
         entries.start.max(entries.start)..entries.end.min(entries.end).max(entries.start.max(entries.start))
     }
 
-    /// True where an entry follows some entry of the input called `name` at once.
+    /// True if an entry immediately depends on an entry of the input `name`.
     fn is_fed_by(&self, name: &str, dynamics: &Dynamics, form: Form) -> bool {
         let mut feeds = self.feedthrough.iter().filter(|feed| feed.input == name && (self.fed_in)(&dynamics.model));
         feeds.any(|feed| feed.condition.holds(dynamics, form))
     }
 
-    /// True where it follows the scene's tunable parameter of this `key` at once, see
-    /// [`is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable): moments follow the stiffness, forces of the fluid their coefficients.
+    /// True if it immediately depends on the tunable parameter `key` of the scene, see
+    /// [`is_tunable`](crate::scene::parameter::ScalarParameter::is_tunable): moments on the stiffness, forces of the fluid on their coefficients.
     pub fn follows_parameter(&self, key: &str, dynamics: &Dynamics, form: Form) -> bool {
         match key {
             "rod.youngs_modulus_pa" => self.elastic || self.is_fed_by("natural_curvature_1_m", dynamics, form),
@@ -427,8 +427,7 @@ impl Variable {
         }
     }
 
-    /// True where it follows the time at once, in a state that stays: by the drive, a flow that changes by itself, or a head that
-    /// is moved.
+    /// True if it depends explicitly on time at a given state: by the drive, a time-dependent flow, or a driven head.
     pub fn follows_time(&self, dynamics: &Dynamics, form: Form) -> bool {
         let model = &*dynamics.model;
         let drive = model.actuation.is_some() && self.is_fed_by("actuation_phase_rad", dynamics, form);
@@ -437,7 +436,7 @@ impl Variable {
         self.causality == Causality::Output && (drive || flow || head)
     }
 
-    /// The nodes of its entries; a scalar has one entry.
+    /// The nodes of its entries. A scalar has one entry.
     pub fn entries(&self, model: &Model) -> std::ops::Range<usize> {
         match self.size {
             Size::Scalar => 0..1,
@@ -458,13 +457,13 @@ impl Variable {
         }
     }
 
-    /// Its value at node `k`; none where that is none of its [`entries`](Self::entries).
+    /// Its value at node `k`, or None if that is not one of its [`entries`](Self::entries).
     #[inline]
     pub fn at(&self, view: &View<'_>, k: usize) -> Option<f64> {
         self.entries(view.model()).contains(&k).then(|| (self.get)(view, k))
     }
 
-    /// The first change of what is no parameter at node `k` when what is read `now` changes by `change`.
+    /// Its differential at node `k`, for a differential `change` of the view `now`. It must not be a parameter.
     pub(crate) fn change(&self, now: &View<'_>, change: &View<'_>, k: usize) -> f64 {
         match (self.causality, self.tangent) {
             (Causality::Parameter, _) => 0.0,
@@ -477,17 +476,17 @@ impl Variable {
         }
     }
 
-    /// Its value, or its first.
+    /// Its first value.
     pub fn first(&self, view: &View<'_>) -> f64 {
         (self.get)(view, self.entries(view.model()).start)
     }
 
-    /// The coordinate (x, y, angle) of a held head whose derivative by time it is, and the order of that.
+    /// For an input of a held head: the coordinate (x, y, angle) and the order of its time derivative.
     pub fn of_head(&self) -> Option<[usize; 2]> {
         self.head
     }
 
-    /// Sets its entries from index `first` on at time `t` (s); the caller has checked values and length.
+    /// Sets its entries from index `first` on at time `t` (s). The caller must have checked values and length.
     pub(crate) fn write(&self, dynamics: &mut Dynamics, t: f64, first: usize, values: &[f64]) {
         if let Some([i, order]) = self.head {
             dynamics.say_head(t, i, order, values[0], false);
@@ -509,7 +508,7 @@ impl Variable {
         dynamics.unused = zeros;
     }
 
-    /// The first value that is not allowed, and what is.
+    /// The first value that is not allowed, with a description of the allowed ones.
     pub fn refused(&self, values: &[f64]) -> Option<(f64, &'static str)> {
         let (ok, allowed) = self.allowed.unwrap_or((|_| true, "a finite number"));
         values.iter().find(|x| !x.is_finite() || !ok(**x)).map(|x| (*x, allowed))
@@ -526,7 +525,7 @@ const fn input(name: &'static str, unit: &'static str, description: &'static str
     variable
 }
 
-/// An input of one value a joint or node.
+/// An input with one value per joint or node.
 const fn input_array(
     name: &'static str,
     unit: &'static str,
@@ -558,16 +557,16 @@ const fn output(name: &'static str, unit: &'static str, description: &'static st
     Variable::new(Causality::Output, name, unit, description, get)
 }
 
-/// A mean over the last whole cycles, which no input changes at once; zero before the first is over.
+/// A mean over the last whole cycles. It has no direct feedthrough, and is zero before the end of the first cycle.
 const fn average(measure: &CycleMeasure, get: Get) -> Variable {
     output(measure.key, measure.unit, measure.description, get).changing(|_, _, _| 0.0)
 }
 
-/// What a scene must have for a variable to be there.
+/// A requirement of a variable on the scene.
 #[derive(Debug, Clone, Copy)]
 struct Requirement {
     met: fn(&Model) -> bool,
-    /// In words.
+    /// Its description.
     what: &'static str,
 }
 
@@ -601,13 +600,13 @@ fn has_fluid(model: &Model) -> bool {
     model.forces.iter().any(Force::is_of_fluid)
 }
 
-/// True where a host may make the fluid flow along that axis: never across an interface.
+/// True if a host may set the flow along that axis. There is no flow across an interface.
 fn has_flow<const AXIS: usize>(model: &Model) -> bool {
     let crosses = |layers: Layers| layers.iter().len() > 0 && layers.normal[AXIS] != 0.0;
     has_fluid(model) && !model.layers.is_some_and(crosses)
 }
 
-/// True where the medium has at least that many interfaces that a force feels.
+/// True if the medium has at least that many interfaces and forces act in it.
 fn has_interface<const COUNT: usize>(model: &Model) -> bool {
     !model.forces.is_empty() && model.layers.is_some_and(|layers| layers.iter().len() >= COUNT)
 }
@@ -649,7 +648,7 @@ fn body_angle(state: &State) -> f64 {
     y.atan2(x)
 }
 
-/// Its change: n·δe/ℓ.
+/// Its differential: n·δe/ℓ.
 fn body_angle_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
     let along = |state: &State| [0, 1].map(|i| state.q[2 + i] - state.q[i]);
     let ([x, y], [dx, dy]) = (along(now.state), along(change.state));
@@ -664,7 +663,7 @@ fn has_held_head(model: &Model) -> bool {
     model.head.is_some()
 }
 
-/// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: what the host gave last, else as it moves.
+/// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: as last given by the host, or else as it moves.
 fn head_said(view: &View<'_>, i: usize, order: usize) -> f64 {
     let host = view.inputs.head.as_ref().and_then(|host| host.axes[i].as_ref());
     host.and_then(|axis| axis.said(order)).unwrap_or_else(|| head(view, i, order))
@@ -684,7 +683,7 @@ fn com_velocity(view: &View<'_>, axis: usize) -> f64 {
     momentum.sum::<f64>() / rod.total_mass()
 }
 
-/// Angle and spin at an end of the rod, node `k`: of a held head, else of the edge there.
+/// Angle and angular velocity at an end of the rod, node `k`: of a held head, or of the edge there.
 fn turn(view: &View<'_>, k: usize) -> [f64; 2] {
     match &view.dynamics.held {
         Some([_, _, angle]) if k == 0 => [angle.value, angle.rate],
@@ -695,7 +694,7 @@ fn turn(view: &View<'_>, k: usize) -> [f64; 2] {
     }
 }
 
-/// The change of that.
+/// The differential of that.
 fn turn_change(now: &View<'_>, change: &View<'_>, k: usize) -> [f64; 2] {
     match &now.dynamics.held {
         Some([_, _, angle]) if k == 0 => [angle.rate, angle.acceleration].map(|rate| rate * change.time),
@@ -716,7 +715,7 @@ fn across(values: &[f64], k: usize) -> Vector2<f64> {
     node(values, first + 1) - node(values, first)
 }
 
-/// A host's forces along axis `i` on the nodes from `first` on.
+/// Sets the forces of a host along axis `i` on the nodes from `first` on.
 fn set_force(dynamics: &mut Dynamics, i: usize, first: usize, values: &[f64]) {
     let nodes = dynamics.model.rod.nodes;
     let force = dynamics.inputs.force.get_or_insert_with(|| vec![0.0; 2 * nodes]);
@@ -731,7 +730,7 @@ fn set_natural_curvature(dynamics: &mut Dynamics, first: usize, values: &[f64]) 
     natural[joints.start + first..][..values.len()].copy_from_slice(values);
 }
 
-/// The change of the mean efficiency of the last whole cycles: of the drag of the straight rod in the fluid as it is now.
+/// The differential of the mean efficiency of the last whole cycles, by the drag of the straight rod in the current fluid.
 fn efficiency_change(now: &View<'_>, change: &View<'_>, _: usize) -> f64 {
     let cycles = now.cycles.whole(now.state.t);
     let (fluid, by) = (&now.inputs.fluid, &change.inputs.fluid);
@@ -758,7 +757,7 @@ fn of(values: &Option<Vec<f64>>, i: usize) -> f64 {
     values.as_ref().map_or(0.0, |values| values[i])
 }
 
-/// That no variable of a scene has this `name`: what it would need, or which of those that are `there` has a similar name.
+/// The error for an unknown variable `name`: what the scene lacks for it, or which of the existing ones, `there`, has a similar name.
 pub(crate) fn unknown(name: &str, there: impl Iterator<Item = &'static str>) -> Error {
     let elsewhere = VARIABLES.iter().find(|variable| variable.name == name && !variable.needs.what.is_empty());
     let needs = elsewhere.map(|variable| variable.needs.what);
@@ -769,7 +768,7 @@ pub(crate) fn unknown(name: &str, there: impl Iterator<Item = &'static str>) -> 
     }
 }
 
-/// All variables, in the order in which every face shows them.
+/// All variables, in the order of display.
 #[rustfmt::skip]
 pub static VARIABLES: &[Variable] = &[
     Variable::new(Causality::Independent, "time_s", "s", "time", |v, _| v.time).recorded(),

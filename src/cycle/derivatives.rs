@@ -1,5 +1,5 @@
-//! How what a swimmer is measured by depends on the motion: the weights of values and rates at the steps in the integrals of a
-//! cycle, and the derivatives of a measure by these integrals.
+//! Derivatives of the means over cycles by the motion: the quadrature weights of values and rates at the steps in the integrals of a
+//! cycle, and the derivatives of each measure by these integrals.
 
 use nalgebra::Vector2;
 
@@ -11,46 +11,46 @@ use crate::fluid::force::{self, Slopes};
 use crate::fluid::{Key, Sink};
 use crate::model::Dynamics;
 
-/// The ends of cycles are moved by this part of their time.
+/// Relative step of the finite difference by which the ends of cycles move.
 const FREQUENCY_STEP: f64 = 1e-3;
 
-/// How much the values and rates at each time count in the change of an integral over a cycle.
+/// Quadrature weights of the values and rates at each time in an integral over a cycle.
 #[derive(Debug, Clone)]
 pub struct IntegralWeights {
-    /// Of what is known at every time, as positions and work: the value's.
+    /// Of values, for integrals that are known at every time, such as positions and work.
     pub value: Vec<f64>,
-    /// The rate's.
+    /// Of the rates of these.
     pub rate: Vec<f64>,
-    /// Of what is summed from its rates: the rate's.
+    /// Of rates, for integrals that are summed from them.
     pub summed: Vec<f64>,
 }
 
-/// What a measure depends on.
+/// The derivatives of a measure by the integrals over a cycle.
 #[derive(Debug, Clone)]
 pub struct IntegralDerivatives {
-    /// By the change over the cycle of: position, x and y.
+    /// By the increment of position, x and y.
     pub position: [f64; 2],
-    /// Of the integral of the flow's velocity.
+    /// By the integral of the flow velocity.
     pub flow: [f64; 2],
-    /// Of the integral of the head's axis.
+    /// By the integral of the head's axis.
     pub axis: [f64; 2],
-    /// Of the force on a held head.
+    /// By the integral of the force on a held head.
     pub force: [f64; 2],
-    /// Of the moment on a held head.
+    /// By the integral of the moment on a held head.
     pub moment: f64,
-    /// Of the work of actuation, viscosity, loads, held head, flow, wake, and other forces.
+    /// By the work of actuation, drag, loads, held head, flow, wake and other forces.
     pub work: [f64; 7],
     /// By parameters of the forces themselves.
     pub by_key: Vec<(Key, f64)>,
 }
 
-/// The coefficients of a cubic's values and rates at the ends of a step of `h` (s), at its part `z`.
+/// The cubic Hermite coefficients of values and rates at the ends of a step of `h` (s), at its fraction `z`.
 fn cubic(z: f64, h: f64) -> [f64; 4] {
     let (square, cube) = (z * z, z * z * z);
     [1.0 - 3.0 * square + 2.0 * cube, 3.0 * square - 2.0 * cube, h * (z - 2.0 * square + cube), h * (cube - square)]
 }
 
-/// Where a cycle ends: its time (s), and the rates of all integrals there.
+/// The end of a cycle: its time (s), and the rates of all integrals there.
 #[derive(Debug, Clone, Copy)]
 pub struct CycleEnd {
     time: f64,
@@ -58,12 +58,12 @@ pub struct CycleEnd {
 }
 
 impl Cycles {
-    /// The first end, where a run starts.
+    /// The first end, at the start of the run.
     pub(crate) fn first_end(&self) -> CycleEnd {
         CycleEnd { time: self.last.time, rates: self.last.rates }
     }
 
-    /// The ends in the step that came after `before`.
+    /// The ends within the step since `before`.
     pub(crate) fn ends_since(&self, before: &Self) -> impl Iterator<Item = CycleEnd> {
         let (from, to) = (before.last, self.last);
         let span = from.phase.zip(to.phase).filter(|_| to.time > from.time);
@@ -74,7 +74,7 @@ impl Cycles {
         span.into_iter().flat_map(move |(before, after)| ends_in(before, after).map(end))
     }
 
-    /// The frequency (Hz) that the ends of its cycles follow, as `dynamics` has it, of the same scene or one that hardly differs.
+    /// The frequency (Hz) of the cycles in `dynamics`, of the same scene or a slightly perturbed one.
     pub(crate) fn frequency(&self, dynamics: &Dynamics) -> Option<f64> {
         match (self.source, CycleSource::of(&dynamics.model)) {
             (CycleSource::Actuation, _) => Some(dynamics.inputs.drive.frequency),
@@ -83,9 +83,9 @@ impl Cycles {
         }
     }
 
-    /// The mean of `measure` over the last whole cycles, which are between the last of `ends`, by the formula that it has in
-    /// `dynamics`, a scene that hardly differs. Where what drives the cycles has the frequency f/(1 + `stretch`) there instead of f, an
-    /// end at t = n/f moves, and the integrals between the ends follow it to first order.
+    /// The mean of `measure` over the last whole cycles, which lie between the last of `ends`, by its formula in `dynamics`, a slightly
+    /// perturbed scene. If the drive has the frequency f/(1 + `stretch`) there instead of f, the ends t = n/f move, and the integrals
+    /// between them follow to first order.
     pub(crate) fn mean_as(
         &self,
         measure: &CycleMeasure,
@@ -104,8 +104,8 @@ impl Cycles {
         (!means.is_empty()).then(|| means.iter().sum::<f64>() / means.len() as f64)
     }
 
-    /// The derivative of the mean of `measure` over the last whole cycles by the actuation's frequency (Hz) as far as it moves
-    /// the ends t = n/f of these cycles, which are the last of `ends`; zero where others drive the cycles.
+    /// The part of the derivative of the mean of `measure` by the frequency (Hz) of the actuation that comes from the motion of the
+    /// ends t = n/f of the cycles, the last of `ends`; zero if something else drives the cycles.
     pub(crate) fn by_frequency(&self, measure: &CycleMeasure, dynamics: &Dynamics, ends: &[CycleEnd]) -> f64 {
         if self.source != CycleSource::Actuation {
             return 0.0;
@@ -117,8 +117,8 @@ impl Cycles {
         by.map_or(f64::NAN, |(near, far)| (4.0 * near - far) / (3.0 * dynamics.inputs.drive.frequency))
     }
 
-    /// The last whole cycles of a run of single steps between `times` from the start: the ends of each, as number of the
-    /// step's end and part of the step.
+    /// The ends of the last whole cycles of a run with steps between `times`, each as the index of the step's end and a fraction of the
+    /// step.
     fn ends(&self, dynamics: &Dynamics, times: &[f64]) -> Vec<[(usize, f64); 2]> {
         let phase = |t: f64| self.source.phase(dynamics, t);
         let mut ends = vec![(0, 1.0)];
@@ -131,7 +131,7 @@ impl Cycles {
         cycles[cycles.len().saturating_sub(MAX_CYCLES)..].to_vec()
     }
 
-    /// The weights of the steps between `times` in each of the last whole cycles.
+    /// The quadrature weights of `times` in each of the last whole cycles.
     pub(crate) fn weights(&self, dynamics: &Dynamics, times: &[f64]) -> Vec<IntegralWeights> {
         let count = times.len();
         let step = |n: usize| times[n] - times[n - 1];
@@ -169,7 +169,7 @@ impl Cycles {
         self.ends(dynamics, times).into_iter().map(of).collect()
     }
 
-    /// What the mean of `measure` over the last whole cycles depends on, cycle by cycle; none where there is no such mean.
+    /// The derivatives of the mean of `measure` by the integrals of each of the last whole cycles, or None if there is no such mean.
     pub(crate) fn integral_derivatives(
         &self,
         measure: &CycleMeasure,
@@ -194,7 +194,7 @@ impl Cycles {
     }
 }
 
-/// True where a measure has derivatives: all but those of durations, angles and extremes, and of parts of the thrust.
+/// True if a measure has derivatives: all but durations, angles, extremes, and contributions to the thrust.
 pub fn is_differentiable(measure: &CycleMeasure) -> bool {
     let others = [PERIOD, DIRECTION, STROUHAL, DRAG_THRUST, REACTIVE_THRUST];
     others.iter().all(|other| other.key != measure.key)

@@ -1,4 +1,4 @@
-//! What two runs of a scene are compared by: the courses of displacement, tip, and the force and moment on a held head.
+//! Comparison of two runs of a scene by their time series: displacement, tip, and force and moment on a held head.
 
 use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
@@ -9,14 +9,14 @@ use crate::model::Model;
 use crate::rod::node;
 use crate::system::State;
 
-/// Part of the centre of mass's path that displacements are measured against where they are smaller.
+/// Differences of displacement are relative to at least this fraction of the path of the centre of mass.
 pub const MIN_PATH_FRACTION: f64 = 0.01;
 
-/// Part of the mean modulus that means of force and moment are measured against where they are smaller: a mean thrust is a
+/// Differences of mean force and moment are relative to at least this fraction of the mean modulus, because a mean thrust is a
 /// small difference of large forces.
 const MIN_MEAN_FRACTION: f64 = 1e-3;
 
-/// What is at most this part of the length, or of the force and moment that EI has over it, is noise.
+/// Distances below this fraction of the length, and forces and moments below this fraction of EI/L² and EI/L, are rounding noise.
 pub const NOISE: f64 = 1e-9;
 
 /// A quantity that runs are compared by.
@@ -24,15 +24,15 @@ pub const NOISE: f64 = 1e-9;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
 pub enum ErrorMeasure {
-    /// Of the centre of mass through the fluid: the largest distance over the course, relative to the larger of the net
-    /// displacement and [`MIN_PATH_FRACTION`] of the path.
+    /// Displacement of the centre of mass relative to the fluid: the largest difference over time, divided by the larger of the net
+    /// displacement and 1 % of the path.
     Displacement,
-    /// The tip's path: the largest distance over the course, relative to the tip's largest distance from its start.
+    /// Position of the tip: the largest difference over time, divided by the largest distance of the tip from its start.
     Tip,
-    /// Force on a held head: root mean square over the course, relative to that of the force; and its mean along each axis,
-    /// relative to the larger of the mean and a thousandth of the mean modulus. The larger of both.
+    /// Force on a held head: the larger of the root mean square difference, divided by that of the force, and the difference of the mean
+    /// along each axis, divided by the larger of the mean and 1/1000 of the mean modulus.
     Force,
-    /// Moment on a held head, the same.
+    /// Moment on a held head, likewise.
     Moment,
 }
 
@@ -40,7 +40,7 @@ impl ErrorMeasure {
     /// All of them.
     pub const ALL: [Self; 4] = [Self::Displacement, Self::Tip, Self::Force, Self::Moment];
 
-    /// Its name, with what its differences are relative to.
+    /// Its name, and the quantity that its differences are relative to.
     pub fn meaning(self) -> [&'static str; 2] {
         match self {
             Self::Displacement => ["displacement", "the net displacement through the fluid, or 1 % of the path"],
@@ -50,13 +50,13 @@ impl ErrorMeasure {
         }
     }
 
-    /// True where a scene has it.
+    /// True if a scene has it.
     pub fn exists(self, held: bool) -> bool {
         held || matches!(self, Self::Displacement | Self::Tip)
     }
 }
 
-/// What is compared at one time.
+/// The compared quantities at one time.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct SeriesPoint {
     /// Time, s.
@@ -72,7 +72,7 @@ pub struct SeriesPoint {
 }
 
 impl SeriesPoint {
-    /// What is read of `state`.
+    /// The point of `state` with its measurements.
     pub fn of(state: &State, now: &Measurements) -> Self {
         Self {
             time: state.t,
@@ -84,21 +84,21 @@ impl SeriesPoint {
     }
 }
 
-/// The course of a run.
+/// The time series of a run.
 #[derive(Debug, Clone)]
 pub struct TimeSeries {
     held: bool,
-    /// Rod's length, m, and EI/L, N m.
+    /// Length of the rod, m, and EI/L, N m.
     length: f64,
     stiffness: f64,
-    /// What carries a free rod, m/s.
+    /// The flow that carries a free rod, m/s.
     flow: [Signal; 2],
-    /// At rising times.
+    /// The points, in order of time.
     pub points: Vec<SeriesPoint>,
 }
 
 impl TimeSeries {
-    /// The empty course of a run of `model`.
+    /// An empty time series for a run of `model`.
     pub fn of(model: &Model) -> Self {
         let held = model.head.is_some();
         let still = [0.0; 2].map(Signal::Constant);
@@ -121,31 +121,30 @@ impl TimeSeries {
         Self { points, flow, ..*self }
     }
 
-    /// Integral over time of `of`, from its values at the ends of the parts: at the start itself a rod may not have taken up
-    /// its loads.
+    /// Integral of `of` over time, from its values at the ends of intervals: at the start the rod may not yet have taken up its loads.
     fn integral(&self, of: impl Fn(usize) -> f64) -> f64 {
         (1..self.points.len()).map(|i| (self.points[i].time - self.points[i - 1].time) * of(i)).sum()
     }
 
-    /// How far the fluid itself went from the time of `start` to that of `end`, m.
+    /// The displacement of the fluid between `start` and `end`, m.
     fn flow_displacement(&self, start: &SeriesPoint, end: &SeriesPoint) -> Vector2<f64> {
         let [x, y] = self.flow.each_ref().map(|flow| flow.integral(end.time) - flow.integral(start.time));
         Vector2::new(x, y)
     }
 
-    /// How far the centre of mass came through the fluid by `point`.
+    /// The displacement of the centre of mass relative to the fluid, at `point`.
     fn displacement(&self, point: &SeriesPoint) -> Vector2<f64> {
         self.points
             .first()
             .map_or(Vector2::zeros(), |start| point.com - start.com - self.flow_displacement(start, point))
     }
 
-    /// How far the tip is from where it would be, had the fluid carried it on.
+    /// The displacement of the tip relative to the fluid, at `point`.
     fn tip_displacement(&self, point: &SeriesPoint) -> f64 {
         self.points.first().map_or(0.0, |start| (point.tip - start.tip - self.flow_displacement(start, point)).norm())
     }
 
-    /// The measures that this course and the other have no more of than noise.
+    /// The measures that are mere noise in both time series.
     pub fn noise(&self, other: &Self) -> Vec<ErrorMeasure> {
         let quiet = |of: &dyn Fn(&Self, &SeriesPoint) -> f64, noise: f64| {
             [self, other].iter().all(|course| course.points.iter().all(|point| of(course, point) <= noise))
@@ -160,8 +159,8 @@ impl TimeSeries {
         ErrorMeasure::ALL.into_iter().filter(is_noise).collect()
     }
 
-    /// What an error of one length of all positions comes to in each measure, where it changes velocities and loads in the same part as
-    /// the way of the tip: what an error of steps does, for it is one of the phase.
+    /// The error of each measure per position error of one length, if velocities and loads change in the same proportion as the path of
+    /// the tip. This holds for the error of steps, which is an error of phase.
     pub fn errors_per_length(&self) -> Differences {
         let Some(end) = self.points.last() else { return Differences::default() };
         let noise = NOISE * self.length;
@@ -189,7 +188,7 @@ impl TimeSeries {
         }
     }
 
-    /// What the other course, at the same times, differs from this one by.
+    /// The differences of another time series, at the same times, from this one.
     pub fn differences(&self, other: &Self) -> Differences {
         let (ours, theirs) = (&self.points, &other.points);
         let count = ours.len().min(theirs.len());
@@ -223,7 +222,7 @@ impl TimeSeries {
     }
 }
 
-/// Relative differences of two courses, or estimates of them; a free head has no force and moment.
+/// Relative differences of two time series, or estimates of them. A free head has no force and moment.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 #[expect(missing_docs, reason = "each is a Measure")]
 pub struct Differences {
@@ -236,7 +235,7 @@ pub struct Differences {
 }
 
 impl Differences {
-    /// That of `measure`, where the scene has it.
+    /// That of `measure`, if the scene has it.
     pub fn get(&self, measure: ErrorMeasure) -> Option<f64> {
         match measure {
             ErrorMeasure::Displacement => Some(self.displacement),
@@ -246,18 +245,18 @@ impl Differences {
         }
     }
 
-    /// The largest of those `of` interest, with its measure; none where the scene has none of them.
+    /// The largest difference among the measures `of`, or None if the scene has none of them.
     pub fn largest(&self, of: &[ErrorMeasure]) -> Option<(ErrorMeasure, f64)> {
         let known = of.iter().filter_map(|measure| Some((*measure, self.get(*measure)?)));
         known.reduce(|worst, next| if next.1 > worst.1 || next.1.is_nan() { next } else { worst })
     }
 
-    /// True where all are finite.
+    /// True if all are finite.
     pub fn are_finite(&self) -> bool {
         (self.displacement + self.tip + self.force.unwrap_or(0.0) + self.moment.unwrap_or(0.0)).is_finite()
     }
 
-    /// Each combined with the other's.
+    /// Combines each with that of `other`.
     pub(super) fn with(self, other: Self, combine: impl Fn(f64, f64) -> f64) -> Self {
         let both = |a: Option<f64>, b: Option<f64>| Some(combine(a?, b?));
         Self {
@@ -268,12 +267,12 @@ impl Differences {
         }
     }
 
-    /// Each through `change`.
+    /// Applies `change` to each.
     pub(super) fn map(self, change: impl Fn(f64) -> f64) -> Self {
         self.with(self, |x, _| change(x))
     }
 
-    /// In words, each with its measure's name.
+    /// For messages, each with the name of its measure.
     pub fn in_words(&self) -> String {
         let known = ErrorMeasure::ALL.iter().filter_map(|measure| Some((measure.meaning()[0], self.get(*measure)?)));
         known.map(|(name, value)| format!("{name} {value:.1e}")).collect::<Vec<_>>().join(", ")

@@ -1,19 +1,19 @@
-//! How far the cheaper models are from the whole one, without running it, and whether they are cheaper.
+//! A-priori error estimates of the reduced models, without running the full one, and estimates of their cost.
 //!
-//! What decides is how fast drag stops the rod: β = ωτ, τ = m/c the longest time in which it stops a node, ω the frequency of
-//! the fastest drive, is inertia against drag.
+//! The ratio of inertia to drag is β = ωτ, with the longest time τ = m/c in which drag stops a node, and the highest frequency ω of
+//! the drive.
 //!
-//! *Shape.* The joint moments m_k that hold the rod in its natural curvature say how far a rod of finite stiffness would
-//! deviate from it: δκ_k = m_k/(EI_k/ΔL), quasi-static and to first order. The rigid motion of the prescribed shape is followed,
-//! then that of the shape with δκ on top: their difference is what a model without elasticity leaves out. To that comes the
-//! ringing with which the rod takes up its deviation, for force and moment on a held head.
+//! *Shape.* The joint moments m_k that hold the rod in its natural curvature give the deviation of a rod of finite stiffness:
+//! δκ_k = m_k/(EI_k/ΔL), quasi-static and to first order. The rigid motion is simulated for the prescribed shape, and for the shape
+//! plus δκ. Their difference is the error of a model without elasticity. For force and moment on a held head, the oscillation
+//! excited at the start is added.
 //!
-//! *Overdamped.* What it leaves out of a motion of frequency ω is β of it, however the rod bends; and at the start the τ in which
-//! the rod takes up its speed. A free rod swims by a small difference of large forces: there the rigid motion without inertia is
-//! followed, then the same with the inertia it leaves out, −M a, as a load.
+//! *Overdamped.* For a motion of frequency ω its relative error is β, however the rod bends, plus the delay τ at the start. A free
+//! rod swims by a small difference of large forces. Its rigid motion without inertia is therefore simulated twice, the second time
+//! with the omitted inertia −M a as a load.
 //!
-//! Nothing here takes drag to be linear. Where an estimate cannot be trusted, or costs more than a tenth of the run it may
-//! spare, there is a reason instead of a number.
+//! Drag need not be linear. If an estimate is unreliable, or would cost more than a tenth of the run that it may save, the result is a
+//! reason instead of a number.
 
 use std::f64::consts::TAU;
 use std::sync::Arc;
@@ -34,99 +34,99 @@ use super::runge_kutta::DormandPrinceStep;
 use super::shape::stable_rate;
 use super::time_scales::TimeScales;
 
-/// The estimated errors of a cheaper model, or why there are none.
+/// The estimated errors of a reduced model, or the reason why there are none.
 pub type Estimate = std::result::Result<Differences, String>;
 
-/// What is estimated of the cheaper models of a scene.
+/// Estimates for the reduced models of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Estimates {
-    /// The shape model.
+    /// Errors of the shape model.
     pub shape: Estimate,
-    /// The overdamped model.
+    /// Errors of the overdamped model.
     pub overdamped: Estimate,
-    /// The tolerance with which steps of either add no more than [`STEP_ERROR_FRACTION`] of what that error leaves of the accuracy asked for;
-    /// the estimates have them in it.
+    /// The tolerance for steps of either model, so that they use up at most [`STEP_ERROR_FRACTION`] of the remaining accuracy. The
+    /// estimates include the error of steps.
     pub tolerance: f64,
-    /// What they have cost, in Newton iterations of the scene.
+    /// The cost of the estimates, in Newton iterations of the scene.
     pub work: f64,
 }
 
-/// The run that a cheaper model may spare.
+/// The run of the full model that a reduced model may replace.
 #[derive(Debug, Clone, Copy)]
 pub struct PlannedRun {
     /// Its duration, s.
     pub duration: f64,
-    /// Nodes of the scene; the estimates may be made on fewer.
+    /// Number of nodes of the scene. Estimates may use fewer.
     pub nodes: usize,
-    /// How the whole model chooses its steps, and how a cheaper one would.
+    /// Step control of the full model, and of a reduced one.
     pub pace: [Pace; 2],
-    /// Newton iterations of a step of the whole model, about.
+    /// Approximate Newton iterations per step of the full model.
     pub iterations: f64,
-    /// The accuracy asked for, and of what.
+    /// The requested accuracy.
     pub accuracy: f64,
-    /// What it is asked of.
+    /// The measures that it applies to.
     pub measures: [Option<ErrorMeasure>; 4],
 }
 
-/// The part of the whole model's work that estimates may take, and the part they are planned with: that work is known
-/// beforehand to a factor of 4.1 at best (measured on 2000 scenes).
+/// The largest cost of estimates as a fraction of the full model's, and the fraction that they are planned with: the cost is known in
+/// advance to a factor of 4.1 at best (measured on 2000 scenes).
 const MAX_COST_FRACTION: f64 = 0.1;
 const PLANNED_COST_FRACTION: f64 = 0.022;
 
-/// Steps of the estimates in a period of the fastest drive.
+/// Steps of the estimates per shortest period of the drive.
 const STEPS_PER_PERIOD: f64 = 10.0;
 
-/// The part of what a cheaper model's own error leaves of the accuracy that its steps may take, and the least tolerance for it. The error
-/// of the tip's way was found to be 0.3 … 1.7 of the tolerance times the length.
+/// The fraction of the remaining accuracy that the steps of a reduced model may use up, and the smallest tolerance for it. The
+/// measured error of the tip's path is 0.3 … 1.7 times the tolerance times the length.
 pub const STEP_ERROR_FRACTION: f64 = 0.5;
 const MIN_TOLERANCE: f64 = 1e-8;
 
-/// Steps over which a held rod takes up its deviation.
+/// Steps over which the deviation of a held rod grows to its full size.
 const LOADING_STEPS: f64 = 4.0;
 
-/// Work per node, in Newton iterations (75 ns), measured on scenes of 9 and 33 nodes: of reading a step; of a step of `shape`;
-/// of a step of the estimates, both motions together; of a step of them without inertia.
+/// Measured work per node in Newton iterations (75 ns), on scenes of 9 and 33 nodes: of measuring a step, of a step of `shape`, of a
+/// step of both simulated motions, and of a step of both without inertia.
 const MEASUREMENT_WORK: f64 = 0.7;
 const SHAPE_STEP_WORK: f64 = 3.5;
-/// The same over that where the momentum of the water is part of the motion: 7.8 in all (an eel of 17 nodes).
+/// Factor of a step of `shape` with added mass: 7.8 in total (an eel of 17 nodes).
 const ADDED_MASS_FACTOR: f64 = 2.2;
 const RIGID_STEP_WORK: f64 = 6.5;
 const CREEPING_STEP_WORK: f64 = 22.0;
 
-/// Newton iterations of adaptive steps in a period of the drive, measured on eight scenes: the whole model's 290 … 580 with a
-/// tolerance of 1e-3, 2.5 times as many with 1e-4 (`baseline-smooth`); the overdamped one's up to 550 with 1e-4 and 900 with 1e-5.
+/// Newton iterations of adaptive steps per period of the drive, measured on eight scenes: 290 … 580 for the full model with a tolerance
+/// of 1e-3, 2.5 times as many with 1e-4 (`baseline-smooth`); up to 550 for the overdamped one with 1e-4, and 900 with 1e-5.
 const FULL_MODEL_WORK_PER_PERIOD: f64 = 300.0;
 const OVERDAMPED_WORK_PER_PERIOD: f64 = 550.0;
 
-/// Part of that which is left for a free rod that loads or a flow carry along: its steps are as long as that motion allows.
+/// Factor of these for a free rod that loads or a flow carry along, because its steps are longer.
 const DRIFTING_WORK_FRACTION: f64 = 0.25;
 
-/// Periods of the slowest drive that an estimate covers at least, after the ramp, unless the run is shorter.
+/// The smallest number of longest periods that an estimate covers after the ramp, unless the run is shorter.
 const MIN_PERIODS: f64 = 2.0;
 
-/// Total deviation (rad) up to which motions are linear in it.
+/// The largest total deviation (rad) for which motions are linear in it.
 const MAX_LINEAR_DEVIATION: f64 = 0.1;
 
-/// Largest compression of the rod, over EI/L²: a clamped rod buckles at 2.5.
+/// The largest compression of the rod, in EI/L². A clamped rod buckles at 2.5.
 const MAX_COMPRESSION: f64 = 0.5;
 
-/// β from which on inertia is no correction any more.
+/// The largest β for which inertia is a correction.
 const MAX_INERTIA: f64 = 0.05;
 
-/// What is not known of the force and moment of the whole model itself, relative: with a tolerance of 1e-6 its steps leave 2e-4 …
-/// 7e-4 (measured), of stretching waves that they do not resolve. And its rounding, in roundings of EA and EI/L a node: stiff
-/// rods of some micrometres feel drag that is as small.
+/// The relative uncertainty of the full model's own force and moment: with a tolerance of 1e-6, unresolved stretching waves leave
+/// 2e-4 … 7e-4 (measured). And its rounding, in roundings of EA and EI/L per node: the drag on stiff rods of some micrometres is as
+/// small.
 const LOAD_UNCERTAINTY: f64 = 2.5e-4;
 const ROUNDING_FACTOR: f64 = 4.0;
 
-/// The estimates are this many times the differences found, of which most are right to a few per cent: a rod that rings, as none
-/// of the motions followed does, is off by twice as much, and what is left out of the drive's harmonics by more.
+/// The safety factor of the estimates. Most are accurate to a few per cent without it, but the error of a ringing rod, which the
+/// simulated motions do not include, is twice as large, and that of omitted harmonics of the drive larger still.
 const SAFETY_FACTOR: f64 = 4.0;
 
-/// Largest error of a step of the motions followed, over the length.
+/// The largest error of a step of the simulated motions, relative to the length.
 const MAX_STEP_ERROR: f64 = 1e-6;
 
-/// Why there is no estimate.
+/// The reason why there is no estimate.
 struct NoEstimate(String);
 
 impl From<Error> for NoEstimate {
@@ -140,7 +140,7 @@ fn no_estimate<T>(reason: impl Into<String>) -> Result<T, NoEstimate> {
 }
 
 impl Estimates {
-    /// None of any model, for that reason.
+    /// No estimates for any model, for that reason.
     pub fn none(reason: &str) -> Self {
         let tolerance = MIN_TOLERANCE;
         Self { shape: Err(reason.to_string()), overdamped: Err(reason.to_string()), tolerance, work: 0.0 }
@@ -163,18 +163,18 @@ impl Estimates {
     }
 }
 
-/// A rod whose motions are followed.
+/// Computes the estimates by simulating rigid motions of the rod.
 struct Estimator {
     run: PlannedRun,
-    /// Done so far, in Newton iterations.
+    /// Work done so far, in Newton iterations.
     work: f64,
     dynamics: Dynamics,
     chain: RigidChain,
     state: State,
     times: TimeScales,
-    /// Mass of the fluid that goes with the rod across itself, kg.
+    /// Added mass of the rod for motion across itself, kg.
     added: f64,
-    /// The tolerance of the cheaper model's steps.
+    /// The tolerance for steps of the reduced model.
     tolerance: f64,
     acceleration: Vec<f64>,
     moment: Vec<f64>,
@@ -182,10 +182,10 @@ struct Estimator {
     curvature: [Vec<f64>; 3],
 }
 
-/// A motion that was followed: its course, and what changes along it.
+/// A simulated motion: its time series, and values along it.
 struct SimulatedMotion {
     course: TimeSeries,
-    /// Of every joint (its deviation) or entry (its velocity), at the times of the course.
+    /// Deviation of each joint, or velocity of each coordinate, at the times of the series.
     values: Vec<Vec<f64>>,
     /// Largest Σ|δκ_k|, rad.
     deviation: f64,
@@ -194,7 +194,7 @@ struct SimulatedMotion {
 }
 
 impl SimulatedMotion {
-    /// Value `k` at time `t` by cubic polynomials; at a time of the course, the mean of both sides.
+    /// Value `k` at time `t` by cubic interpolation. At a time of the series, its second derivative is the mean of both sides.
     fn at(&self, k: usize, t: f64) -> Sample {
         let points = &self.course.points;
         let last = points.len() - 1;
@@ -245,12 +245,12 @@ impl Estimator {
         estimator
     }
 
-    /// β = ωτ of the fastest drive and the node that drag stops last.
+    /// β = ωτ of the highest frequency of the drive and the node that drag stops last.
     fn inertia(&self) -> f64 {
         TAU * self.times.stops[1] / self.times.periods[0]
     }
 
-    /// The work of the whole model, in Newton iterations per node.
+    /// The work of the full model, in Newton iterations per node.
     fn full_model_work(&self) -> f64 {
         let PlannedRun { duration, iterations, pace: [pace, _], .. } = self.run;
         match pace {
@@ -270,13 +270,13 @@ impl Estimator {
         }
     }
 
-    /// How many steps of that many iterations per node an estimate may take.
+    /// The number of steps that an estimate may take, if each costs `step` iterations per node.
     fn affordable_steps(&self, step: f64) -> f64 {
         let part = self.run.nodes as f64 / self.dynamics.model.rod.nodes as f64;
         PLANNED_COST_FRACTION * self.full_model_work() * part / step
     }
 
-    /// What both models cannot do without: a start that fits, and a drive whose periods say how long to look.
+    /// Checks the preconditions of both models: a suitable start, and a drive with periods.
     fn check_preconditions(&mut self) -> Result<(), NoEstimate> {
         self.dynamics.look_at(0.0);
         let strained = self.dynamics.natural.iter().any(|k| *k != 0.0);
@@ -291,7 +291,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// The tolerance of a cheaper model's steps.
+    /// The tolerance for steps of a reduced model.
     fn tolerance(&self) -> f64 {
         match self.run.pace[1] {
             Pace::Adaptive(tolerance) => self.tolerance.min(tolerance),
@@ -299,8 +299,8 @@ impl Estimator {
         }
     }
 
-    /// What is estimated from the `errors` found of a model that moves as `course`: with its margin, and with the errors of the model's
-    /// steps, for which their tolerance is made small enough.
+    /// The estimates from the `errors` of a model with the time series `course`: multiplied by the safety factor, plus the errors of the
+    /// model's steps, whose tolerance is reduced as far as needed.
     fn with_step_errors(&mut self, errors: Differences, course: &TimeSeries) -> Differences {
         let (errors, per_length) = (errors.map(|error| SAFETY_FACTOR * error), course.errors_per_length());
         let needed = self.run.measures.into_iter().flatten().filter_map(|measure| {
@@ -316,7 +316,7 @@ impl Estimator {
         errors.with(per_length, |error, per_length| error + tolerance * per_length)
     }
 
-    /// The time that an estimate covers with `rate` steps a second of that much work.
+    /// The time that an estimate covers with `rate` steps per second that cost `step` each.
     fn covered_time(&self, rate: f64, step: f64) -> Result<f64, NoEstimate> {
         let ramp = match self.dynamics.model.start {
             Start::Ramp { duration } => duration,
@@ -337,12 +337,12 @@ impl Estimator {
         Ok(if in_phase < least { in_phase + period } else { in_phase })
     }
 
-    /// Steps a second of the estimates.
+    /// Steps per second of the estimates.
     fn rate(&self) -> f64 {
         (STEPS_PER_PERIOD / self.times.periods[0]).max(20.0 / self.run.duration)
     }
 
-    /// What a step of the shape costs over one without the water's inertia.
+    /// The factor of the cost of a step of the shape model by added mass.
     fn added_mass_factor(&self) -> f64 {
         if self.dynamics.model.forces.are_inertial() { ADDED_MASS_FACTOR } else { 1.0 }
     }
@@ -369,7 +369,7 @@ impl Estimator {
         Ok(self.with_step_errors(errors, &bent))
     }
 
-    /// Refuses what bends or could buckle so far that a first order says nothing.
+    /// Checks that deviations are small and that the rod cannot buckle, so that a first-order estimate is valid.
     fn check_linearity(&self, simulated: &SimulatedMotion) -> Result<(), NoEstimate> {
         let rod = &self.dynamics.model.rod;
         if simulated.deviation > MAX_LINEAR_DEVIATION {
@@ -386,7 +386,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// The differences of `found` from `truth`, grown over what the run lasts longer as they grow over about their second half, a whole
+    /// The differences of `found` from `truth`, extrapolated to the duration of the run by their growth over about the second half, a whole
     /// number of periods.
     fn extrapolated(&self, truth: &TimeSeries, found: &TimeSeries) -> Differences {
         let duration = self.run.duration;
@@ -408,8 +408,8 @@ impl Estimator {
         })
     }
 
-    /// Root mean square over `time` (s) of the ringing with which a held rod takes up the loads that its deviation must hold,
-    /// over its first amplitude: it dies out with drag, or, where drag is strong, with the rod's stiffness against it.
+    /// Root mean square over `time` (s) of the oscillation that the loads excite in a held rod at the start, relative to its first amplitude.
+    /// It decays by drag or, if drag is strong, by the stiffness of the rod against drag.
     fn ringing(&self, time: f64) -> f64 {
         let rod = &self.dynamics.model.rod;
         let stop = self.times.stops[1];
@@ -420,8 +420,8 @@ impl Estimator {
         if decay > 0.0 { (0.5 / (decay * time)).sqrt().min(1.0) } else { 1.0 }
     }
 
-    /// Adds to errors of force and moment on a held head the first loads of `simulated`, which last by the part `lasting`, and
-    /// what the whole model itself does not know them by.
+    /// Adds to the errors of force and moment on a held head the fraction `lasting` of the initial loads of `simulated`, and the uncertainty
+    /// of the full model.
     fn with_load_errors(&self, errors: Differences, simulated: &SimulatedMotion, lasting: f64) -> Differences {
         let rod = &self.dynamics.model.rod;
         let points = &simulated.course.points;
@@ -476,7 +476,7 @@ impl Estimator {
         Ok(errors)
     }
 
-    /// Refuses the overdamped model where steps of that tolerance cost as much as the whole model.
+    /// Checks that the overdamped model with that tolerance costs less than the full model.
     fn check_cost(&self, tolerance: f64) -> Result<(), NoEstimate> {
         let whole = self.full_model_work();
         let periods = self.run.duration / self.times.periods[0];
@@ -489,7 +489,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// Follows the prescribed shape, with inertia or without, up to time `until` (s) in at most `steps` steps.
+    /// Simulates the prescribed shape, with inertia or without, up to time `until` (s) in at most `steps` steps.
     fn simulate_shape(&mut self, inertia: bool, until: f64, steps: usize) -> Result<SimulatedMotion, NoEstimate> {
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
@@ -543,7 +543,7 @@ impl Estimator {
         }
     }
 
-    /// Places the rod at time `t` with the curvatures given, and reads it.
+    /// Places the rod at time `t` with the given curvatures, and measures it.
     fn place(
         &mut self,
         t: f64,
@@ -579,7 +579,7 @@ impl Estimator {
         })
     }
 
-    /// Adds the motion at time `t` to `simulated`: with inertia its deviations, without it its velocities.
+    /// Adds the motion at time `t` to `simulated`: its deviations with inertia, its velocities without.
     fn record(
         &mut self,
         inertia: bool,
@@ -612,7 +612,7 @@ impl Estimator {
         Ok(())
     }
 
-    /// Follows the shape that deviates from its natural curvature as `plain` says, at its times. It starts without.
+    /// Simulates the shape with the deviations of `plain` added to its natural curvature, at the same times, starting from zero deviation.
     fn simulate_deviated(&mut self, plain: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
         let mut course = plain.course.without_points();
         let held = self.dynamics.model.head.is_some();
@@ -650,7 +650,7 @@ impl Estimator {
         self.chain.rates(&self.dynamics, [&self.curvature[0], &self.curvature[1]], rigid)
     }
 
-    /// Writes the natural curvatures at time `t` with the deviations of `plain`, their rates and second rates.
+    /// Writes the natural curvatures at time `t` plus the deviations of `plain`, with their first and second rates.
     fn deviate(&mut self, plain: &SimulatedMotion, grows: &Start, t: f64) {
         self.dynamics.look_at(t);
         self.dynamics.natural_acceleration(t, &mut self.acceleration);
@@ -665,8 +665,8 @@ impl Estimator {
         }
     }
 
-    /// Follows the free rod's motion without inertia once more, with the inertia that `drift` leaves out as a load, and late by
-    /// the time in which the rod takes up its speed.
+    /// Simulates the free rod's motion without inertia again, with the inertia that `drift` omits as a load, delayed by the time in which
+    /// the rod reaches its speed.
     fn simulate_with_inertial_load(&mut self, drift: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
         let mut course = drift.course.without_points();
         let first = self.dynamics.first_state();

@@ -1,8 +1,8 @@
-//! What a simpler law of the fluid changes of a motion, without running the scene: the scene's own rod and drive are followed under
-//! each law, on a coarse mesh, with steps of a fixed size, over the first periods.
+//! Estimated errors of simpler drag laws, without running the scene: its rod and drive are simulated with each law on a coarse mesh,
+//! with fixed steps, over the first periods.
 //!
-//! Nothing of the scene is left out but mesh, steps and length: what drives, bends, carries or holds the rod acts as it does in the
-//! run, so flows and heads that change in time are followed as they are.
+//! Only mesh, steps and duration differ from the run. Drive, loads, flow and head are those of the scene, including their changes over
+//! time.
 
 use std::mem::swap;
 use std::sync::Arc;
@@ -25,53 +25,53 @@ use crate::spectrum::Spectrum;
 use crate::system::{Form, State};
 use crate::words::{percent, signed, two_digits};
 
-/// Periods that are followed after a ramp, steps of each, and steps where nothing repeats itself.
+/// Simulated periods after a ramp, steps per period, and steps without a period.
 pub const PERIODS: f64 = 8.0;
 const STEPS_PER_PERIOD: f64 = 24.0;
 const MIN_STEPS: f64 = 128.0;
 
-/// Most steps, where what drives the rod has frequencies far apart: half a second of 17 nodes.
+/// The largest number of steps, for drives with very different frequencies: half a second of computing for 17 nodes.
 const MAX_STEPS: f64 = 2048.0;
 
-/// Nodes on a wavelength or, of a longer one, on the rod; and the most of them.
+/// Nodes per wavelength or, if that is longer, per rod; and their largest number.
 const NODES_PER_WAVELENGTH: f64 = 16.0;
 const MAX_NODES: u64 = 49;
 
 /// Relative rounding of times.
 const ROUNDING: f64 = 1e-9;
 
-/// Last increment of Newton's method over the length, and how often steps that fail are halved.
+/// Tolerance of Newton's method relative to the length, and how many times failing steps are halved.
 const NEWTON_TOLERANCE: f64 = 1e-7;
 const MAX_HALVINGS: u32 = 2;
 
-/// The method: where drag stops a rod within a small part of a step, it leaves no oscillation of the velocity.
+/// The integrator. It damps the velocity without oscillation if drag stops a rod within a small fraction of a step.
 const METHOD: &str = "esdirk3";
 
-/// Estimated errors are this many times the differences found.
+/// Safety factor of estimated errors.
 pub const SAFETY_FACTOR: f64 = 1.5;
-/// Smallest error that an estimate says.
+/// The smallest estimated error.
 pub const MIN_ERROR: f64 = 0.005;
 
-/// The nodes of a rod that is `waves` wavelengths long.
+/// The number of nodes for a rod that is `waves` wavelengths long.
 pub fn nodes(waves: f64) -> u64 {
     ((NODES_PER_WAVELENGTH * waves.max(1.0)).ceil() as u64 + 1).min(MAX_NODES)
 }
 
-/// The first part of a run, and its steps.
+/// The simulated first part of a run, and its steps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShortRun {
     /// Its duration, s.
     pub duration: f64,
-    /// Number of steps of one size.
+    /// Number of equal steps.
     pub steps: u64,
-    /// Longest period of what drives the rod, s; none where nothing repeats itself.
+    /// The longest period of the drive, s, if it is periodic.
     pub period: Option<f64>,
 }
 
 impl ShortRun {
-    /// What is followed of a run of `duration` (s) with that drive: [`PERIODS`] of the slowest line after a ramp (s), or all of it
-    /// where nothing repeats itself; in steps that follow the fastest. Of frequencies far apart fewer periods of the slowest are
-    /// followed, and of a long run in which nothing repeats itself the first part: steps that do not follow the fastest say nothing.
+    /// The part of a run of `duration` (s) to simulate: [`PERIODS`] longest periods of the drive after a ramp (s), or all of it without a
+    /// period, in steps that resolve the highest frequency. If frequencies are very different, or a run without a period is long, it is
+    /// shortened so that the steps still resolve the highest frequency.
     pub fn of(spectrum: &Spectrum, duration: f64, ramp: f64) -> Self {
         let Some((slowest, fastest)) = spectrum.slowest().zip(spectrum.fastest()) else {
             return Self { duration, steps: MIN_STEPS as u64, period: None };
@@ -85,7 +85,7 @@ impl ShortRun {
         Self { duration, steps: steps as u64, period: (!spectrum.is_transient).then_some(1.0 / slowest) }
     }
 
-    /// From when on (s) the motion is measured: over the last whole periods but the first, [`MAX_CYCLES`] at most, or over all.
+    /// The time (s) from which the motion is measured: over the last whole periods except the first, at most [`MAX_CYCLES`], or over all.
     fn measured_from(&self) -> f64 {
         let whole = |period: f64| ((self.duration / period * (1.0 + ROUNDING)).floor() - 1.0).min(MAX_CYCLES as f64);
         let late = self.period.map(|period| whole(period) * period).filter(|late| *late > 0.0);
@@ -93,19 +93,19 @@ impl ShortRun {
     }
 }
 
-/// What a motion that was followed comes to.
+/// The result of a short run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ShortRunResult {
     /// Motion and power.
     pub means: MotionAndPower,
-    /// How the rod moves against the fluid.
+    /// The motion of the rod relative to the fluid.
     pub motion: Motion,
 }
 
-/// Follows `model` over `span` from its start.
+/// Simulates `model` over `span` from its start.
 ///
 /// # Errors
-/// Those of a step; [`Error::NotFinite`] where nothing has come out.
+/// Those of a step; [`Error::NotFinite`] if there is no result.
 pub fn simulate(model: &Arc<Model>, span: ShortRun) -> Result<ShortRunResult> {
     let mut outcome = simulate_steps(model, span, span.steps);
     for halved in 1..=MAX_HALVINGS {
@@ -149,7 +149,7 @@ fn simulate_steps(model: &Arc<Model>, span: ShortRun, steps: u64) -> Result<Shor
     Ok(ShortRunResult { means, motion: motion(&samples[from.saturating_sub(1)..], model.head.is_some()) })
 }
 
-/// How the rod moves against the fluid at one time: mean squares over its nodes.
+/// The motion of the rod relative to the fluid at one time: mean squares over its nodes.
 struct MotionSample {
     time: f64,
     along: f64,
@@ -159,12 +159,12 @@ struct MotionSample {
     density: f64,
     viscosity: f64,
     tip: Vector2<f64>,
-    /// Where the tip is seen from: a held head, or the centre of mass of a free rod, m.
+    /// The origin for the motion of the tip: a held head, or the centre of mass of a free rod, m.
     from: Vector2<f64>,
 }
 
 impl MotionSample {
-    /// That of `state`, to which `dynamics` was moved last.
+    /// The sample of `state`. `dynamics` must be at its time.
     fn of(dynamics: &Dynamics, State { t, q, v, .. }: &State) -> Self {
         let rod = &dynamics.model.rod;
         let last = rod.nodes - 1;
@@ -201,7 +201,7 @@ impl MotionSample {
     }
 }
 
-/// The motion from the first of equally spaced `samples`, which is the start of it, to the last.
+/// The motion over equally spaced `samples`, of which the first is its start.
 fn motion(samples: &[MotionSample], held: bool) -> Motion {
     let later = samples.get(1..).unwrap_or_default();
     let mean = |of: fn(&MotionSample) -> f64| later.iter().map(of).sum::<f64>() / later.len().max(1) as f64;
@@ -231,16 +231,16 @@ fn motion(samples: &[MotionSample], held: bool) -> Motion {
     }
 }
 
-/// A law of drag, with the water that the rod accelerates or without, and what the scene comes to under it.
+/// A drag law, with or without added mass, and the result of the scene with it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FluidEstimate {
     /// The law.
     pub law: &'static DragLaw,
-    /// True with the water that the rod accelerates.
+    /// True with added mass.
     pub reactive: bool,
-    /// Motion and power, of a coarse and short run.
+    /// Motion and power of a short run.
     pub means: MotionAndPower,
-    /// Estimated relative errors of motion and power against the highest law.
+    /// Estimated errors of motion and power relative to the most accurate law.
     pub errors: [f64; 2],
 }
 
@@ -251,22 +251,21 @@ impl FluidEstimate {
     }
 }
 
-/// What is estimated of the laws of a scene.
+/// Estimates for the drag laws of a scene.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FluidEstimates {
-    /// The laws, the cheapest first; the last is the highest, which the errors are against.
+    /// The laws, from the cheapest to the most accurate, which errors are relative to.
     pub laws: Vec<FluidEstimate>,
-    /// What the highest law is published to be uncertain by, in motion and power.
+    /// Published uncertainty of the most accurate law, in motion and power.
     pub uncertainty: [f64; 2],
-    /// True where the motion is the thrust on a held head, else it is a speed.
+    /// True if the motion is the thrust on a held head, false if it is a speed.
     pub held: bool,
-    /// The flow around the rod under the first law that was followed, the highest of those that hold at any Reynolds number where it can
-    /// be.
+    /// The flow around the rod with the first simulated law: the most accurate one that is valid at any Reynolds number, if possible.
     pub regime: Regime,
 }
 
 impl FluidEstimates {
-    /// The estimates from what the scene comes to under each law, the highest last.
+    /// The estimates from the results of the scene with each law, the most accurate last.
     pub fn of(
         found: Vec<(&'static DragLaw, bool, MotionAndPower)>,
         uncertainty: [f64; 2],
@@ -291,7 +290,7 @@ impl FluidEstimates {
         })
     }
 
-    /// Those of the laws that are `allowed`, against the highest of them; none where there is none.
+    /// The estimates of the `allowed` laws relative to the most accurate of them, or None if none is allowed.
     pub fn restricted_to(&self, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
         let of = self.laws.iter().filter(|estimate| allowed(estimate.law, estimate.reactive));
         let found: Vec<_> = of.map(|estimate| (estimate.law, estimate.reactive, estimate.means)).collect();
@@ -307,31 +306,31 @@ impl FluidEstimates {
         self.laws.iter().find(|estimate| estimate.law == law && estimate.reactive == reactive)
     }
 
-    /// Errors of motion and power in words.
+    /// Errors of motion and power, for messages.
     pub fn in_words(&self, [motion, power]: [f64; 2]) -> String {
         format!("{} in {}, {} in power", percent(motion), if self.held { "thrust" } else { "speed" }, percent(power))
     }
 }
 
-/// Which law of the fluid a scene takes that leaves it to the program, and why.
+/// The drag law that the program chooses for a scene, and why.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FluidChoice {
-    /// The law of drag; none of a scene without drag.
+    /// The drag law, if the scene has drag.
     pub law: Option<&'static DragLaw>,
     /// True with the water that the rod accelerates.
     pub reactive: bool,
-    /// Why.
+    /// The reason.
     pub reason: String,
-    /// Estimated relative errors of motion and power against the highest law, where they are known.
+    /// Estimated errors of motion and power relative to the most accurate law, if known.
     pub errors: Option<[f64; 2]>,
 }
 
-/// The part of the highest law's own uncertainty that a simpler one may differ from it by.
+/// The largest error of a simpler law, as a fraction of the uncertainty of the most accurate one.
 const UNCERTAINTY_FRACTION: f64 = 0.25;
 
 impl FluidChoice {
-    /// The cheapest law that is `allowed` and differs little from the highest of those, as seen beside that one's own uncertainty; with the
-    /// water's inertia where that counts for the rod's stability, as a motion from rest may not show it.
+    /// The cheapest `allowed` law whose error is small compared with the uncertainty of the most accurate one. It includes added mass if
+    /// that decides the stability of the rod, because a motion from rest may not show it.
     pub fn of(estimates: &FluidEstimates, allowed: impl Fn(&DragLaw, bool) -> bool) -> Option<Self> {
         let open = estimates.restricted_to(&allowed)?;
         let is_kept = estimates.regime.water_decides_stability() && open.laws.iter().any(|law| law.reactive);
@@ -374,7 +373,7 @@ impl FluidChoice {
         Some(Self { law: Some(taken.law), reactive: taken.reactive, reason, errors })
     }
 
-    /// Counts what `law`, which holds and is above all that it chose from, would change of motion and power.
+    /// Includes the changes of motion and power by `law`, which is valid and more accurate than all candidates, in the reason and errors.
     pub fn count(&mut self, law: &DragLaw, changes: [f64; 2], held: bool) {
         let [motion, power] = changes.map(|part| signed(100.0 * part, 1));
         let named = if held { "thrust" } else { "speed" };
@@ -386,7 +385,7 @@ impl FluidChoice {
         self.errors = Some([0, 1].map(|i| known[i].max(SAFETY_FACTOR * changes[i].abs()).max(MIN_ERROR)));
     }
 
-    /// What is taken, in words.
+    /// The chosen law, for messages.
     pub fn name(&self) -> String {
         match (self.law, self.reactive) {
             (Some(law), reactive) => law.with_reactive(reactive),

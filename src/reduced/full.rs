@@ -1,4 +1,4 @@
-//! The whole model, M a = F, by the integrator that the scene names.
+//! The full model, M a = F, solved by the integrator of the scene.
 
 use super::{ModelKind, ModelStepper};
 use crate::error::Result;
@@ -7,7 +7,7 @@ use crate::model::{Dynamics, Mechanics};
 use crate::newton::Newton;
 use crate::system::{Direction, State};
 
-/// What is known of it.
+/// Its entry in the table of models.
 pub static MODEL: ModelKind = ModelKind {
     name: "full",
     meaning: "elasticity, inertia and drag",
@@ -21,7 +21,7 @@ pub static MODEL: ModelKind = ModelKind {
 #[derive(Debug)]
 struct Full {
     integrator: Box<dyn Integrator>,
-    /// Those before inputs changed.
+    /// Accelerations before a jump of inputs.
     accelerations: Vec<f64>,
 }
 

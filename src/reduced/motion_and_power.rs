@@ -6,24 +6,24 @@ use super::comparison::NOISE;
 use crate::cycle::{Cycle, CycleMeasure, Cycles, FORWARD_SPEED, SPEED, THRUST};
 use crate::model::Dynamics;
 
-/// A mean is compared with no less than this part of the mean modulus.
+/// Differences of means are relative to at least this fraction of the mean modulus.
 const CANCELLATION_FLOOR: f64 = 0.01;
 
-/// What a motion comes to over its last whole cycles but the first, or over all of it where it has none.
+/// Mean motion and power over the last whole cycles except the first, or over the whole run if there is none.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct MotionAndPower {
-    /// Forward speed of a free swimmer, speed of a free rod that nothing bends (m/s), or thrust on a held head (N).
+    /// Forward speed of a free swimmer or speed of a passive free rod (m/s), or thrust on a held head (N).
     pub motion: f64,
-    /// Mean modulus of the velocity against the flow (m/s), or of the force on the head (N).
+    /// Mean modulus of the velocity relative to the flow (m/s), or of the force on the head (N).
     pub modulus: f64,
-    /// Power that goes into the fluid, W.
+    /// Power dissipated in the fluid, W.
     pub power: f64,
-    /// What of motion and power is rounding: [`NOISE`] of the length a period, or of the force that the rod's stiffness has over it.
+    /// Noise of motion and power: [`NOISE`] lengths per period, or [`NOISE`] times EI/L².
     pub noise: [f64; 2],
 }
 
 impl MotionAndPower {
-    /// What of a run's motion is compared.
+    /// The measure of the motion.
     pub fn measure(dynamics: &Dynamics) -> CycleMeasure {
         match (&dynamics.model.head, &dynamics.model.actuation) {
             (Some(_), _) => THRUST,
@@ -32,7 +32,7 @@ impl MotionAndPower {
         }
     }
 
-    /// Those of the `cycles` of a run; none before its first step.
+    /// Those of the `cycles` of a run, or None before its first step.
     pub fn of(cycles: &Cycles, dynamics: &Dynamics) -> Option<Self> {
         let (whole, all) = (cycles.whole(f64::INFINITY), cycles.since_start());
         // The first cycle has the start in it.

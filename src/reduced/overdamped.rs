@@ -1,4 +1,4 @@
-//! Overdamped: C(q) (v − u) = F(q, t), no inertia; positions are the only unknowns, one order in time less.
+//! The overdamped model, without inertia: C(q) (v − u) = F(q, t), of first order in time with positions as unknowns.
 //!
 //! The residual is the model's own at a = 0. Steps are those of ESDIRK3(2), L-stable, on q' = v: a stage solves for its
 //! velocity with q_i = qⁿ + h Σ_{j<i} a_ij v_j + hγ v_i.
@@ -12,7 +12,7 @@ use crate::model::{Dynamics, Mechanics};
 use crate::newton::{Convergence, MAX_ITERATIONS, Newton};
 use crate::system::{Direction, State, System};
 
-/// What is known of it.
+/// Its entry in the table of models.
 pub static MODEL: ModelKind = ModelKind {
     name: "overdamped",
     meaning: "elasticity and drag, without inertia",
@@ -23,17 +23,17 @@ pub static MODEL: ModelKind = ModelKind {
     build: |_| Box::new(Overdamped::default()),
 };
 
-/// Velocities are found where an iteration moves them by no more than this part of the largest …
+/// Velocities have converged if an iteration changes them by at most this fraction of the largest …
 const VELOCITY_TOLERANCE: f64 = 1e-10;
 
-/// … or by no more than this and no less than half of the one before: by rounding.
+/// … or by at most this fraction and at least half of the change before, which is rounding.
 const ROUNDING_TOLERANCE: f64 = 1e-6;
 
 /// The velocities of the first three stages.
 #[derive(Debug, Default)]
 struct Overdamped {
     v: [Vec<f64>; STAGES - 1],
-    /// Those before an iteration.
+    /// Velocities before an iteration.
     before: Vec<f64>,
 }
 
@@ -53,8 +53,8 @@ impl ModelStepper for Overdamped {
         self.reinitialise(dynamics, newton, state)
     }
 
-    /// Solves F(q, v) = 0 for the velocities: by one iteration where all forces are linear in them, else to where an iteration
-    /// moves them by no more than [`VELOCITY_TOLERANCE`] of the largest.
+    /// Solves F(q, v) = 0 for the velocities: by one iteration if all forces are linear in them, and otherwise until an iteration changes
+    /// them by at most [`VELOCITY_TOLERANCE`] of the largest.
     fn reinitialise(&mut self, dynamics: &mut Dynamics, newton: &mut Newton, state: &mut State) -> Result<()> {
         if dynamics.coupling().is_none() && dynamics.model.forces.iter().all(Force::is_linear) {
             return newton.iterate(dynamics, state, Direction::VELOCITIES).map(|_| ());

@@ -1,4 +1,4 @@
-//! The rigid motion of a chain whose curvatures are prescribed.
+//! Rigid-body dynamics of a chain with prescribed curvatures.
 //!
 //! Unknown are the centre of mass X, its velocity V, the direction φ of the first edge, and the angular momentum Λ about X:
 //! X' = V, M V' = F, Λ' = N, with force F and moment N of drag and loads, and φ' = (Λ − Λ_s)/I where Λ_s is what the change of
@@ -18,16 +18,16 @@ use crate::model::Dynamics;
 use crate::rod::{Edge, Rod, bend, node};
 use crate::system::State;
 
-/// Numbers that describe the rigid motion.
+/// Number of coordinates of the rigid motion.
 pub const RIGID_COORDINATES: usize = 6;
 
 /// X, φ, V, Λ, or their rates.
 pub type RigidMotion = [f64; RIGID_COORDINATES];
 
-/// How the direction that a chain starts from moves: unit vector, rate and second rate of its angle.
+/// The direction of the start of a chain: unit vector, and first and second rate of its angle.
 type Base = (Vector2<f64>, f64, f64);
 
-/// An inextensible chain with room for its motion.
+/// An inextensible chain, with work arrays for its motion.
 #[derive(Debug, Default)]
 pub struct RigidChain {
     /// Of the rod, kg.
@@ -41,18 +41,18 @@ pub struct RigidChain {
     pub a: Vec<f64>,
     /// Moment of inertia about the centre of mass, kg m².
     pub inertia: f64,
-    /// Room for velocities and forces.
+    /// Work arrays for velocities and forces.
     moving: Vec<f64>,
     force: Vec<f64>,
-    /// No accelerations.
+    /// Zero accelerations.
     still: Vec<f64>,
-    /// Room for the momenta of the fluid at the nodes, and for what is not asked for.
+    /// Work arrays for the momenta of the fluid at the nodes, and for unused results.
     momentum: Vec<f64>,
     unused: [Vec<f64>; 2],
 }
 
 impl RigidChain {
-    /// Room for the nodes of `rod`.
+    /// Allocates for the nodes of `rod`.
     pub fn new(rod: &Rod) -> Self {
         let zeros = || vec![0.0; 2 * rod.nodes];
         Self {
@@ -79,14 +79,14 @@ impl RigidChain {
         momenta(dynamics, &rod, &mut self.momentum, &mut self.unused)
     }
 
-    /// How momenta depend on velocity x, y and spin: mass and moment of inertia of rod and fluid together.
+    /// The inertia matrix of rod and fluid together for velocity x, y and angular velocity.
     fn inertias(&mut self, dynamics: &Dynamics) -> Matrix3<f64> {
         let units = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let columns = units.map(|unit| self.of_fluid(dynamics, 0.0, unit, Vector2::zeros()));
         Matrix3::from_diagonal(&Vector3::new(self.mass, self.mass, self.inertia)) + Matrix3::from_columns(&columns)
     }
 
-    /// Mass (kg) of the fluid that goes with the rod across itself.
+    /// Added mass (kg) of the rod for motion across itself.
     pub fn added_mass(&mut self, dynamics: &Dynamics) -> f64 {
         if !dynamics.model.forces.are_inertial() {
             return 0.0;
@@ -95,8 +95,8 @@ impl RigidChain {
         inertias[(0, 0)] + inertias[(1, 1)] - 2.0 * self.mass
     }
 
-    /// Lays the chain of curvatures κ, their rates and, if asked for, second rates, from node 0 at rest at the origin;
-    /// returns the means of positions, velocities and accelerations.
+    /// Places the nodes of a chain with curvatures κ, their rates and, optionally, second rates, from node 0 at rest at the origin. Returns
+    /// the means of positions, velocities and accelerations.
     fn place_nodes<const ACCELERATIONS: bool>(
         &mut self,
         rod: &Rod,
@@ -177,14 +177,14 @@ impl RigidChain {
         [vx, vy, spin, fx / self.mass, fy / self.mass, moment]
     }
 
-    /// The same without inertia: V and Λ play no part.
+    /// The same without inertia, where V and Λ are unused.
     pub fn rates_without_inertia(
         &mut self,
         dynamics: &Dynamics,
         [kappa, rate]: [&[f64]; 2],
         rigid: &RigidMotion,
     ) -> RigidMotion {
-        /// Most Newton iterations; one is exact for a drag linear in velocity.
+        /// The largest number of Newton iterations. One is exact for drag linear in velocity.
         const ITERATIONS: u32 = 30;
         /// Increments of this part of the shape's own speed are rounding, for derivatives that are differences.
         const CONVERGED: f64 = 1e-13;
@@ -281,7 +281,7 @@ impl RigidChain {
         }
     }
 
-    /// Writes the motion of the chain that hangs on a held head.
+    /// Writes the motion of the chain on a held head.
     pub fn place_on_head(&mut self, rod: &Rod, natural: [&[f64]; 3], [x, y, angle]: &Pose) {
         self.place_nodes::<true>(rod, natural, (direction(angle.value), angle.rate, angle.acceleration));
         for (of_head, values) in [
@@ -342,7 +342,7 @@ fn direction(angle: f64) -> Vector2<f64> {
     Vector2::new(cos, sin)
 }
 
-/// Turned by +90°.
+/// The vector turned by +90°.
 fn perpendicular(v: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-v.y, v.x)
 }

@@ -22,7 +22,7 @@ const WEIGHTS: [[f64; STAGES - 1]; STAGES] = [
     [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
 ];
 
-/// Weights of the step less those of the embedded one.
+/// Weights of the step minus those of the embedded one.
 const ERROR: [f64; STAGES] =
     [71.0 / 57600.0, 0.0, -71.0 / 16695.0, 71.0 / 1920.0, -17253.0 / 339200.0, 22.0 / 525.0, -1.0 / 40.0];
 
@@ -48,7 +48,7 @@ pub struct DormandPrinceStep<const N: usize> {
 }
 
 impl<const N: usize> DormandPrinceStep<N> {
-    /// From `y` with the rates `rate` at `t`, over `h`.
+    /// Steps from `y` with the rates `rate` at `t` over `h`.
     pub fn new(t: f64, y: [f64; N], rate: [f64; N], h: f64, mut rates: impl FnMut(f64, &[f64; N]) -> [f64; N]) -> Self {
         let mut step = Self { from: (t, y), h, stages: [rate; STAGES], end: y };
         for i in 1..STAGES {
@@ -58,7 +58,7 @@ impl<const N: usize> DormandPrinceStep<N> {
         step
     }
 
-    /// A step of nothing.
+    /// An empty step.
     pub fn none() -> Self {
         Self { from: (0.0, [0.0; N]), h: 1.0, stages: [[0.0; N]; STAGES], end: [0.0; N] }
     }
@@ -83,7 +83,7 @@ impl<const N: usize> DormandPrinceStep<N> {
         self.sum([0.0; N], STAGES, &ERROR)
     }
 
-    /// y at time `t` of the step; its error is of the fifth order in h.
+    /// y at time `t` within the step, with an error of fifth order in h.
     pub fn at(&self, t: f64) -> [f64; N] {
         let part = (t - self.from.0) / self.h;
         let rest = 1.0 - part;

@@ -1,10 +1,11 @@
-//! Shape: an inextensible chain that takes its natural curvature, 2 tan(θ_k/2) = κ̄_k(t); only its rigid motion is unknown.
+//! The shape model: an inextensible chain with the curvature prescribed as the natural one, 2 tan(θ_k/2) = κ̄_k(t). Only its rigid
+//! motion is unknown.
 //!
-//! The momenta are those of rod and fluid together. Unknown is the rigid motion of [`rigid`](super::rigid). Nothing is stiff, so the method is explicit. With a held head
-//! nothing is unknown: the chain hangs on it.
+//! Momenta are those of rod and fluid together, see [`rigid`](super::rigid). The equations are not stiff, so the integrator is explicit.
+//! With a held head there are no unknowns: the chain follows the head.
 //!
-//! Where inputs change at once the shape does too: the centre of mass, its velocity and Λ stay, and the new shape is
-//! turned to fit the old one best (mass-weighted least squares).
+//! A jump of inputs makes the shape jump: the centre of mass, its velocity and Λ stay, and the new shape is rotated to fit the old one
+//! best (mass-weighted least squares).
 
 use std::sync::Arc;
 
@@ -18,7 +19,7 @@ use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
 
-/// What is known of it.
+/// Its entry in the table of models.
 pub static MODEL: ModelKind = ModelKind {
     name: "shape",
     meaning: "the rigid motion of the prescribed shape: inertia of rod and fluid, and drag, without elasticity",
@@ -29,7 +30,7 @@ pub static MODEL: ModelKind = ModelKind {
     build: |_| Box::new(Shape::default()),
 };
 
-/// Largest error of a step over the length.
+/// The largest error of a step, relative to the length.
 const ERROR_LIMIT: f64 = 1e-8;
 
 /// The longest stable step, in multiples of the time in which drag stops the rod.

@@ -1,4 +1,4 @@
-//! `[actuation]`: natural curvature along the rod, read by its kind.
+//! `[actuation]`: the natural curvature that drives the rod.
 
 use serde::de::Error;
 use serde::{Deserialize, Deserializer};
@@ -54,7 +54,7 @@ fn kind<'de, D: Deserializer<'de>>(from: D) -> Result<&'static Kind, D::Error> {
     })
 }
 
-/// An actuation with what drives it.
+/// An actuation with its drive.
 type Driven = (Box<dyn Actuation>, Drive);
 
 fn even_envelope() -> [Finite; 2] {
@@ -62,7 +62,7 @@ fn even_envelope() -> [Finite; 2] {
 }
 
 impl ActuationTable {
-    /// Its keys that belong to some kinds only, where they are given.
+    /// The given keys that apply to some kinds only.
     fn given(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("kappa_amp", self.kappa_amp.is_some()),
@@ -101,12 +101,12 @@ impl ActuationTable {
         Ok(())
     }
 
-    /// κ_amp, or the factor of a curvature that is given otherwise.
+    /// κ_amp, or the factor of a curvature that other keys define.
     pub(crate) fn amplitude(&self) -> f64 {
         self.kappa_amp.map_or(1.0, Finite::get)
     }
 
-    /// The points of the profiles of amplitude and phase; none where they are not given.
+    /// The points of the profiles of amplitude and phase, empty by default.
     pub(crate) fn profiles(&self) -> [Vec<[f64; 2]>; 2] {
         let amplitude = self.amplitude_profile.iter().flatten().map(|point| point.map(NotNegative::get));
         let phase = self.phase_profile_rad.iter().flatten().map(|point| point.map(Finite::get));
@@ -139,12 +139,12 @@ impl ActuationTable {
 }
 
 impl Scene {
-    /// The wavelength (m) of its actuation, where it has one.
+    /// The wavelength (m) of its actuation, if it has one.
     pub(crate) fn wavelength(&self) -> Option<f64> {
         Some(self.actuation.as_ref()?.wavelength_m?.get())
     }
 
-    /// What drives `rod`, its own.
+    /// The actuation of its `rod`, with its drive.
     pub(super) fn drive(&self, rod: &Rod) -> Option<Driven> {
         self.actuation.as_ref().map(|actuation| actuation.build(rod))
     }

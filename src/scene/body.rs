@@ -1,4 +1,4 @@
-//! `[head_body]`: a rigid spheroid before the rod.
+//! `[head_body]`: a rigid spheroid at the head of the rod.
 
 use serde::Deserialize;
 
@@ -38,7 +38,7 @@ pub struct HeadBodyTable {
 }
 
 impl HeadBodyTable {
-    /// Its form.
+    /// Its geometry.
     pub fn spheroid(&self) -> Spheroid {
         Spheroid { along: self.semi_axis_along_m.get(), across: self.semi_axis_across_m.get() }
     }
@@ -50,18 +50,18 @@ impl Scene {
         usize::from(self.head_body.is_some())
     }
 
-    /// Refuses a model of another number of nodes.
+    /// Returns an error for a model with another number of nodes.
     pub(crate) fn fits(&self, model: &Model) -> error::Result<()> {
         let (expected, found) = (self.nodes(), model.rod.nodes);
         if expected == found { Ok(()) } else { Err(Error::WrongLength { name: "nodes", expected, found }) }
     }
 
-    /// All nodes: those of the rod, and the centre of a body.
+    /// The total number of nodes: those of the rod, and the centre of a body.
     pub fn nodes(&self) -> usize {
         self.rod.nodes.get() + self.front()
     }
 
-    /// First node with a joint.
+    /// The first node with a joint.
     pub fn first_joint(&self) -> usize {
         usize::from(self.head.kind == HeadKind::Free)
     }
@@ -72,7 +72,7 @@ impl Scene {
         body.mass_kg.map(Positive::get).or_else(neutral)
     }
 
-    /// The same rod behind the body, where there is one.
+    /// The rod with the body in front, if there is one.
     pub(super) fn behind_body(&self, rod: Rod) -> Rod {
         let Some(body) = &self.head_body else { return rod };
         rod.behind_body(self.body_mass(body).unwrap_or_default(), body.spheroid())
@@ -122,7 +122,7 @@ impl Scene {
         Ok(())
     }
 
-    /// The drag of the body beside a law of drag that is linear in velocity, or not.
+    /// The drag of the body, for a drag law that is linear in velocity or not.
     pub(super) fn body_drag(&self, linear: bool) -> Option<Box<dyn Force>> {
         let body = self.head_body.as_ref()?;
         let spheroid = body.spheroid();

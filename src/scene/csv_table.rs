@@ -9,8 +9,7 @@ use crate::head::{Row, Signal};
 /// Reads value `column` of `columns` from a file of `files` with the columns time, the values, and (all or none) their rates.
 ///
 /// # Errors
-/// [`Error::Read`]; [`Error::Scene`] with file and line where it is not such a table, or does not reach from 0 to
-/// `duration` (s).
+/// [`Error::Read`]; [`Error::Scene`] with file and line if it is not such a table, or does not span 0 to `duration` (s).
 pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration: f64) -> Result<Signal> {
     let refuse = |line: u64, problem: String| Error::Scene {
         place: format!("{}:{line}", path.display()),
@@ -90,7 +89,8 @@ pub fn read(files: &Files, path: &Path, column: usize, columns: usize, duration:
     Ok(Signal::table_without_rates(&points))
 }
 
-/// What a name says of its unit that is none of seconds, metres, radians and their rates. A name that says nothing is taken for SI.
+/// The unit at the end of a column name, if it is not one of seconds, metres, radians and their rates. A name without unit is taken as
+/// SI.
 fn other_unit(name: &str) -> Option<&str> {
     const OTHERS: [&str; 14] =
         ["ms", "us", "ns", "min", "mm", "cm", "um", "µs", "µm", "km", "deg", "degrees", "°", "rev"];
@@ -99,8 +99,8 @@ fn other_unit(name: &str) -> Option<&str> {
     words.into_iter().find(|word| OTHERS.contains(word))
 }
 
-/// The first column whose name says that it is another one, and what belongs there: time is first, x before y, values before
-/// rates. A name that says nothing is taken as it comes.
+/// The first column whose name shows that the order is wrong, and the expected quantity: time first, x before y, values before rates.
+/// Other names are accepted.
 fn misplaced(names: &[String], values: usize) -> Option<(usize, &'static str)> {
     let is_time = |name: &str| name == "t" || name.starts_with("t_") || name.starts_with("time");
     let is_rate = |name: &str| name.ends_with("_s") || name.contains("rate") || name.contains("spin");

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crate::error::{Error, Result};
 
-/// Files by their paths, as the scenes that name them write these.
+/// Contents of files by their paths, as scenes write these.
 pub type Contents = BTreeMap<PathBuf, Vec<u8>>;
 
 /// The disk, or the contents of files that came from elsewhere: in an FMU, or from the machine that hands out the cases
@@ -15,27 +15,27 @@ pub type Contents = BTreeMap<PathBuf, Vec<u8>>;
 #[derive(Clone, Default)]
 pub struct Files {
     given: Option<Arc<Contents>>,
-    /// What is not among them is read from the disk.
+    /// Whether other files are read from the disk.
     over_disk: bool,
     read: Arc<Mutex<Contents>>,
 }
 
 impl PartialEq for Files {
-    /// True where both are the disk, or have the same contents from elsewhere.
+    /// True if both are the disk, or hold the same contents.
     fn eq(&self, other: &Self) -> bool {
         self.given == other.given && self.over_disk == other.over_disk
     }
 }
 
 impl fmt::Debug for Files {
-    /// Without contents: what they are is part of a scene by their hash.
+    /// Omits contents, which are part of a scene by their hash.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(if self.given.is_some() { "Files(given)" } else { "Files(disk)" })
     }
 }
 
 impl Files {
-    /// These files and no others.
+    /// Only these files.
     pub fn of(contents: Contents) -> Self {
         Self { given: Some(Arc::new(contents)), ..Self::default() }
     }
@@ -45,7 +45,7 @@ impl Files {
         Self { over_disk: true, ..Self::of(contents) }
     }
 
-    /// The content of the file at `path`, where it is not on the disk.
+    /// The content of the file at `path`, if held in memory.
     fn carried(&self, path: &Path) -> Option<Result<&Vec<u8>>> {
         let contents = self.given.as_ref()?;
         match contents.get(path) {
@@ -58,7 +58,7 @@ impl Files {
     /// The content of the file at `path`.
     ///
     /// # Errors
-    /// [`Error::Read`] where there is none, or it cannot be read.
+    /// [`Error::Read`] if it does not exist or cannot be read.
     pub fn read(&self, path: &Path) -> Result<Vec<u8>> {
         if let Some(content) = self.carried(path) {
             return content.cloned();
@@ -76,7 +76,7 @@ impl Files {
     /// The text of the file at `path`.
     ///
     /// # Errors
-    /// Those of [`read`](Self::read); [`Error::Read`] where it is not UTF-8.
+    /// Those of [`read`](Self::read); [`Error::Read`] if it is not UTF-8.
     pub fn text(&self, path: &Path) -> Result<String> {
         let failed = |reason: String| Error::Read { path: path.to_path_buf(), reason };
         String::from_utf8(self.read(path)?).map_err(|e| failed(format!("it is not UTF-8 text: {e}")))

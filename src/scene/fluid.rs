@@ -1,4 +1,4 @@
-//! `[medium]`, `[drag]` and `[reactive]`: the fluid of a scene and the forces that it makes.
+//! `[medium]`, `[drag]` and `[reactive]`: the fluid of a scene, its drag law and its added mass.
 
 use std::fmt;
 use std::sync::Arc;
@@ -51,7 +51,7 @@ fn still() -> VectorSignal {
 }
 
 impl MediumTable {
-    /// The fluid where its flow is `flow` at time zero.
+    /// The fluid, with the flow at time zero.
     fn fluid(&self, flow: &[Signal; 2]) -> Fluid {
         let [x, y] = flow.each_ref().map(|signal| signal.at(0.0));
         Fluid {
@@ -62,7 +62,7 @@ impl MediumTable {
         }
     }
 
-    /// The velocity of the flow where it stays as it is, m/s.
+    /// The velocity of the flow if it is steady, m/s.
     pub(super) fn steady_flow(&self) -> Option<[f64; 2]> {
         match &self.flow_m_s.0 {
             [SignalValue::Formula(Signal::Constant(x)), SignalValue::Formula(Signal::Constant(y))] => Some([*x, *y]),
@@ -107,9 +107,9 @@ pub struct DragTable {
 /// `[reactive]`, or `reactive = "auto"`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ReactiveTable {
-    /// Share χ of what Lighthill's theory sheds at the tail: 1 of a sharp end, 0 of a pointed one.
+    /// Fraction χ of the momentum that the tail sheds into the wake in Lighthill's theory: 1 for a sharp end, 0 for a pointed one.
     pub shedding: value::Share,
-    /// True where it is there only if it matters, by estimates of the scene's own motion.
+    /// True if the program decides whether added mass matters, by estimates of the scene's own motion.
     pub auto: bool,
 }
 
@@ -166,7 +166,7 @@ impl schemars::JsonSchema for ReactiveTable {
     }
 }
 
-/// Most nodes on which drag of the whole rod is followed coarsely: steps on N nodes cost N³.
+/// The largest number of nodes for short runs with nonlocal drag, whose steps cost N³.
 const MAX_NONLOCAL_NODES: u64 = 17;
 
 fn sharp() -> value::Share {
@@ -190,7 +190,7 @@ impl DragTable {
         named(name, "drag.viscous", |law| law.resistance.is_some())
     }
 
-    /// Its keys that belong to some laws only, where they are given.
+    /// The given keys that apply to some laws only.
     fn given(&self) -> impl Iterator<Item = &'static str> {
         let keys = [
             ("ratio", self.ratio.is_some()),
@@ -207,7 +207,7 @@ impl DragTable {
         keys.into_iter().filter_map(|(key, given)| given.then_some(key))
     }
 
-    /// The keys that its law takes: its own, and those of the law of its viscous part.
+    /// The keys that its law accepts: its own, and those of the law of its viscous part.
     fn allowed(&self) -> Result<Vec<&'static str>, KeyError> {
         let law = self.law()?;
         let mut keys = law.keys.to_vec();
@@ -217,7 +217,7 @@ impl DragTable {
         Ok(keys)
     }
 
-    /// The keys that it gives and that `law` does not take.
+    /// The given keys that `law` does not accept.
     pub(crate) fn excluded_by(&self, law: &'static DragLaw) -> Vec<&'static str> {
         let kept: Vec<_> = self.with_law(law).0.given().collect();
         self.given().filter(|key| !kept.contains(key)).collect()
@@ -288,7 +288,7 @@ impl DragTable {
         }
     }
 
-    /// Checks what a `law` for the whole rod at once cannot do; it takes at most `most` nodes, at least `least` (m) apart.
+    /// Checks the limits of a nonlocal `law`: at most `most` nodes, at least `least` (m) apart.
     fn check_nonlocal(&self, scene: &Scene, law: &DragLaw, least: f64, most: usize) -> Result<(), KeyError> {
         let name = law.name;
         let fault = |key: &str, problem: String| Err(KeyError { key: key.to_string(), problem });
@@ -348,7 +348,7 @@ impl DragTable {
         })
     }
 
-    /// The same with another law, and the keys that it has no use for.
+    /// The table with another law, and the number of keys that this law does not accept.
     pub(super) fn with_law(&self, law: &'static DragLaw) -> (Self, usize) {
         let mut table = Self { law: Some(law.name.to_string()), ..self.clone() };
         let before = table.given().count();
@@ -386,7 +386,7 @@ impl DragTable {
     }
 }
 
-/// The law of that name among those that are `allowed`.
+/// The law of that name, if `allowed`.
 fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'static DragLaw, KeyError> {
     let names = || LAWS.iter().filter(|law| allowed(law)).map(|law| law.name);
     match DragLaw::named(name).filter(|law| allowed(law)) {
@@ -401,12 +401,12 @@ fn named(name: &str, key: &str, allowed: impl Fn(&DragLaw) -> bool) -> Result<&'
 }
 
 impl Scene {
-    /// True where the drag at a place depends on the motion of the whole rod.
+    /// True if drag is nonlocal: at each node it depends on the motion of the whole rod.
     pub fn has_nonlocal_drag(&self) -> bool {
         self.drag.as_ref().and_then(|drag| drag.law().ok()).is_some_and(DragLaw::is_whole)
     }
 
-    /// The same scene in a steady flow of that velocity, m/s; none where there is no medium.
+    /// The scene in a steady flow of that velocity, m/s. Without effect if there is no medium.
     pub fn with_flow(&self, flow: [f64; 2]) -> Self {
         let mut scene = self.clone();
         if let Some(medium) = &mut scene.medium {
@@ -415,7 +415,7 @@ impl Scene {
         scene
     }
 
-    /// The same scene with the water that the rod accelerates, or without.
+    /// The scene with or without added mass.
     pub fn with_reactive(&self, reactive: bool) -> Self {
         let own = self
             .reactive
@@ -425,11 +425,11 @@ impl Scene {
         Self { reactive: reactive.then_some(own), ..self.clone() }
     }
 
-    /// The same scene with drag by `law`, with the water that the rod accelerates or without, by the whole model where it leaves
-    /// the model to the program; and how many of the keys of `[drag]` that law cannot hold. `Err` says why there is no such scene.
+    /// The scene with the drag `law`, with or without added mass, and with the full model if it leaves the model to the program. Also
+    /// returns the number of keys of `[drag]` that this law does not accept.
     ///
     /// # Errors
-    /// What is wrong with that scene, in words.
+    /// The reason why there is no such scene.
     pub fn with_fluid(&self, law: &'static DragLaw, reactive: bool) -> Result<(Self, usize), String> {
         let mut scene = self.with_reactive(reactive).named_model();
         scene.fluid_choice = None;
@@ -439,7 +439,7 @@ impl Scene {
         Ok((scene, dropped))
     }
 
-    /// Its law of drag, the one that `auto` takes where it says so, and whether it has the water that the rod accelerates.
+    /// Its drag law, after the choice by `auto`, and whether it has added mass.
     pub fn fluid_model(&self, rod: &Rod) -> (Option<&'static DragLaw>, bool) {
         let law = self.drag.as_ref().and_then(|drag| {
             let law = drag.law().ok()?;
@@ -473,15 +473,14 @@ impl Scene {
         parts().map_err(|KeyError { key, problem }| self.error(&key, problem))
     }
 
-    /// How far its results may be from the truth for what its fluid leaves out: what is published of its law at its own Reynolds
-    /// number, and of what it does without; none where nothing is known.
+    /// The published uncertainty of its drag law at its Reynolds number, and of omitted effects of the fluid, if known.
     pub fn uncertainty(&self, rod: &Rod) -> Option<Uncertainty> {
         let reynolds = self.regime().ok()?.reynolds;
         let (law, reactive) = self.fluid_model(rod);
         law?.uncertainty(reynolds, reactive)
     }
 
-    /// The same scene with the rod's density times `factor`.
+    /// The scene with the density of the rod multiplied by `factor`.
     pub fn with_rod_density(&self, factor: f64) -> Self {
         let mut scene = self.clone();
         scene.rod.density_kg_m3 = self.rod.density_kg_m3.times(factor);
@@ -508,7 +507,7 @@ impl Scene {
         self.drag.as_ref().map_or(Ok(()), |drag| drag.check(self))
     }
 
-    /// The spectrum of what drives it; without its head where a table of that cannot be read, and so for the flow.
+    /// The spectrum of its drive. Head or flow are left out if their tables cannot be read.
     pub fn spectrum(&self) -> Spectrum {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let rod = self.rod_on(nodes(waves) as usize);
@@ -517,7 +516,7 @@ impl Scene {
         Spectrum::of(&rod, self.drive(&rod).as_ref(), head.as_ref(), flow.as_ref())
     }
 
-    /// The fluid, and its flow where that changes by itself; [`Fluid::NONE`] without a medium.
+    /// The fluid, and its flow if it is unsteady; [`Fluid::NONE`] without a medium.
     ///
     /// # Errors
     /// [`Error::Read`](crate::Error::Read) or [`Error::Scene`](crate::Error::Scene) for the table of a flow.
@@ -528,7 +527,7 @@ impl Scene {
         Ok((fluid, medium.steady_flow().is_none().then_some(flow)))
     }
 
-    /// The nodes on which its motion is followed coarsely, and the part of its run.
+    /// The number of nodes and the part of its run for a short run.
     fn short_run_mesh(&self) -> (u64, ShortRun) {
         let waves = self.wavelength().map_or(1.0, |wave| self.rod.length_m.get() / wave);
         let most = if self.has_nonlocal_drag() { MAX_NONLOCAL_NODES } else { u64::MAX };
@@ -537,7 +536,7 @@ impl Scene {
         (nodes, ShortRun::of(&self.spectrum(), self.solver.duration_s.get(), ramp))
     }
 
-    /// What it comes to on a coarse mesh and over its first periods, as it stands, and the flow around the rod in that motion.
+    /// Its motion and power in a short run, and the flow around the rod in that motion.
     fn short_run(&self) -> Result<(MotionAndPower, Regime), String> {
         let (nodes, span) = self.short_run_mesh();
         let model = self.clone().named_model().with_nodes(nodes).model().map_err(|error| error.to_string())?;
@@ -546,10 +545,10 @@ impl Scene {
         Ok((means, Regime::of(&model.rod, strongest, &motion)))
     }
 
-    /// The flow around its rod, by its own motion, which is followed coarsely.
+    /// The flow around its rod, from a short run.
     ///
     /// # Errors
-    /// Why it is not known, in words.
+    /// The reason why it is unknown.
     pub fn regime(&self) -> Result<Regime, String> {
         if self.medium.is_none() {
             return Err("there is no fluid".to_string());
@@ -557,7 +556,7 @@ impl Scene {
         Ok(self.short_run()?.1)
     }
 
-    /// What says whether forces hold on `rod`, which moves so across itself.
+    /// The motion of `rod` with that cross-flow, which the validity of forces depends on.
     pub fn motion<'a>(&self, rod: &'a Rod, across: Across) -> Motion<'a> {
         Motion {
             rod,
@@ -568,7 +567,7 @@ impl Scene {
         }
     }
 
-    /// The keys of `[drag]` that it gives and `law` excludes, as a part of advice; none where the scene cannot take that law.
+    /// The part of an advice about the keys of `[drag]` that `law` does not accept, or None if the scene cannot have that law.
     pub fn without(&self, law: &'static DragLaw) -> Option<String> {
         self.with_fluid(law, self.reactive_on().is_some()).ok()?;
         let keys = self.drag.iter().flat_map(|drag| drag.excluded_by(law));
@@ -576,26 +575,25 @@ impl Scene {
         Some(if keys.is_empty() { String::new() } else { format!(", without {},", keys.join(" and ")) })
     }
 
-    /// `[reactive]`, where it is taken: `auto` takes it where estimates of the scene's own motion say that it matters, and where there are
-    /// none but the model can hold it.
+    /// `[reactive]`, if added mass is present. With `auto` it is if estimates from the scene's own motion say that it matters, or if there
+    /// are none and the model supports it.
     pub fn reactive_on(&self) -> Option<&ReactiveTable> {
         let matters = self.fluid_choice.as_ref().map_or(!self.excludes_added_mass(), |taken| taken.reactive);
         self.reactive.as_ref().filter(|reactive| !reactive.auto || matters)
     }
 
-    /// True where it leaves the law of drag, or the reactive force, to the program.
+    /// Whether it leaves the drag law, and the added mass, to the program.
     pub(super) fn leaves_fluid(&self) -> [bool; 2] {
         let drag = self.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
         [drag, self.reactive.as_ref().is_some_and(|reactive| reactive.auto)]
     }
 
-    /// The law of the fluid that it takes where it leaves that to the program, and why; none where it says so itself, or where nothing
-    /// can be estimated.
+    /// The drag law that the program has chosen, and why. None if the scene names it, or if there are no estimates.
     pub fn fluid_choice(&self) -> Option<&FluidChoice> {
         self.fluid_choice.as_ref()
     }
 
-    /// What it takes of the fluid, by estimates or by its Reynolds number.
+    /// The choice of the fluid, by estimates or by its Reynolds number.
     pub(super) fn fluid_choice_or_fixed(&self) -> Option<FluidChoice> {
         self.fluid_choice.clone().or_else(|| {
             let (law, reactive) = self.fluid_model(&self.model().ok()?.rod);
@@ -603,12 +601,12 @@ impl Scene {
         })
     }
 
-    /// Takes `fluid`, where it leaves that to the program.
+    /// Sets the choice of the fluid, if the scene leaves it to the program.
     pub(super) fn set_fluid_choice(&mut self, fluid: FluidChoice) {
         self.fluid_choice = Some(fluid).filter(|_| self.leaves_fluid().contains(&true));
     }
 
-    /// Takes a law of the fluid by estimates, where it leaves that to the program and they can be made.
+    /// Chooses the drag law by estimates, if the scene leaves it to the program.
     pub(super) fn choose_fluid(&mut self) {
         let [law_left, reactive_left] = self.leaves_fluid();
         if !law_left && !reactive_left {
@@ -633,7 +631,7 @@ impl Scene {
         }
     }
 
-    /// What to say of those of `forces` on `rod`, its own, that a motion takes out of their range.
+    /// Notes about those of `forces` on its `rod` that a motion takes out of their range of validity.
     pub fn left_ranges(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
         let mut left = range::left(forces, &self.motion(rod, across), |law| self.without(law));
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
@@ -645,11 +643,10 @@ impl Scene {
         left
     }
 
-    /// What it comes to under the laws that `auto` takes one of, and under its own, each with the water that the rod accelerates and
-    /// without: by following its motion coarsely.
+    /// Estimates for the laws that `auto` chooses from, and for its own, each with and without added mass, from short runs.
     ///
     /// # Errors
-    /// Why there are no estimates, in words.
+    /// The reason why there are no estimates.
     pub fn fluid_estimates(&self) -> Result<FluidEstimates, String> {
         if self.medium.is_none() {
             return Err("there is no fluid".to_string());
@@ -708,7 +705,7 @@ impl Scene {
             .ok_or_else(|| "what the motion comes to is not finite".to_string())
     }
 
-    /// What drag of the whole rod, where it holds and is not taken, would change of motion and power, relative: of a coarse motion.
+    /// The relative changes of motion and power by nonlocal drag in a short run, if it is valid but not chosen.
     pub fn nonlocal_drag(&self) -> Option<(&'static DragLaw, [f64; 2])> {
         if self.has_nonlocal_drag() {
             return None;

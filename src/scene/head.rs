@@ -77,13 +77,13 @@ impl Scene {
         }
     }
 
-    /// The signals x and y; from one table that is named for both it takes both.
+    /// The signals x and y. A single table contains both.
     pub(super) fn vector_signal(&self, VectorSignal([x, y]): &VectorSignal) -> Result<[Signal; 2]> {
         let columns = if matches!((x, y), (SignalValue::Table(a), SignalValue::Table(b)) if a == b) { 2 } else { 1 };
         Ok([self.signal(x, 0, columns)?, self.signal(y, columns - 1, columns)?])
     }
 
-    /// A signal; from a table it takes value `column` of `columns`.
+    /// A signal, or value `column` of `columns` of a table.
     fn signal(&self, wanted: &SignalValue, column: usize, columns: usize) -> Result<Signal> {
         Ok(match wanted {
             SignalValue::Formula(signal) => signal.clone(),
@@ -93,7 +93,7 @@ impl Scene {
         })
     }
 
-    /// The tables that it names, each once, in the order of their keys.
+    /// The names of its tables, without repetition, in the order of their keys.
     pub fn tables(&self) -> Vec<&str> {
         let position = self.head.position_m.iter().flat_map(|VectorSignal(signals)| signals);
         let angle = self.head.angle_rad.iter().map(|ScalarSignal(signal)| signal);
@@ -109,12 +109,12 @@ impl Scene {
         tables
     }
 
-    /// Where a table that it names is.
+    /// The path of one of its tables.
     pub fn table_path(&self, file: &str) -> PathBuf {
         self.folder.join(file)
     }
 
-    /// The files beside it that it reads.
+    /// The paths of its tables.
     pub fn files(&self) -> Vec<PathBuf> {
         self.tables().into_iter().map(|table| self.table_path(table)).collect()
     }

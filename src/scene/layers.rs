@@ -1,4 +1,4 @@
-//! `[medium.beyond]`, `[[medium.layers]]` and `[medium.shear]`: a medium that is not the same everywhere.
+//! `[medium.beyond]`, `[[medium.layers]]` and `[medium.shear]`: a nonuniform medium.
 
 use nalgebra::Vector2;
 use serde::Deserialize;
@@ -9,7 +9,7 @@ use super::{MediumTable, Scene};
 use crate::fluid::Fluid;
 use crate::fluid::medium::{Layer, Layers, MOST};
 
-/// `[medium.beyond]`, or one of `[[medium.layers]]`: what lies where normal·x > offset_m.
+/// `[medium.beyond]`, or one of `[[medium.layers]]`: the fluid where normal·x > offset_m.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -30,7 +30,7 @@ pub struct LayerTable {
     pub flow_m_s: Option<[Finite; 2]>,
 }
 
-/// `[medium.shear]`: a flow that grows linearly.
+/// `[medium.shear]`: a linear shear flow.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
@@ -54,12 +54,12 @@ fn vector(pair: [Finite; 2]) -> Vector2<f64> {
 }
 
 impl MediumTable {
-    /// What lies beyond the interfaces, in their order.
+    /// The fluids beyond the interfaces, in order.
     pub fn interfaces(&self) -> impl Iterator<Item = &LayerTable> {
         self.beyond.iter().chain(&self.layers)
     }
 
-    /// True where it is not the same everywhere.
+    /// True if it is nonuniform.
     pub fn is_stacked(&self) -> bool {
         self.normal().is_some()
     }
@@ -81,7 +81,7 @@ impl MediumTable {
         self.steady_flow().map_or(Vector2::zeros(), Vector2::from)
     }
 
-    /// Its layers; none of a medium that is the same everywhere.
+    /// Its layers, or None if it is uniform.
     pub(super) fn stack(&self) -> Option<Layers> {
         let normal = self.normal()?;
         let first = self.first_flow();
@@ -98,7 +98,7 @@ impl MediumTable {
         Some(Layers::new(normal, self.shear.as_ref().map_or(0.0, |shear| shear.rate_per_s.get()), layers))
     }
 
-    /// Checks what the layers are and what goes with them.
+    /// Checks the layers, and other tables against them.
     pub(super) fn check(&self, scene: &Scene) -> Result<(), KeyError> {
         let fault = |key: String, problem: String| Err(KeyError { key, problem });
         if self.beyond.is_some() && !self.layers.is_empty() {

@@ -29,7 +29,7 @@ pub struct LoadsTable {
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct PointLoad {
-    /// Node; a negative one counts from the tip, −1. Node 0 is the centre of a body, where the scene has one.
+    /// Node. Negative numbers count from the tip, −1. Node 0 is the centre of a body, if the scene has one.
     pub node: i64,
     /// Force, N.
     #[serde(deserialize_with = "value::pair")]
@@ -47,7 +47,7 @@ impl LoadsTable {
         Ok(())
     }
 
-    /// Gravity (m/s²) where there is any, and buoyancy with it.
+    /// Gravity (m/s²), if there is buoyancy.
     pub(super) fn buoyed_by(&self) -> Option<Vector2<f64>> {
         let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
         (self.buoyancy && gravity != [0.0; 2]).then(|| gravity.into())
@@ -70,7 +70,7 @@ impl LoadsTable {
         Some(force)
     }
 
-    /// The forces of gravity and point loads (N), two entries per node; none where there are no loads.
+    /// The forces of gravity and point loads (N), two entries per node, or None without loads.
     pub(super) fn build(&self, rod: &Rod) -> Option<Vec<f64>> {
         let gravity = self.gravity_m_s2.map_or([0.0; 2], |gravity| gravity.map(Finite::get));
         if gravity == [0.0; 2] && self.point.is_empty() {

@@ -10,7 +10,7 @@ use super::value::{Finite, Gradient, NotNegative, NumberOrProfile, Positive, Sha
 pub struct ScalarParameter {
     /// Dotted key, for example `rod.length_m`.
     pub key: String,
-    /// Which of the key's values it is, where it has several.
+    /// The index of the component, if the key has several.
     pub component: Option<usize>,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
@@ -23,7 +23,7 @@ pub struct ScalarParameter {
 }
 
 impl ScalarParameter {
-    /// The key, and `[0]`, `[1]`, … where the key has several values.
+    /// The key, followed by `[0]`, `[1]`, … if it has several components.
     pub fn name(&self) -> String {
         self.component.map_or(self.key.clone(), |i| format!("{}[{i}]", self.key))
     }
@@ -46,7 +46,7 @@ pub struct ProfileParameter {
     pub points: Vec<[f64; 2]>,
 }
 
-/// A number that knows its range.
+/// A number type with a range.
 pub(super) trait Ranged {
     fn number(&self) -> f64;
     fn range() -> RangeInclusive<f64>;
@@ -69,7 +69,7 @@ ranged!(Positive: f64::MIN_POSITIVE..=f64::INFINITY, NotNegative: 0.0..=f64::INF
     Tolerance: f64::MIN_POSITIVE..=1.0_f64.next_down(), Share: 0.0..=1.0, Gradient: (-1.0_f64).next_up()..=f64::INFINITY,
     Finite: f64::NEG_INFINITY..=f64::INFINITY);
 
-/// The parameters in the making.
+/// Collects parameters.
 #[derive(Default)]
 pub(super) struct ParameterList(Vec<ScalarParameter>);
 
@@ -78,7 +78,7 @@ impl ParameterList {
         self.push(key, None, unit, description, &value);
     }
 
-    /// A number, where it is one.
+    /// Adds a number, unless it is a profile.
     fn along<T: Ranged + Copy>(
         &mut self,
         key: &str,
@@ -111,8 +111,8 @@ impl ParameterList {
 }
 
 impl Scene {
-    /// The scalar values of this scene. Which there are follows from the tables and kinds that the scene has, never from
-    /// other values; the number of nodes, which changes the sizes of variables, is not among them.
+    /// The scalar values of this scene. Their set depends only on the tables and kinds of the scene. The number of nodes is not among them,
+    /// because it changes the sizes of variables.
     pub fn parameters(&self) -> Vec<ScalarParameter> {
         let mut list = ParameterList::default();
         let rod = &self.rod;
@@ -238,8 +238,8 @@ impl Scene {
         list.0
     }
 
-    /// The key, or the table, by which this scene differs from `other` in more than values of tunable parameters; `None` where it
-    /// does not. Names, folders, durations and what is recorded are no difference.
+    /// The key or table by which this scene differs from `other` in more than tunable parameters, if any. Names, folders, durations and
+    /// recording do not count.
     pub fn differs_beyond_tuning(&self, other: &Self) -> Option<String> {
         let parameters = other.parameters();
         let fixed = self.parameters().into_iter().filter(|parameter| !parameter.is_tunable());
@@ -302,7 +302,7 @@ impl Scene {
         }
     }
 
-    /// What of this scene is given by points along the rod, phases and factors on the stiffness left out.
+    /// The profiles of this scene, except phases and factors of the stiffness.
     pub fn profiles(&self) -> Vec<ProfileParameter> {
         fn points<T: Copy>(along: &NumberOrProfile<T>) -> Option<Vec<[f64; 2]>> {
             along.points().map(<[_]>::to_vec)
@@ -326,7 +326,7 @@ impl Scene {
     }
 }
 
-/// The overrides ([`Document::set`](super::Document::set)) that turn the values of `parameters` into `values`.
+/// The overrides ([`Document::set`](super::Document::set)) that change the values of `parameters` to `values`.
 pub fn overrides(parameters: &[ScalarParameter], values: &[f64]) -> Vec<String> {
     let all: Vec<(&ScalarParameter, f64)> = parameters.iter().zip(values.iter().copied()).collect();
     let mut overrides = Vec::new();

@@ -1,4 +1,4 @@
-//! `[record]`: what of a run is kept.
+//! `[record]`: the recorded times and nodes.
 
 use serde::Deserialize;
 
@@ -24,7 +24,7 @@ pub struct RecordTable {
     pub nodes_table: Option<NodesTable>,
 }
 
-/// Forms of the table of node positions.
+/// Formats of the table of node positions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(rename_all = "kebab-case")]
@@ -43,22 +43,22 @@ impl Default for RecordTable {
     }
 }
 
-/// Most rows that `record.interval_s` may ask for.
+/// The largest number of rows that `record.interval_s` may lead to.
 const MAX_ROWS: f64 = 1e9;
 
-/// Up to this many nodes nodes.csv is written unless asked otherwise.
+/// By default, nodes.csv is written up to this many nodes.
 const MAX_CSV_NODES: usize = 200;
 
 fn from_start() -> NotNegative {
     NotNegative::constant(0.0)
 }
 
-/// True where `node` is one of `nodes`, or one counted from the tip, −1.
+/// True if `node` is one of `nodes`, counted from the head or, if negative, from the tip.
 pub(super) fn is_node(node: i64, nodes: usize) -> bool {
     (-(nodes as i64)..nodes as i64).contains(&node)
 }
 
-/// Which nodes a key may name.
+/// A description of the nodes that a key may name.
 pub(super) fn allowed_nodes(nodes: usize) -> String {
     format!("a node from 0 to {}, or from -1 (the tip) to -{nodes}", nodes - 1)
 }
@@ -83,7 +83,7 @@ impl RecordTable {
         Ok(())
     }
 
-    /// Refuses more rows than a run of `duration` (s) may have.
+    /// Checks the number of rows of a run of `duration` (s).
     pub(super) fn check_rows(&self, duration: f64) -> Result<(), KeyError> {
         let fault = |problem: String| Err(KeyError { key: "record.interval_s".into(), problem });
         if self.every.is_some() && self.interval_s.is_some() {
@@ -99,7 +99,7 @@ impl RecordTable {
 }
 
 impl Scene {
-    /// The nodes whose positions are tabled, in the order asked for.
+    /// The nodes of the node table, in the requested order.
     pub fn recorded_nodes(&self) -> Vec<usize> {
         let nodes = self.nodes();
         match &self.record.nodes {
@@ -108,7 +108,7 @@ impl Scene {
         }
     }
 
-    /// The form of the table of nodes.
+    /// The format of the node table.
     pub fn nodes_table(&self) -> NodesTable {
         let recorded = self.record.nodes.as_ref().map_or(self.nodes(), Vec::len);
         let default = if recorded <= MAX_CSV_NODES { NodesTable::Csv } else { NodesTable::None };

@@ -1,4 +1,4 @@
-//! `[rod]`: mesh, sections and material.
+//! `[rod]`: mesh, cross-sections and material.
 
 use std::ops::RangeInclusive;
 
@@ -44,7 +44,7 @@ pub struct RodTable {
     pub mass_lumping: MassLumping,
 }
 
-/// Masses, lengths and stiffnesses of a rod, in SI units: products of a few of them are numbers still.
+/// The range of masses, lengths and stiffnesses of a rod in SI units, so that products of a few of them are finite.
 pub(super) const SIZES: RangeInclusive<f64> = 1e-100..=1e100;
 
 fn solid() -> NumberOrProfile<NotNegative> {
@@ -65,7 +65,7 @@ impl RodTable {
         check_points(key, profile.iter().map(|point| point.map(NotNegative::get)), allowed, |factor| factor > 0.0)
     }
 
-    /// The outline of its section.
+    /// The shape of its cross-section.
     pub fn shape(&self) -> Shape {
         self.section.unwrap_or(if self.depth_m.is_some() { Shape::Ellipse } else { Shape::Round })
     }
@@ -81,7 +81,7 @@ impl RodTable {
         }
     }
 
-    /// Refuses profiles that are none, and a rod without wall.
+    /// Checks profiles and the thickness of the wall.
     fn check_sections(&self) -> Result<(), KeyError> {
         let fault = |key: &str, problem: String| Err(KeyError { key: format!("rod.{key}"), problem });
         let disorders = [
@@ -135,7 +135,7 @@ impl RodTable {
         Ok(())
     }
 
-    /// Refuses numbers so large or so small that the rod made of them has, anywhere, a mass or a stiffness that is none.
+    /// Checks that all masses and stiffnesses of the rod are positive and finite.
     pub(super) fn check_sizes(&self, held_head: bool) -> Result<(), KeyError> {
         let (sections, stiffness) = (self.sections(), self.stiffness());
         let part = 1.0 / (self.nodes.get() - 1) as f64;
@@ -193,7 +193,7 @@ impl RodTable {
     }
 }
 
-/// Refuses a profile whose ξ do not rise from 0 to 1, or with a value that is not `ok`.
+/// Checks that the ξ of a profile rise from 0 to 1, and that its values are `ok`.
 pub(super) fn check_points(
     key: &str,
     points: impl Iterator<Item = [f64; 2]>,

@@ -1,4 +1,4 @@
-//! The JSON Schema of scenes, from the tables themselves and the registries of what has names.
+//! The JSON Schema of scenes, derived from their tables and from the registries of laws, models and integrators.
 
 use schemars::JsonSchema;
 use schemars::generate::SchemaSettings;
@@ -10,14 +10,14 @@ use crate::fluid::laws::LAWS;
 use crate::integrator::METHODS;
 use crate::reduced::MODELS;
 
-/// The schema of a type that is read from TOML, which has no null; doc comments are its descriptions.
+/// The schema of a type that is read from TOML, which has no null. Its descriptions are doc comments.
 pub(crate) fn of<T: JsonSchema>() -> Value {
     let mut schema = SchemaSettings::draft2020_12().into_generator().into_root_schema_for::<T>().to_value();
     tidy(&mut schema);
     schema
 }
 
-/// Takes null and links to the library's documentation away.
+/// Removes null, and links to the documentation of the library.
 fn tidy(value: &mut Value) {
     match value {
         Value::Array(values) => values.iter_mut().for_each(tidy),
@@ -55,7 +55,7 @@ fn without_null(entries: &mut Map<String, Value>) {
     }
 }
 
-/// Says that `key` of a table takes one of `names`.
+/// Restricts `key` of a table to `names`.
 fn named(schema: &mut Value, table: &str, key: &str, names: impl Iterator<Item = &'static str>) {
     if let Some(property) = schema.pointer_mut(&format!("/$defs/{table}/properties/{key}")) {
         property["enum"] = names.collect();
@@ -63,8 +63,8 @@ fn named(schema: &mut Value, table: &str, key: &str, names: impl Iterator<Item =
 }
 
 impl Scene {
-    /// The JSON Schema (draft 2020-12) of scenes, for editors and for programs that write them. It knows keys, units and
-    /// ranges of single values; what follows from several of them only reading the scene tells.
+    /// The JSON Schema (draft 2020-12) of scenes, for editors and for programs that write them. It describes keys, units and ranges of
+    /// single values. Constraints between several keys are checked only when a scene is read.
     pub fn schema() -> Value {
         let mut schema = of::<Self>();
         schema["title"] = "A scene of caudal".into();

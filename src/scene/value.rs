@@ -9,7 +9,7 @@ use serde::de::{Deserialize, Deserializer, Error, IgnoredAny, MapAccess, SeqAcce
 use crate::head::Signal;
 use crate::rod::Profile;
 
-/// A number type with a range: `$ok` decides, `$allowed` says it in words.
+/// Defines a number type with a range: `$ok` tests it, `$allowed` describes it.
 macro_rules! number {
     ($(#[$doc:meta])* $name:ident, $allowed:literal, $ok:expr) => {
         $(#[$doc])*
@@ -17,7 +17,7 @@ macro_rules! number {
         pub struct $name(f64);
 
         impl $name {
-            /// A default; not checked.
+            /// A constant for defaults, which is not checked.
             pub(super) const fn constant(number: f64) -> Self {
                 Self(number)
             }
@@ -37,19 +37,19 @@ macro_rules! number {
 }
 
 number!(
-    /// A number above zero.
+    /// A positive number.
     Positive,
     "a positive number",
     |x| x > 0.0
 );
 number!(
-    /// A number of at least zero.
+    /// A nonnegative number.
     NotNegative,
     "a number that is not negative",
     |x| x >= 0.0
 );
 number!(
-    /// Any number but NaN and infinity.
+    /// A finite number.
     Finite,
     "a finite number",
     |_| true
@@ -68,7 +68,7 @@ number!(
 );
 
 number!(
-    /// A share of a whole.
+    /// A fraction between 0 and 1.
     Share,
     "a number from 0 to 1",
     |x| (0.0..=1.0).contains(&x)
@@ -107,12 +107,12 @@ impl Visitor<'_> for Number {
     }
 }
 
-/// The text of a refusal.
+/// The message about a value that is not allowed.
 pub fn refused(found: impl fmt::Display, allowed: impl fmt::Display) -> String {
     format!("found {found}; allowed: {allowed}")
 }
 
-/// A whole number from `MIN` to `MAX`.
+/// An integer from `MIN` to `MAX`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BoundedInteger<const MIN: u64, const MAX: u64>(u64);
 
@@ -120,7 +120,7 @@ impl<const MIN: u64, const MAX: u64> BoundedInteger<MIN, MAX> {
     /// The smallest.
     pub const LEAST: Self = Self(MIN);
 
-    /// The number nearest to `n` that is allowed.
+    /// The allowed integer nearest to `n`.
     pub fn nearest(n: u64) -> Self {
         Self(n.clamp(MIN, MAX))
     }
@@ -174,7 +174,7 @@ pub enum SignalValue {
 }
 
 impl SignalValue {
-    /// The signal, where it is a formula.
+    /// The signal, unless it is a table.
     pub fn formula(&self) -> Option<&Signal> {
         match self {
             Self::Formula(signal) => Some(signal),
@@ -201,7 +201,7 @@ struct Keys<T, P> {
 }
 
 impl<T, P> Keys<T, P> {
-    /// The functions, with `component` picking entry `i` of a value, `phase` of a phase.
+    /// The functions, where `component` and `phase` return entry `i` of a value and of a phase.
     fn signal_value<const M: usize, E: Error>(
         self,
         component: fn(&T, usize) -> f64,
@@ -261,7 +261,7 @@ impl<'de> Deserialize<'de> for Each {
     }
 }
 
-/// Two values, no more and no fewer; serde's own arrays let more pass.
+/// Exactly two values. Arrays of serde accept more.
 struct Pair<T>([T; 2]);
 
 impl<'de, T: Deserialize<'de>> Deserialize<'de> for Pair<T> {
@@ -314,12 +314,12 @@ pub fn optional_pairs<'de, D: Deserializer<'de>, T: Deserialize<'de>>(
 #[derive(Debug, Clone, PartialEq)]
 pub struct NumberOrProfile<T> {
     points: Vec<[f64; 2]>,
-    /// The number where it is the same everywhere.
+    /// The number, if it is uniform.
     number: Option<T>,
 }
 
 impl NumberOrProfile<Positive> {
-    /// The same times a positive `factor`.
+    /// The value multiplied by a positive `factor`.
     pub(super) fn times(&self, factor: f64) -> Self {
         Self {
             points: self.points.iter().map(|[xi, value]| [*xi, value * factor]).collect(),
@@ -329,22 +329,22 @@ impl NumberOrProfile<Positive> {
 }
 
 impl<T: Copy> NumberOrProfile<T> {
-    /// The number, where it is one.
+    /// The number, unless it is a profile.
     pub fn number(&self) -> Option<T> {
         self.number
     }
 
-    /// Its points [ξ, value], where it is not one number.
+    /// Its points [ξ, value], if it is a profile.
     pub fn points(&self) -> Option<&[[f64; 2]]> {
         self.number.is_none().then_some(&self.points)
     }
 
-    /// It as a profile.
+    /// The value as a profile.
     pub fn profile(&self) -> Profile {
         Profile::through(self.points.clone()).unwrap_or(Profile::from(0.0))
     }
 
-    /// The points of a profile that is none: not rising, or not from 0 to 1.
+    /// The error of an invalid profile: ξ does not rise, or not from 0 to 1.
     pub(super) fn disorder(&self) -> Option<String> {
         let mut last = f64::NEG_INFINITY;
         for [xi, value] in &self.points {
@@ -492,7 +492,7 @@ mod schema {
         )*};
     }
 
-    /// A function of time whose values are as `value` says, or a table.
+    /// The schema of a function of time with the given schemas of its values, or a table.
     fn signal(constant: Schema, value: Schema, phase: Schema) -> Schema {
         json_schema!({ "anyOf": [
             constant,

@@ -1,4 +1,4 @@
-//! Derivatives of one number by all parameters: back over a stored simulation, one transposed solve a step.
+//! Adjoint (reverse) derivatives of one number by all parameters: backwards over a stored simulation, one transposed solve per step.
 
 use super::controls::{Controls, Cotangents, Weights};
 use super::equations::Equations;
@@ -14,8 +14,8 @@ use crate::model::Bent;
 use crate::system::{Direction, State, System};
 
 impl Problem {
-    /// The derivatives by all `parameters` of Σ w y over all times and outputs y of the stored simulation `trajectory`
-    /// of this problem, with `weights` w, one row per time.
+    /// The derivatives by all `parameters` of Σ w y over all times and outputs y of the stored simulation `trajectory` of this problem,
+    /// with `weights` w in one row per time.
     ///
     /// # Errors
     /// [`Error::WrongLength`] for weights of another simulation; [`Error::Derivative`] for parameters and outputs that the model
@@ -35,8 +35,8 @@ impl Problem {
         Ok(self.go_back(parameters, outputs, weights, trajectory, false)?.parameters)
     }
 
-    /// The same with `weights` of positions and velocities too, and the derivatives by first state and controls, given or not,
-    /// beside those by the `parameters`.
+    /// The same with `weights` of positions and velocities too, and with derivatives by the initial state and the controls in addition to
+    /// those by the `parameters`.
     ///
     /// # Errors
     /// Those of [`adjoint`](Self::adjoint).
@@ -222,17 +222,17 @@ impl Problem {
     }
 }
 
-/// Adds `row` to row `n` of `rows`, where there are any.
+/// Adds `row` to row `n` of `rows`, unless `rows` is empty.
 fn add_row(rows: &mut [f64], n: usize, row: &[f64]) {
     rows.iter_mut().skip(n * row.len()).zip(row).for_each(|(to, from)| *to += from);
 }
 
-/// The numbers of the scene among the parameters, with their totals.
+/// The finite-differenced parameters, by their index, with their totals.
 fn of_scene<'a>(effects: &'a [ParameterEffect], total: &'a mut [f64]) -> impl Iterator<Item = (usize, &'a mut f64)> {
     effects.iter().zip(total).filter_map(|(effect, total)| Some((effect.scene_parameter?, total)))
 }
 
-/// How `effect` moves the force f along `force`: f_p·force.
+/// The derivative f_p·force of the residual by the parameter of `effect`, along `force`.
 fn pushed(at: &OutputContext<'_>, effect: &ParameterEffect, shape: &ActuationShape, force: &[f64]) -> f64 {
     let Bent { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
@@ -262,8 +262,8 @@ fn gather(
     }
 }
 
-/// The transpose of it: moves the cotangents of the first accelerations to positions and velocities, and writes the force
-/// that parameters push along.
+/// The transpose of the initial step: moves the cotangents of the initial accelerations to positions and velocities, and writes the
+/// cotangent of the residual to `force`.
 fn first_cotangents(
     at: &OutputContext<'_>,
     equations: &mut Equations,

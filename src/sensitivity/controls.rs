@@ -1,22 +1,22 @@
-//! What acts on a simulation over time, and the derivatives by all that it can be differentiated by at once.
+//! Controls of a simulation over time, and the cotangents of an adjoint pass.
 
 use super::parameter::{ActuationShape, Parameter, ParameterEffect};
 use crate::model::Dynamics;
 use crate::rod::Rod;
 
-/// Natural curvature and forces at every time of a simulation, the start's first, as of functions of time that are known there:
-/// accelerations are not found anew where they change. With implicit Euler this is a host that sets them before each step.
+/// Natural curvature and forces at every time of a simulation, beginning with the start, as samples of smooth functions of time:
+/// accelerations are not reinitialised when they change. With implicit Euler this equals a host that sets them before each step.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Controls {
-    /// Natural curvature (1/m) beside the actuation's: a row per time, one entry per joint. Its rate is not known, so the power
-    /// of the actuation lacks it; the work has it.
+    /// Natural curvature (1/m) added to the actuation's: a row per time, one entry per joint. Its rate is unknown and missing in the power
+    /// of the actuation, but not in the work.
     pub natural: Option<Vec<f64>>,
     /// Forces on the nodes (N): a row per time, two entries per node.
     pub force: Option<Vec<f64>>,
 }
 
 impl Controls {
-    /// Takes over those of time `n`.
+    /// Applies those of time `n`.
     pub(super) fn apply(&self, dynamics: &mut Dynamics, n: usize) {
         let (nodes, joints) = (dynamics.model.rod.nodes, dynamics.model.rod.joints());
         if let Some(natural) = &self.natural {
@@ -29,13 +29,13 @@ impl Controls {
         }
     }
 
-    /// How the natural curvature of each joint moves the equations.
+    /// The effect of the natural curvature of each joint on the equations.
     pub(super) fn effects(rod: &Rod, shape: &ActuationShape) -> Vec<ParameterEffect> {
         rod.joints().map(|k| Parameter::NaturalCurvature(k).effect(rod, shape)).collect()
     }
 }
 
-/// Weights w of Σ w y over all times of a simulation, one row per time; an empty list is all zero.
+/// Weights w of Σ w y over all times of a simulation, in one row per time. An empty list is zero.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Weights<'a> {
     /// Of outputs.
@@ -51,10 +51,10 @@ pub struct Weights<'a> {
 pub struct Cotangents {
     /// By the parameters.
     pub parameters: Vec<f64>,
-    /// By first positions and velocities, two entries per node, where these are given.
+    /// By initial positions and velocities, two entries per node.
     pub start: [Vec<f64>; 2],
-    /// By natural curvature, a row per time, one entry per joint, whether it is given or none.
+    /// By natural curvature, a row per time, one entry per joint.
     pub natural: Vec<f64>,
-    /// By forces, a row per time, two entries per node, likewise.
+    /// By forces, a row per time, two entries per node.
     pub force: Vec<f64>,
 }

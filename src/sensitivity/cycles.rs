@@ -1,5 +1,5 @@
-//! Averages over the last whole cycles, with their derivatives: sums of readings with weights that the times alone decide, and a
-//! formula of these sums.
+//! Means over the last whole cycles with their derivatives: formulas of sums of outputs, whose quadrature weights depend on the times
+//! alone.
 
 use std::sync::Arc;
 
@@ -13,12 +13,12 @@ use crate::error::Result;
 use crate::metrics::{Measurements, RunMetrics};
 use crate::system::System;
 
-/// An output, what the mean depends on it by in a cycle, and its weights at the times of one.
+/// An output, the derivative of the mean by it, and its quadrature weights.
 type Part = (Output, Coefficient, fn(&IntegralWeights) -> &[f64]);
 
 type Coefficient = fn(&IntegralDerivatives) -> f64;
 
-/// What all measures are made of.
+/// The outputs that all measures depend on.
 fn parts(held: bool) -> Vec<Part> {
     use Quantity as Q;
     let value: fn(&IntegralWeights) -> &[f64] = |weights| &weights.value;
@@ -58,7 +58,7 @@ fn parts(held: bool) -> Vec<Part> {
 }
 
 impl Problem {
-    /// Simulates, and follows the cycles as a run does, with all their ends.
+    /// Simulates, and tracks the cycles and their ends as a run does.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate) and of [`Measurements::measure`].
@@ -67,7 +67,7 @@ impl Problem {
         Ok((trajectory, cycles, ends))
     }
 
-    /// Simulates, and measures as a run does; with the positions at the end.
+    /// Simulates, and returns the metrics of a run and the final positions.
     #[cfg(feature = "faer")]
     pub(super) fn simulate_metrics(&mut self) -> Result<(RunMetrics, Vec<f64>)> {
         let (trajectory, .., metrics) = self.simulate_and_measure()?;
@@ -118,7 +118,7 @@ impl Problem {
         Ok((trajectory, cycles, ends, metrics))
     }
 
-    /// Why its simulation has no whole cycle, where it has none.
+    /// The reason why its simulation has no whole cycle, if it has none.
     ///
     /// # Errors
     /// Those of [`simulate_cycles`](Self::simulate_cycles).
@@ -127,9 +127,9 @@ impl Problem {
         Ok(cycles.reason(&self.dynamics))
     }
 
-    /// The mean of `measure` over the last whole cycles, as a run's summary has it, with its derivatives by `parameters`;
-    /// none where there is no such mean, and no derivatives of one that is not [smooth](crate::cycle::derivatives::is_differentiable). What
-    /// changes the frequency of what drives the cycles moves their ends too.
+    /// The mean of `measure` over the last whole cycles, equal to that in the summary of a run, with its derivatives by `parameters`.
+    /// None if there is no such mean or if it is not [differentiable](crate::cycle::derivatives::is_differentiable). A parameter that
+    /// changes the frequency of the drive also moves the ends of the cycles.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).

@@ -1,13 +1,13 @@
-//! Derivatives by any number of a scene, of which the equations know no derivative by themselves.
+//! Finite differences of a scene: derivatives by any of its numbers that has no analytic derivative.
 //!
-//! The scene is made again with the number at p ± δ and p ± 2δ, and what is wanted at one state (the residual, a reading, a
-//! first position) is differenced over these with the formula of fourth order. Nothing is differenced in time: the simulation
-//! is differentiated as by any other parameter, and no solve is added. With δ = 2·10⁻⁴ p truncation and rounding are both
-//! about 10⁻¹² of what is differenced. At a kink the derivative is the mean of those on both sides.
+//! The model of the scene is rebuilt with the number at p ± δ and p ± 2δ. The residual, an output or the initial state is differenced
+//! over these models at one state, with the formula of fourth order. Nothing is differenced over time: the simulation is
+//! differentiated as for any other parameter, without additional solves. With δ = 2·10⁻⁴ p, truncation and rounding are both about
+//! 10⁻¹², relative. At a kink the derivative is the mean of those on both sides.
 //!
-//! What moves the flow alone, as the flow itself and its shear, acts through velocities against it only, so its derivatives are those
-//! by velocities: of the scene's moves only the flow's own is differenced, in which it is linear. A rod at rest in water has no others,
-//! as there the drag's roots and squares of the speed are steeper than differences see.
+//! A number that changes the flow alone, such as its velocity or shear, acts only through relative velocities. Its derivatives are those
+//! by velocities, and only the flow, which is linear in it, is differenced. This also holds for a rod at rest in water, where roots and
+//! squares of the speed in the drag are too steep for differences.
 
 use nalgebra::Vector2;
 
@@ -22,42 +22,42 @@ use crate::model::{Bent, Dynamics, Inputs, Model};
 use crate::rod::{add, node};
 use crate::system::{State, System};
 
-/// δ over the size of the number.
+/// δ relative to the scale of the number.
 const RELATIVE_STEP: f64 = 2e-4;
 
-/// Places over δ, with the weights of their values over 1/δ.
+/// Central difference of fourth order: positions in δ, with their weights in 1/δ.
 const CENTRAL_STENCIL: [[f64; 2]; 4] = [[-2.0, 1.0 / 12.0], [-1.0, -2.0 / 3.0], [1.0, 2.0 / 3.0], [2.0, -1.0 / 12.0]];
 
-/// The same to one side, where the other has no scene.
+/// One-sided difference of fourth order, if there is no valid scene on the other side.
 const BACKWARD_STENCIL: [[f64; 2]; 5] =
     [[0.0, 25.0 / 12.0], [-1.0, -4.0], [-2.0, 3.0], [-3.0, -4.0 / 3.0], [-4.0, 0.25]];
 
-/// A scene with one of its numbers moved a little, to each of the places of the difference.
+/// Finite difference by one number of a scene: the perturbed scenes at all points of its stencil.
 #[derive(Debug)]
 pub struct FiniteDifference {
     pub(super) scenes: Vec<PerturbedScene>,
     nodes: usize,
     residual: Vec<f64>,
-    /// What moves the flow alone.
+    /// Present if the number changes the flow alone.
     flow: Option<Flow>,
 }
 
-/// The derivative of the flow.
+/// The derivative of the flow velocity.
 #[derive(Debug)]
 struct Flow {
     /// At the nodes, two entries per node.
     nodes: Vec<f64>,
     /// At the body's centre.
     centre: Vector2<f64>,
-    /// As many zeros.
+    /// Zeros, two entries per node.
     still: Vec<f64>,
 }
 
-/// The scene at one place.
+/// The scene at one point of the stencil.
 #[derive(Debug)]
 pub(super) struct PerturbedScene {
     pub(super) dynamics: Dynamics,
-    /// The actuation as the scene has it.
+    /// The actuation of the scene.
     pub(super) actuation: Option<Box<dyn Actuation>>,
     weight: f64,
     ends: StepEnds,
@@ -65,8 +65,9 @@ pub(super) struct PerturbedScene {
 }
 
 impl FiniteDifference {
-    /// Of a scene whose number is `own` and of this `size`, which `model` makes again with another: the model as it is used, and
-    /// another one whose actuation is kept as the scene has it. See [`of_flow`](Self::of_flow) for what moves the flow alone.
+    /// The finite difference of a scene by a number with the value `own` and the scale `size`. `model` builds the model for another value:
+    /// one to use, and another one whose actuation is kept unchanged. See [`of_flow`](Self::of_flow) for a number that changes the flow
+    /// alone.
     ///
     /// # Errors
     /// Those of `model`.
@@ -97,18 +98,18 @@ impl FiniteDifference {
         Err(failed.unwrap_or(Error::Step(step)))
     }
 
-    /// Of a scene with so many nodes whose number cannot be another one by itself, as a flow across an interface: no derivatives.
+    /// A zero derivative, of a number that cannot change on its own, such as a flow across an interface.
     pub fn zero(nodes: usize) -> Self {
         Self { scenes: Vec::new(), nodes, residual: Vec::new(), flow: None }
     }
 
-    /// The same, of a number that moves the flow alone.
+    /// Declares that the number changes the flow alone.
     pub fn of_flow(self) -> Self {
         let zeros = || vec![0.0; 2 * self.nodes];
         Self { flow: Some(Flow { nodes: zeros(), centre: Vector2::zeros(), still: zeros() }), ..self }
     }
 
-    /// The derivative of a number.
+    /// The derivative of a value.
     pub(super) fn of_value(&mut self, mut value: impl FnMut(&mut PerturbedScene) -> Result<f64>) -> Result<f64> {
         let mut sum = 0.0;
         for scene in &mut self.scenes {
@@ -117,13 +118,13 @@ impl FiniteDifference {
         Ok(sum)
     }
 
-    /// The derivative of a number of the model.
+    /// The derivative of a value of the model.
     pub fn of_model(&self, value: impl Fn(&Model) -> f64) -> f64 {
         self.scenes.iter().map(|scene| scene.weight * value(&scene.dynamics.model)).sum()
     }
 
-    /// Moves on to the time of the state of `bent`, number `n` of `steps`, with the steps beside it where they are `wanted`; writes
-    /// f_p to `force`, two entries per node.
+    /// Moves to the time of the state of `bent`, number `n` of `steps`, with the adjacent steps if they are `wanted`. Writes f_p to `force`,
+    /// two entries per node.
     pub(super) fn move_to(
         &mut self,
         bent: &Bent<'_>,
@@ -164,7 +165,7 @@ impl FiniteDifference {
         Ok(())
     }
 
-    /// The derivatives of the first positions and velocities.
+    /// The derivatives of the initial positions and velocities.
     pub(super) fn first(&mut self) -> [Vec<f64>; 2] {
         let mut by = [vec![0.0; 2 * self.nodes], vec![0.0; 2 * self.nodes]];
         for PerturbedScene { dynamics, weight, .. } in &mut self.scenes {
@@ -176,8 +177,8 @@ impl FiniteDifference {
         by
     }
 
-    /// `factor` times the derivative of the quantities of `output` (`share` none), or of the share in its work of the step to here
-    /// (0) or from here (1), where the state stays and `gradient` is so much times the other derivatives.
+    /// `factor` times the derivative at a fixed state of the quantities of `output` (`share` None), or of its work in the step that ends
+    /// here (0) or begins here (1); `gradient` has the other derivatives, times `factor`.
     pub(super) fn output(
         &mut self,
         (output, gradient, factor): (&Output, &Gradient, f64),

@@ -1,4 +1,4 @@
-//! Derivatives that are carried along with the simulation: one column a parameter.
+//! Forward (tangent) derivatives, advanced together with the simulation: one column per parameter.
 
 use std::sync::Arc;
 
@@ -14,14 +14,14 @@ use crate::integrator::Rule;
 use crate::model::{Bent, Dynamics};
 use crate::system::{Direction, State, System};
 
-/// What [`Problem::forward`] finds.
+/// The values and derivatives that [`Problem::forward`] computes.
 #[derive(Debug, Clone, Default)]
 pub struct Sensitivities {
     /// The recorded times, s.
     pub times: Vec<f64>,
     /// Values, one row per time, one entry per output.
     pub values: Vec<f64>,
-    /// Derivatives: a block a time, in it a row an output, one entry a parameter.
+    /// Derivatives: a block per time, with a row per output and an entry per parameter.
     pub derivatives: Vec<f64>,
     outputs: usize,
     parameters: usize,
@@ -33,7 +33,7 @@ impl Sensitivities {
         self.values[n * self.outputs + o]
     }
 
-    /// The derivatives of output `o` at recorded time `n`, one a parameter.
+    /// The derivatives of output `o` at recorded time `n`, one per parameter.
     pub fn row(&self, n: usize, o: usize) -> &[f64] {
         let start = (n * self.outputs + o) * self.parameters;
         &self.derivatives[start..start + self.parameters]
@@ -51,8 +51,8 @@ impl Problem {
         Ok((trajectory, values))
     }
 
-    /// Simulates and carries the derivatives of all `outputs` by all `parameters` along; records every `every` steps,
-    /// and the end. `look` sees every state.
+    /// Simulates with the derivatives of all `outputs` by all `parameters`, and records every `every` steps and the end. `look` is called
+    /// with every state.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate); [`Error::Derivative`] for parameters and outputs that the model does not have;
@@ -208,7 +208,7 @@ impl Problem {
     }
 }
 
-/// The derivatives of the first state; its accelerations fulfil M a = F.
+/// The derivatives of the initial state, whose accelerations satisfy M a = F.
 fn first_columns(
     dynamics: &mut Dynamics,
     state: &State,
@@ -259,7 +259,7 @@ fn add_parameter_force(
     }
 }
 
-/// Q* to `star` and V* to the column's velocities; its memory becomes what it keeps of the old accelerations.
+/// Writes Q* to `star` and V* to the velocities of the column, and updates its memory.
 #[inline]
 fn predict(rule: &Rule, h: f64, column: &mut TangentState, star: &mut [f64]) {
     let TangentState { q, v, a, memory } = column;
@@ -280,7 +280,7 @@ fn predict(rule: &Rule, h: f64, column: &mut TangentState, star: &mut [f64]) {
     }
 }
 
-/// Adds −A (f_v V* + f_p), and makes the whole zero at a held node.
+/// Adds −A (f_v V* + f_p), and sets the rows of a held node to zero.
 fn subtract_damping_and_force(
     equations: &mut Equations,
     at: &OutputContext<'_>,
@@ -300,7 +300,7 @@ fn subtract_damping_and_force(
     }
 }
 
-/// The column at the new time from Q − Q*.
+/// Computes the column at the new time from Q − Q*.
 #[inline]
 fn correct(rule: &Rule, column: &mut TangentState, star: &[f64], moved: &[f64]) {
     let TangentState { q, v, a, memory } = column;

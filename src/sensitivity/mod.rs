@@ -9,10 +9,10 @@
 //! Forces do not change where the whole rod moves, so f_q Q* is summed over differences of nodes, (f_q)ᵢⱼ (Q*ⱼ − Q*ᵢ): the
 //! stiffness of stretching, 10⁸ N/m in an aluminium tail, would else make its rounding an acceleration.
 //!
-//! [`Problem::forward`] carries all columns along with the simulation: one matrix more a step, and a solve a parameter.
-//! [`Problem::adjoint`] goes back over a stored simulation with the transposed matrix: one solve a step, whatever the number
-//! of parameters. Both are exact to rounding where Newton's method has converged to it; they need fixed steps, a method of one
-//! stage, and positions as unknowns.
+//! [`Problem::forward`] advances all columns with the simulation: one more matrix per step, and one solve per parameter.
+//! [`Problem::adjoint`] goes backwards over a stored simulation with the transposed matrix: one solve per step for any number of
+//! parameters. Both are exact to rounding if Newton's method has converged to it. They need fixed steps, an integrator of one stage,
+//! and positions as unknowns.
 //!
 //! [`value_and_grad`] and [`Simulation`] take outputs and parameters by their names.
 //!

@@ -1,4 +1,4 @@
-//! What is differentiated: every recorded output, by positions, velocities and what parameters move directly.
+//! Outputs that can be differentiated, with their derivatives by positions, velocities, and parameters at a fixed state.
 
 use nalgebra::{Matrix2, Vector2};
 
@@ -37,15 +37,15 @@ pub enum Quantity {
     Kinetic,
     /// Power of the moving natural curvature, W.
     ActuationPower,
-    /// Power taken by drag, W.
+    /// Power dissipated by drag, W.
     ViscousPower,
-    /// Power taken by the wake, W.
+    /// Power dissipated in the wake, W.
     WakePower,
-    /// Power taken by the spray, W.
+    /// Power dissipated in the spray, W.
     SprayPower,
     /// Power of other forces, W.
     OtherPower,
-    /// Energy that forces from outside store, J.
+    /// Energy stored by external forces, J.
     Fluid,
     /// Power of the background flow, W.
     FlowPower,
@@ -59,11 +59,11 @@ pub enum Quantity {
     HeadForce(usize),
     /// Moment of the tail on a held head about node 0, N m.
     HeadMoment,
-    /// What the forces with that sink, those that store what they take without, push the rod with along an axis, N.
+    /// Resultant along an axis of the forces with that sink, or of inertial forces if None, N.
     Resultant(Option<Sink>, usize),
     /// Moment that the joint at a node carries, N m.
     JointMoment(usize),
-    /// Strain of the outermost fibre there, beyond that of the natural curvature.
+    /// Strain of the outermost fibre there, relative to the natural curvature.
     JointStrain(usize),
     /// Momentum of the rod along an axis, N s.
     RodMomentum(usize),
@@ -71,16 +71,16 @@ pub enum Quantity {
     FluidMomentum(usize),
 }
 
-/// Work that is summed over the steps as the run's meter sums it, J.
+/// Work summed over the steps as in [`RunMetrics`](crate::metrics::RunMetrics), J.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Work {
     /// Of the moving natural curvature.
     Actuation,
-    /// Taken by drag.
+    /// Dissipated by drag.
     Viscous,
-    /// Taken by the wake.
+    /// Dissipated in the wake.
     Wake,
-    /// Taken by the spray.
+    /// Dissipated in the spray.
     Spray,
     /// Of other forces.
     Other,
@@ -92,12 +92,12 @@ pub enum Work {
     Head,
 }
 
-/// An output: a sum of quantities, since the start or not, and of work.
+/// An output: a linear combination of quantities and work.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
     /// Quantities with their factors.
     pub now: Vec<(f64, Quantity)>,
-    /// True where their values at the start are subtracted.
+    /// Whether their initial values are subtracted.
     pub since_start: bool,
     /// Work since the start, with factors.
     pub work: Vec<(f64, Work)>,
@@ -115,7 +115,7 @@ impl From<Work> for Output {
     }
 }
 
-/// The outputs by the names of the table of variables.
+/// The names of the outputs in the table of variables.
 const NAMES: [&str; 48] = [
     "x_com_m",
     "y_com_m",
@@ -168,7 +168,7 @@ const NAMES: [&str; 48] = [
 ];
 
 impl Quantity {
-    /// Refuses a node, joint or axis that `model` does not have.
+    /// Returns an error for a node, joint or axis that `model` does not have.
     fn check(self, model: &Model) -> Result<()> {
         use Quantity as Q;
         let (nodes, joints) = (model.rod.nodes, model.rod.joints());
@@ -194,12 +194,12 @@ impl Quantity {
 }
 
 impl Output {
-    /// Refuses what `model` does not have.
+    /// Returns an error for an output that `model` does not have.
     pub(super) fn check(&self, model: &Model) -> Result<()> {
         self.now.iter().try_for_each(|(_, quantity)| quantity.check(model))
     }
 
-    /// The same, less its value at the start.
+    /// The same, minus its initial value.
     pub fn since_start(self) -> Self {
         Self { since_start: true, ..self }
     }
@@ -284,7 +284,7 @@ impl Output {
     }
 }
 
-/// The derivatives of one number.
+/// The derivatives of one output.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Gradient {
     /// By positions and velocities, two entries per node.
@@ -295,7 +295,7 @@ pub(super) struct Gradient {
     /// By the flow at the nodes, two entries per node, and at the body's centre.
     flow: Vec<f64>,
     flow_at_centre: Vector2<f64>,
-    /// By velocities, of what is a force's alone.
+    /// By velocities, for one force.
     own: Vec<f64>,
     /// By B_k, κ̄_k, dκ̄_k/dt and the change of κ̄_k over a step, one entry per node.
     pub(super) stiffness: Vec<f64>,
@@ -340,7 +340,8 @@ impl Gradient {
         self.keys.iter_mut().for_each(|(_, by)| *by = 0.0);
     }
 
-    /// What `add` returns, which adds derivatives of what `force` does; a fluid's depends on velocities against the flow.
+    /// Calls `add`, which adds the derivatives of a quantity of `force`, and returns its value. Forces of a fluid depend on velocities
+    /// relative to the flow.
     fn of_force<T>(&mut self, force: &dyn Force, add: impl FnOnce(Slopes<'_>) -> T) -> T {
         let Self { q, v, a, flow, own, .. } = self;
         own.fill(0.0);
@@ -352,7 +353,7 @@ impl Gradient {
         value
     }
 
-    /// Along a change of the flow at the nodes (two entries per node) and at the body's centre, m/s.
+    /// The derivative along a change of the flow at the nodes (two entries per node) and at the body's centre, m/s.
     pub(super) fn by_flow(&self, nodes: &[f64], centre: Vector2<f64>) -> f64 {
         dot(&self.flow, nodes) + self.flow_at_centre.dot(&centre)
     }
@@ -363,7 +364,7 @@ impl Gradient {
     }
 }
 
-/// A step, seen from one of its ends.
+/// The change of controls and head over a step next to a state.
 #[derive(Debug, Clone, Default)]
 pub(super) struct StepInterval {
     /// Its length, s.
@@ -372,11 +373,11 @@ pub(super) struct StepInterval {
     pub(super) natural: Vec<f64>,
     /// Change of a host's forces over it, two entries per node.
     pub(super) force: Vec<f64>,
-    /// Poses of a held head at its begin and end.
+    /// Poses of a held head at its start and end.
     pub(super) poses: Option<[Pose; 2]>,
 }
 
-/// What the derivatives at one state are made of.
+/// Derivatives at one state that all outputs share.
 #[derive(Debug)]
 pub(super) struct LocalDerivatives {
     /// ∇κ_k by the nodes k−1, k, k+1.
@@ -398,7 +399,7 @@ impl LocalDerivatives {
         self.keys.iter().find(|(own, _)| *own == key).map_or(&[], |(_, by)| by)
     }
 
-    /// Looks at a state.
+    /// Computes them at a state.
     pub(super) fn look(&mut self, bent: &Bent<'_>) {
         let (dynamics, edges, kappa) = (bent.dynamics, bent.edges(), bent.kappa());
         for k in dynamics.model.rod.joints() {
@@ -438,7 +439,7 @@ impl LocalDerivatives {
     }
 }
 
-/// A state with all that its quantities need.
+/// The state at which outputs are evaluated, with the derivatives that they share.
 #[derive(Clone, Copy)]
 pub(super) struct OutputContext<'a> {
     pub(super) bent: Bent<'a>,
@@ -460,7 +461,8 @@ impl OutputContext<'_> {
         g.natural[k] -= factor * stiffness;
     }
 
-    /// What the forces of that `sink` store, J (`rate` 0), or put in by themselves, W (1); adds `factor` times its derivatives.
+    /// The energy stored by the forces with that `sink`, J (`rate` 0), or the power that they supply, W (1). Adds `factor` times its
+    /// derivatives.
     fn stored(&self, sink: Option<Sink>, rate: usize, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut sum = 0.0;
@@ -477,7 +479,7 @@ impl OutputContext<'_> {
         sum
     }
 
-    /// The flow along `along` at the centre of mass, or at node 0 of a held head, m/s; adds `factor` times its derivatives.
+    /// The flow along `along` at the centre of mass, or at node 0 of a held head, m/s. Adds `factor` times its derivatives.
     fn flow_of_body(&self, along: Vector2<f64>, factor: f64, g: &mut Gradient) -> f64 {
         let Bent { dynamics, state } = self.bent;
         let (rod, fluid) = (&dynamics.model.rod, dynamics.inputs.fluid);
@@ -500,7 +502,7 @@ impl OutputContext<'_> {
         here.fluid.flow.dot(&along)
     }
 
-    /// What the forces with that sink take, W; adds `factor` times its derivatives.
+    /// The power dissipated by the forces with that sink, W. Adds `factor` times its derivatives.
     fn power_to(&self, sink: Sink, factor: f64, g: &mut Gradient) -> f64 {
         let moving = self.bent.kinematics();
         let mut power = 0.0;
@@ -614,7 +616,7 @@ impl OutputContext<'_> {
     }
 }
 
-/// Where the flow that a body swims in is taken: at the centre of mass, or at node 0 of a held head.
+/// The point at which the background flow is evaluated: the centre of mass, or node 0 of a held head.
 pub(super) fn centre_of(dynamics: &Dynamics, state: &State) -> Vector2<f64> {
     if dynamics.model.head.is_some() { node(&state.q, 0) } else { dynamics.model.rod.mean(&state.q) }
 }

@@ -1,4 +1,4 @@
-//! What a simulation can be differentiated by, and how each moves the equations.
+//! Parameters that a simulation can be differentiated by, and their effect on the equations.
 
 use std::f64::consts::TAU;
 use std::ops::Range;
@@ -16,11 +16,11 @@ use crate::rod::Rod;
 pub enum Parameter {
     /// Bending stiffness EI_k of the joint at node k, N m².
     Stiffness(usize),
-    /// A constant natural curvature (1/m) of the joint at node k, beside the actuation's.
+    /// A constant natural curvature (1/m) added to the actuation's at the joint at node k.
     NaturalCurvature(usize),
-    /// The actuation's amplitude at the joint of node k alone, over what it is.
+    /// A factor of the actuation's amplitude at the joint at node k alone.
     WaveAmplitude(usize),
-    /// A phase (rad) subtracted inside the actuation's sine at the joint of node k alone.
+    /// A phase (rad) subtracted inside the actuation's sine at the joint at node k alone.
     WavePhase(usize),
     /// Amplitude κ_amp of the actuation.
     Amplitude,
@@ -30,7 +30,7 @@ pub enum Parameter {
     Phase,
     /// A parameter of the forces, by its key.
     OfForces(Key),
-    /// A number of the scene, by its place in [`Problem::finite_differences`](super::Problem::finite_differences).
+    /// A number of the scene, by its index in [`Problem::finite_differences`](super::Problem::finite_differences).
     OfScene(usize),
 }
 
@@ -48,7 +48,7 @@ impl ActuationShape {
         Self { g: std::array::from_fn(|_| vec![0.0; nodes]), ..Self::default() }
     }
 
-    /// Takes the shape at time `t` (s).
+    /// Evaluates the shape at time `t` (s).
     pub(super) fn take(&mut self, dynamics: &Dynamics, t: f64) {
         let Some((actuation, _)) = &dynamics.model.actuation else { return };
         let wave = dynamics.inputs.wave(&dynamics.model.start, t, None);
@@ -69,8 +69,8 @@ impl ActuationShape {
     }
 }
 
-/// How a parameter moves the equations at a time: at every one of `joints` B_k moves by `stiffness`, κ̄_k by
-/// own + `natural`·(g, g') and dκ̄_k/dt by `rate`·(g, g', g''); or a parameter of the forces by itself.
+/// The derivatives of the equations by a parameter at a time: at each of `joints`, that of B_k is `stiffness`, that of κ̄_k is
+/// own + `natural`·(g, g'), and that of dκ̄_k/dt is `rate`·(g, g', g'').
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct ParameterEffect {
     pub(super) joints: Range<usize>,
@@ -79,7 +79,7 @@ pub(super) struct ParameterEffect {
     natural: [f64; 2],
     rate: [f64; 3],
     pub(super) key: Option<Key>,
-    /// A number of the scene, whose derivatives are not here.
+    /// Index of the finite difference, for a number of the scene.
     pub(super) scene_parameter: Option<usize>,
 }
 
@@ -96,14 +96,14 @@ impl ParameterEffect {
         shape.sum(&self.rate, k)
     }
 
-    /// True where natural curvature moves.
+    /// True if natural curvature depends on it.
     pub(super) fn bends(&self) -> bool {
         self.own != 0.0 || self.natural != [0.0; 2] || self.rate != [0.0; 3]
     }
 }
 
 impl Parameter {
-    /// What a simulation is differentiated by where the number `key` of its scene changes; none where it has no such derivative.
+    /// The parameter with an analytic derivative for the number `key` of a scene, if any.
     pub fn of_key(key: &str, model: &Model) -> Option<Self> {
         match key {
             "actuation.kappa_amp" => model.actuation.as_ref().map(|_| Self::Amplitude),
@@ -115,7 +115,8 @@ impl Parameter {
         }
     }
 
-    /// Refuses what `model`, of which `moved` numbers of the scene are moved, does not have: its derivatives would be zero.
+    /// Returns an error for a parameter that `model` does not have, for which derivatives would be zero; `moved` is the number of finite
+    /// differences.
     pub(super) fn check(self, model: &Model, moved: usize) -> Result<()> {
         let refuse =
             |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self:?}: {problem}") });
@@ -151,7 +152,7 @@ impl Parameter {
         }
     }
 
-    /// How it moves the equations at the time of `shape`.
+    /// Its effect on the equations at the time of `shape`.
     pub(super) fn effect(self, rod: &Rod, shape: &ActuationShape) -> ParameterEffect {
         let none = ParameterEffect {
             joints: 0..0,
@@ -202,7 +203,7 @@ pub(super) fn keys(parameters: &[Parameter]) -> Vec<Key> {
     parameters.iter().filter_map(key).collect()
 }
 
-/// The derivative that does not go through the state; over a step with the shapes at its ends.
+/// The direct derivative, at a fixed state; over a `step`, with the shapes at its ends.
 pub(super) fn direct(
     gradient: &Gradient,
     effect: &ParameterEffect,

@@ -1,4 +1,4 @@
-//! A scene whose simulation can be differentiated.
+//! A differentiable simulation of a scene with fixed steps.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,40 +18,39 @@ use crate::newton::Newton;
 use crate::scene::{Scene, whole_steps};
 use crate::system::{Direction, Form, State, System};
 
-/// A scene whose simulation can be differentiated, with the parameters as they are now.
+/// A differentiable simulation of a scene, with the current values of its parameters.
 #[derive(Debug)]
 pub struct Problem {
     pub(super) dynamics: Dynamics,
-    /// The actuation as the scene has it.
+    /// The actuation of the scene.
     actuation: Option<Box<dyn Actuation>>,
-    /// The scene with each of the numbers moved that it is differentiated by as [`Parameter::OfScene`](super::Parameter::OfScene).
+    /// The finite differences for each [`Parameter::OfScene`](super::Parameter::OfScene).
     pub finite_differences: Vec<FiniteDifference>,
     pub(super) integrator: Box<dyn Integrator>,
     tolerance: f64,
     linear: Choice,
     pub(super) steps: TimeGrid,
     pub(super) controls: Arc<Controls>,
-    /// First positions and velocities along both axes, where they are given in place of those of the scene's start.
+    /// Initial positions and velocities along both axes, if given in place of those of the scene.
     pub(super) start: GivenStart,
-    /// Raised to end what it computes.
+    /// Set by another thread to interrupt the computation.
     interrupted: Arc<AtomicBool>,
 }
 
-/// Positions and velocities along x and y that a simulation begins with, so far as they are given; the others are those of the
-/// scene's start, and move with it.
+/// Given initial positions and velocities along x and y. Those that are None are computed from the scene and depend on its parameters.
 #[derive(Debug, Clone, Default)]
 pub(super) struct GivenStart {
     parts: [[Option<Vec<f64>>; 2]; 2],
 }
 
 impl GivenStart {
-    /// Writes what is given to `state`, its positions and velocities with two entries per node; true where anything is.
+    /// Writes the given ones to the positions and velocities of `state`, two entries per node. Returns true if there are any.
     fn write(&self, state: [&mut [f64]; 2]) -> bool {
         self.each(state, |to, value| *to = value);
         self.parts.iter().flatten().any(Option::is_some)
     }
 
-    /// Makes the `derivatives` of what is given zero: it stays, whatever the scene's start does.
+    /// Sets the `derivatives` of the given ones to zero.
     pub(super) fn hold(&self, derivatives: [&mut [f64]; 2]) {
         self.each(derivatives, |to, _| *to = 0.0);
     }
@@ -67,16 +66,16 @@ impl GivenStart {
 }
 
 impl Problem {
-    /// The problem of a scene.
+    /// The differentiable simulation of a scene.
     ///
     /// # Errors
-    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene whose steps are adaptive, whose method has several stages, that
-    /// is solved in the chain form, or that names a cheaper model than the whole one.
+    /// Those of [`Scene::model`]; [`Error::Scene`] for a scene with adaptive steps, an integrator of several stages, the chain form, or a
+    /// reduced model.
     pub fn of(scene: &Scene) -> Result<Self> {
         Self::of_model(scene, scene.model()?)
     }
 
-    /// The problem of another `model` than the scene's own, solved as the scene says.
+    /// The same for a `model` that differs from the scene's own, with the solver settings of the scene.
     ///
     /// # Errors
     /// Those of [`of`](Self::of); [`Error::WrongLength`] for a model of another number of nodes.
@@ -90,10 +89,10 @@ impl Problem {
         Err(Error::Scene { place: scene.name.clone(), key: "drag.law".to_string(), problem })
     }
 
-    /// The same of a law of any kind, for simulations without derivatives.
+    /// The same for any drag law, for simulations without derivatives.
     ///
     /// # Errors
-    /// Those of [`of`](Self::of) but for its law.
+    /// Those of [`of`](Self::of), except about the law.
     pub(crate) fn without_derivatives(scene: &Scene, model: Model) -> Result<Self> {
         let refuse = |key: &str, problem: &str| {
             Err(Error::Scene { place: scene.name.clone(), key: key.to_string(), problem: problem.to_string() })
@@ -158,7 +157,7 @@ impl Problem {
         Ok(())
     }
 
-    /// Begins with these positions (m) and velocities (m/s), two entries per node; a held node 0 stays where its motion has it.
+    /// Sets initial positions (m) and velocities (m/s), two entries per node. A held node 0 follows its prescribed motion.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -174,8 +173,7 @@ impl Problem {
         Ok(())
     }
 
-    /// Begins with these positions (m) of the nodes along `axis`, 0 or 1, or with these `velocities` (m/s); what is not given is as
-    /// the scene's start has it.
+    /// Sets initial positions (m), or `velocities` (m/s), of the nodes along `axis`, 0 or 1. The others are those of the scene.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -189,31 +187,31 @@ impl Problem {
         Ok(())
     }
 
-    /// True where these first positions, or velocities, along `axis` are given.
+    /// True if initial positions, or velocities, along `axis` are given.
     pub(super) fn has_first(&self, velocities: bool, axis: usize) -> bool {
         self.start.parts[usize::from(velocities)][axis].is_some()
     }
 
-    /// Refuses what the model does not have, of which derivatives would be zero.
+    /// Returns an error for parameters and outputs that the model does not have, for which derivatives would be zero.
     pub(super) fn check(&self, parameters: &[Parameter], outputs: &[Output]) -> Result<()> {
         let (model, finite_differences) = (self.model(), self.finite_differences.len());
         parameters.iter().try_for_each(|parameter| parameter.check(model, finite_differences))?;
         outputs.iter().try_for_each(|output| output.check(model))
     }
 
-    /// The first positions and velocities, two entries per node.
+    /// The initial positions and velocities, two entries per node.
     pub fn first(&mut self) -> [Vec<f64>; 2] {
         self.controls.apply(&mut self.dynamics, 0);
         let State { q, v, .. } = self.dynamics.first_state();
         [q, v]
     }
 
-    /// The model as it is now.
+    /// The current model.
     pub fn model(&self) -> &Model {
         &self.dynamics.model
     }
 
-    /// The inputs, which hold over the whole simulation. Derivatives by [`finite_differences`](Self::finite_differences) numbers are with those of the scene.
+    /// The inputs, which hold over the whole simulation. [`finite_differences`](Self::finite_differences) use the inputs of the scene.
     pub fn inputs(&mut self) -> &mut Inputs {
         &mut self.dynamics.inputs
     }
@@ -247,8 +245,7 @@ impl Problem {
         Ok(())
     }
 
-    /// Sets what the amplitude of the scene's actuation is multiplied by, and the phases (rad) subtracted inside it, at the
-    /// joints in their order.
+    /// Sets the factors of the amplitude of the scene's actuation, and the phases (rad) subtracted inside it, at the joints in order.
     ///
     /// # Errors
     /// [`Error::WrongLength`].
@@ -276,19 +273,19 @@ impl Problem {
         Ok(())
     }
 
-    /// The scene, and it with its numbers moved, each with its own actuation.
+    /// The scene and its perturbed copies, each with its own actuation.
     fn everywhere(&mut self) -> impl Iterator<Item = (&mut Dynamics, Option<&dyn Actuation>)> {
         let scenes = self.finite_differences.iter_mut().flat_map(|difference| &mut difference.scenes);
         let perturbed = scenes.map(|scene| (&mut scene.dynamics, scene.actuation.as_deref()));
         std::iter::once((&mut self.dynamics, self.actuation.as_deref())).chain(perturbed)
     }
 
-    /// A flag that another thread raises to end a simulation, or the way back over it, at the next step: with [`Error::Interrupted`].
+    /// A flag that another thread sets to interrupt a simulation or an adjoint pass at the next step, with [`Error::Interrupted`].
     pub fn interrupt(&self) -> Arc<AtomicBool> {
         Arc::clone(&self.interrupted)
     }
 
-    /// Looks at that flag.
+    /// A function that returns [`Error::Interrupted`] if that flag is set.
     pub(super) fn check_interruption(&self) -> impl Fn() -> Result<()> + use<> {
         let flag = self.interrupt();
         move || if flag.load(Ordering::Relaxed) { Err(Error::Interrupted) } else { Ok(()) }
@@ -299,13 +296,13 @@ impl Problem {
         (0..=self.steps.count()).map(|n| self.steps.time(n)).collect()
     }
 
-    /// The rules of its steps: of whole ones, and of the last.
+    /// The rules of its steps: of full ones, and of a shorter last one.
     pub(super) fn rules(&self) -> Result<[Rule; 2]> {
         let rule = |h: f64| self.integrator.rule(h).ok_or(Error::Step(h)); // `of` has asked for one
         Ok([rule(self.steps.length)?, rule(self.steps.last.unwrap_or(self.steps.length))?])
     }
 
-    /// TimeGrid through the simulation; `look` sees the number of the time, where it came from, and where it is.
+    /// Advances the simulation, and calls `look` at each time with its index, the state, and the size (s) of the step before.
     pub(super) fn advance(
         &mut self,
         mut look: impl FnMut(&mut Dynamics, usize, &State, f64) -> Result<()>,

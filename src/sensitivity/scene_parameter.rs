@@ -1,4 +1,4 @@
-//! The numbers of a scene that its simulation can be differentiated by, by their keys.
+//! The numbers of a scene, by their keys, as parameters of a differentiable simulation.
 
 use super::finite_difference::FiniteDifference;
 use super::parameter::Parameter;
@@ -14,7 +14,7 @@ const FLOW: &str = "medium.flow_m_s";
 /// The key of its shear, 1/s.
 const SHEAR: &str = "medium.shear.rate_per_s";
 
-/// A direction with a smaller part along interfaces is across them.
+/// A direction with a smaller component along interfaces is normal to them.
 const ALONG: f64 = 1e-12;
 
 /// A number of a scene.
@@ -22,7 +22,7 @@ const ALONG: f64 = 1e-12;
 pub struct SceneParameter {
     /// Its key.
     pub key: String,
-    /// Where it is in the value of that key: nowhere, a component's place, or that of a point [ξ, value].
+    /// Its index within the value of the key: empty for a scalar, that of a component, or that of a point [ξ, value].
     pub place: Vec<usize>,
     /// ξ of a point.
     pub xi: Option<f64>,
@@ -30,18 +30,18 @@ pub struct SceneParameter {
     pub unit: &'static str,
     /// What it is.
     pub description: String,
-    /// What it is in the scene.
+    /// Its value in the scene.
     pub own: f64,
-    /// The whole value of the key in the scene.
+    /// The complete value of the key in the scene.
     whole: toml::Value,
-    /// What a simulation is differentiated by; of those as [`Parameter::OfScene`] see [`count`].
+    /// The parameter of the simulation; see [`assign_indices`] for [`Parameter::OfScene`].
     pub by: Parameter,
-    /// Its size, over which it is moved.
+    /// The scale of its finite difference.
     size: f64,
 }
 
 impl SceneParameter {
-    /// The key, with the number's place in its value.
+    /// The key, with the index within its value.
     pub fn label(&self) -> String {
         match (self.xi, self.place.first()) {
             (Some(xi), _) => format!("{} at xi = {xi}", self.key),
@@ -61,12 +61,12 @@ pub struct SceneParameters<'a> {
 }
 
 impl<'a> SceneParameters<'a> {
-    /// Those of `scene`, whose model is `model`.
+    /// The numbers of `scene`, whose model is `model`.
     pub fn of(scene: &'a Scene, model: &'a Model) -> Self {
         Self { scene, model, scalars: scene.parameters(), profiles: scene.profiles() }
     }
 
-    /// The keys of all numbers that the motion depends on.
+    /// The keys of all numbers that affect the motion.
     pub fn keys(&self) -> Vec<&str> {
         let scalars = self.scalars.iter().map(|scalar| &*scalar.key).filter(|key| self.fits(key));
         let mut keys: Vec<&str> = scalars.chain(self.profiles.iter().map(|points| points.key)).collect();
@@ -74,7 +74,7 @@ impl<'a> SceneParameters<'a> {
         keys
     }
 
-    /// The numbers of a key: one, two components, or one for each point along the rod; none where the motion does not depend on it.
+    /// The numbers of a key: one, two components, or one per point along the rod. Empty if it does not affect the motion.
     pub fn of_key(&self, key: &str) -> Vec<SceneParameter> {
         let list = |values: Vec<f64>| toml::Value::Array(values.into_iter().map(toml::Value::Float).collect());
         let scalars: Vec<&ScalarParameter> =
@@ -116,21 +116,22 @@ impl<'a> SceneParameters<'a> {
         scalars.iter().map(number).collect()
     }
 
-    /// True where the motion depends on a number.
+    /// True if a number affects the motion.
     fn fits(&self, key: &str) -> bool {
         let fluid = ["medium.viscosity_pa_s", DENSITY].contains(&key) && self.model.buoyancy.is_none();
         let passive = ["solver.", "start."].iter().any(|part| key.starts_with(part));
         Parameter::of_key(key, self.model).is_some() || !(fluid || passive)
     }
 
-    /// True where more of the model follows from a number than its parameter of the equations says.
+    /// True if a number affects more of the model than its parameter of the equations.
     fn reaches_further(&self, key: &str) -> bool {
         let law = self.scene.drag.as_ref().map(|drag| drag.law_name());
         key == DENSITY && self.scene.head_body.is_some() // its mass
             || key.ends_with("frequency_hz") && law == Some("weak-inertia")
     }
 
-    /// What a number is moved over: itself, or, where it is zero, what others of its kind are like. Forces are linear in the others.
+    /// The scale of the finite difference by a number: its absolute value, or a typical value if it is zero. Forces are linear in the
+    /// remaining ones.
     fn size(&self, key: &str, own: f64) -> f64 {
         let rod = &self.model.rod;
         match key {
@@ -142,13 +143,13 @@ impl<'a> SceneParameters<'a> {
     }
 }
 
-/// Numbers those of `numbers` that are parameters of the scene: their places in what [`moved`] returns.
+/// Assigns indices into the result of [`finite_differences`] to those of `numbers` without an analytic derivative.
 pub fn assign_indices(numbers: &mut [SceneParameter]) {
     let of_scene = numbers.iter_mut().filter(|number| matches!(number.by, Parameter::OfScene(_)));
     of_scene.enumerate().for_each(|(i, number)| number.by = Parameter::OfScene(i));
 }
 
-/// The keys of a scene with `values` for the first of `numbers`, all others as they are.
+/// The keys of a scene, with `values` for the first of `numbers` and the others unchanged.
 pub fn keys_with(numbers: &[SceneParameter], values: &[f64]) -> Vec<(String, toml::Value)> {
     let mut keys: Vec<(String, toml::Value)> = Vec::new();
     for (number, value) in numbers.iter().zip(values) {
@@ -164,9 +165,9 @@ pub fn keys_with(numbers: &[SceneParameter], values: &[f64]) -> Vec<(String, tom
     keys
 }
 
-/// The scene of `document`, with `numbers` of these `values`, with each number moved that is a parameter of the scene; all of them
-/// keep the law of the fluid that it takes. A flow along interfaces moves along them only: the derivatives by its components are
-/// those of the part along the interfaces, zero for a component across them, as for what else has to be zero.
+/// The finite differences of the scene of `document`, whose `numbers` have these `values`, by each number without an analytic
+/// derivative. All perturbed scenes keep its drag law. A flow along interfaces changes along them only: derivatives by its components
+/// are those of the tangential part, and zero for a component normal to the interfaces or any other number that must be zero.
 ///
 /// # Errors
 /// Those of [`Document::scene`] and of the model.

@@ -1,4 +1,4 @@
-//! Simulations by names: outputs, and their derivatives by numbers of the scene and by what has an entry per joint or node.
+//! Differentiable simulations with named outputs and parameters: numbers of the scene, and arrays per joint or node.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -42,10 +42,10 @@ impl Array {
     }
 }
 
-/// What a simulation is differentiated by.
+/// A parameter of the simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum WithRespectTo {
-    /// Numbers of the scene, by the place of their key.
+    /// Numbers of the scene, by the index of their key.
     Scene(usize),
     Stiffness,
     Amplitude,
@@ -54,13 +54,13 @@ enum WithRespectTo {
     Natural,
     /// Along an axis.
     Force(usize),
-    /// First positions along an axis.
+    /// Initial positions along an axis.
     Position(usize),
-    /// First velocities along an axis.
+    /// Initial velocities along an axis.
     Velocity(usize),
 }
 
-/// Name, unit and meaning of what has an entry per joint or node, or is no key of the scene.
+/// Name, unit and meaning of the parameters that are not keys of the scene.
 const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
     (WithRespectTo::Stiffness, "joint_stiffness_n_m2", "N m^2", "bending stiffness of the joints"),
     (
@@ -90,10 +90,10 @@ const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
     (WithRespectTo::Velocity(1), "vy_m_s", "m/s", "velocity of the nodes at the start, y"),
 ];
 
-/// Something that a scene's simulation can be differentiated by.
+/// A parameter that a simulation can be differentiated by.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedParameter {
-    /// Its name: a key of the scene, or that of what has an entry per joint or node.
+    /// Its name: a key of the scene, or that of an array per joint or node.
     pub name: String,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
@@ -103,7 +103,7 @@ pub struct NamedParameter {
     pub value: Array,
 }
 
-/// All that a simulation of `scene` can be differentiated by.
+/// All parameters that a simulation of `scene` can be differentiated by.
 ///
 /// # Errors
 /// Those of [`Problem::of`].
@@ -118,7 +118,7 @@ pub fn parameters(scene: &Scene) -> Result<Vec<NamedParameter>> {
     Ok(known.names().into_iter().filter_map(named).collect())
 }
 
-/// All that a scene can be differentiated by.
+/// All parameters of a scene.
 #[derive(Debug)]
 struct DifferentiableParameters {
     /// The numbers of every key.
@@ -140,7 +140,7 @@ impl DifferentiableParameters {
         keys.chain(named).collect()
     }
 
-    /// What `name` says, with unit and meaning.
+    /// The parameter `name`, with unit and meaning.
     fn named(&self, name: &str) -> Option<(WithRespectTo, &'static str, String)> {
         if let Some((by, _, unit, meaning)) = NODE_PARAMETERS.iter().find(|(_, own, ..)| *own == name) {
             let wave = matches!(by, WithRespectTo::Amplitude | WithRespectTo::PhaseProfile | WithRespectTo::Phase);
@@ -153,7 +153,7 @@ impl DifferentiableParameters {
         Some((WithRespectTo::Scene(i), numbers[0].unit, meaning))
     }
 
-    /// True where `by` is one number and no list.
+    /// True if `by` is a scalar.
     fn is_single(&self, by: WithRespectTo) -> bool {
         match by {
             WithRespectTo::Phase => true,
@@ -162,7 +162,7 @@ impl DifferentiableParameters {
         }
     }
 
-    /// Its value now.
+    /// Its current value.
     fn value(&self, by: WithRespectTo, problem: &mut Problem) -> Vec<f64> {
         let (nodes, joints) = (problem.model().rod.nodes, problem.model().rod.joints().len());
         match by {
@@ -177,47 +177,47 @@ impl DifferentiableParameters {
         }
     }
 
-    /// The refusal of a derivative by `name`, in a simulation of the scene of this name.
+    /// The error for a derivative by an unknown `name`.
     fn refuse(&self, scene: &str, name: &str) -> Error {
         let known = self.names().join(", ");
         refusal(format!("a simulation of {scene:?} has no derivative by `{name}`; allowed: {known}"))
     }
 }
 
-/// What is read of a simulation.
+/// The source of an output.
 #[derive(Debug, Clone, Copy)]
 enum OutputSource {
-    /// Its place among the outputs.
+    /// The index of an output.
     Output(usize),
     Position(usize),
     Velocity(usize),
 }
 
-/// Begins the names of means over whole cycles.
+/// Prefix of the names of means over whole cycles.
 const CYCLE_PREFIX: &str = "cycle_";
 
-/// Outputs that a control over time leaves without derivative.
+/// Outputs that have no derivative by a control over time.
 const NEEDS_RATE: [&str; 1] = ["actuation_power_w"];
 
-/// A simulation of a scene whose outputs have derivatives by what is named.
+/// A simulation of a scene with named outputs and their derivatives by named parameters.
 ///
-/// It is simulated when something of it is first asked for.
+/// The simulation runs when a result is first requested.
 #[derive(Debug)]
 pub struct Simulation {
     problem: Problem,
-    /// The scene, with the numbers that were given.
+    /// The scene with the given numbers.
     document: Document,
     scene: Scene,
     known: DifferentiableParameters,
     outputs: Vec<Output>,
     reads: Vec<(String, OutputSource)>,
-    /// Stiffness of the joints, where it was given.
+    /// Stiffness of the joints, if given.
     stiffness: Option<Vec<f64>>,
     /// Factors and phases of the actuation.
     factors: Vec<f64>,
     phases: Vec<f64>,
     phase: f64,
-    /// What was given over time.
+    /// Names of the parameters given over time.
     over_time: Vec<String>,
     simulated: Option<(Trajectory, Sensitivities)>,
 }
@@ -283,7 +283,7 @@ impl Simulation {
         Ok(own)
     }
 
-    /// Takes those of `values` that are no numbers of the scene.
+    /// Applies those of `values` that are not numbers of the scene.
     fn take_values(&mut self, values: &[(&str, Array)]) -> Result<()> {
         let (nodes, joints) = (self.nodes(), self.joints());
         let times = self.problem.times().len();
@@ -343,7 +343,7 @@ impl Simulation {
         first.into_iter().try_for_each(|(velocities, axis, row)| self.problem.set_first(velocities, axis, row))
     }
 
-    /// Gives the problem, and it with its numbers moved, what is no number of the scene.
+    /// Passes them to the problem and its perturbed scenes.
     fn set(&mut self) -> Result<()> {
         if let Some(stiffness) = &self.stiffness {
             self.problem.set_stiffness(stiffness)?;
@@ -360,7 +360,7 @@ impl Simulation {
         self.problem.model().rod.joints().len()
     }
 
-    /// A flag that another thread raises to end what is computed, with [`Error::Interrupted`].
+    /// A flag that another thread sets to interrupt the computation, with [`Error::Interrupted`].
     pub fn interrupt(&self) -> Arc<AtomicBool> {
         self.problem.interrupt()
     }
@@ -370,7 +370,7 @@ impl Simulation {
         self.problem.times()
     }
 
-    /// Simulates, unless that is done.
+    /// Simulates, unless this has been done.
     ///
     /// # Errors
     /// A step that fails; it is not halved.
@@ -381,7 +381,7 @@ impl Simulation {
         Ok(())
     }
 
-    /// The outputs over time, in their order: a number per time, of `x_m`, `y_m`, `vx_m_s` and `vy_m_s` a row per time.
+    /// The outputs over time, in order: a number per time, or a row per time for `x_m`, `y_m`, `vx_m_s` and `vy_m_s`.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate).
@@ -401,7 +401,7 @@ impl Simulation {
         Ok(self.reads.iter().map(|(name, what)| (&**name, read(*what))).collect())
     }
 
-    /// What a run of the scene says of itself: where its model, its steps and its energy balance leave their ranges.
+    /// Notes of a run of the scene: model, steps or energy balance that are out of range.
     ///
     /// # Errors
     /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::check::Assessment).
@@ -412,13 +412,13 @@ impl Simulation {
         Ok(crate::run::notes(&self.scene, self.problem.model(), &metrics, &end, self.scene.pace(), &warnings))
     }
 
-    /// What is named.
+    /// The parameters with these names.
     fn by(&self, names: &[&str]) -> Result<Vec<WithRespectTo>> {
         let find = |name: &&str| self.known.named(name).map(|named| named.0);
         names.iter().map(|name| find(name).ok_or_else(|| self.known.refuse(&self.scene.name, name))).collect()
     }
 
-    /// The parameters behind `by`, in their order, with the problem ready for them.
+    /// The parameters of the problem for `by`, in order, after preparing their finite differences.
     fn parameters(&mut self, by: &[WithRespectTo]) -> Result<Vec<Parameter>> {
         if by.contains(&WithRespectTo::Amplitude) && self.factors.contains(&0.0) {
             return Err(refusal("joint_amplitude_factor: no derivative where a factor is 0".to_string()));
@@ -450,7 +450,7 @@ impl Simulation {
         Ok(by.iter().flat_map(of).collect())
     }
 
-    /// Takes what belongs to `by` from derivatives by its parameters.
+    /// Collects the derivatives by `by` from those by the parameters of the problem.
     fn take(&self, by: WithRespectTo, from: &mut impl Iterator<Item = f64>) -> Array {
         let joints = self.joints();
         let values: Vec<f64> = match by {
@@ -467,10 +467,10 @@ impl Simulation {
         if self.known.is_single(by) { Array { shape: Vec::new(), values } } else { values.into() }
     }
 
-    /// The derivatives of Σ w y over all outputs y and times, with `weights` w by output, each of its shape, by what is named.
+    /// The derivatives by named parameters of Σ w y over all outputs y and times, with `weights` w of the same shape as each output.
     ///
     /// # Errors
-    /// [`Error::Derivative`] for what there is no derivative of or by, first states that are not given among it;
+    /// [`Error::Derivative`] for an output or a parameter without derivatives, including an initial state that is not given;
     /// [`Error::WrongLength`] for weights of another shape; those of [`simulate`](Self::simulate).
     pub fn pull_back(&mut self, weights: &[(&str, Array)], names: &[&str]) -> Result<Vec<Array>> {
         let by = self.by(names)?;
@@ -545,10 +545,10 @@ impl Simulation {
         Ok(result)
     }
 
-    /// A mean over the last whole cycles, and its derivatives by what is named, which holds over the whole simulation.
+    /// A mean over the last whole cycles, and its derivatives by named parameters, which are constant over the simulation.
     ///
     /// # Errors
-    /// [`Error::Derivative`] for what there is no derivative of or by; those of [`simulate`](Self::simulate).
+    /// [`Error::Derivative`] for a mean or a parameter without derivatives; those of [`simulate`](Self::simulate).
     pub fn cycle_mean(&mut self, measure: &str, names: &[&str]) -> Result<(f64, Vec<Array>)> {
         let by = self.by(names)?;
         let Some(measure) = derivatives::differentiable().find(|own| own.key == measure) else {
@@ -576,8 +576,8 @@ impl Simulation {
         Ok((value, by.into_iter().map(|by| self.take(by, &mut parts)).collect()))
     }
 
-    /// The value at the end of `output`, which it reads, or the mean over the last whole cycles of that name, with its derivatives by
-    /// what is named; first states among these count as given.
+    /// The final value of `output`, or the mean over the last whole cycles of that name, with its derivatives by named parameters. An
+    /// initial state among these is treated as given.
     ///
     /// # Errors
     /// Those of [`pull_back`](Self::pull_back) and [`cycle_mean`](Self::cycle_mean).
@@ -602,10 +602,9 @@ impl Simulation {
     }
 }
 
-/// A number that a simulation of the scene of `document` ends with, and its exact derivatives by what is named, in that order: numbers
-/// of the scene by their keys, and what else the [`parameters`] name. `output` is a recorded variable, whose value at the end counts, or
-/// a mean over the last whole cycles such as `cycle_forward_speed_m_s`. [`Simulation`] takes other values of what is named, and has
-/// derivatives of sums over time.
+/// The final value of `output` in a simulation of the scene of `document`, and its exact derivatives by the named [`parameters`], in
+/// order. `output` is a recorded variable, or a mean over the last whole cycles such as `cycle_forward_speed_m_s`. [`Simulation`]
+/// accepts other values of parameters, and has derivatives of sums over time.
 ///
 /// # Errors
 /// Those of [`Simulation::of`] and [`Simulation::value_and_grad`].
@@ -614,7 +613,7 @@ pub fn value_and_grad(document: &Document, output: &str, names: &[&str]) -> Resu
     Simulation::of(document, read, &[])?.value_and_grad(output, names)
 }
 
-/// The part of the first state that `by` is: velocities or positions, along an axis.
+/// Whether `by` is the initial velocities (true) or positions, and their axis.
 fn initial_state_axis(by: WithRespectTo) -> Option<(bool, usize)> {
     match by {
         WithRespectTo::Position(axis) => Some((false, axis)),
@@ -623,7 +622,7 @@ fn initial_state_axis(by: WithRespectTo) -> Option<(bool, usize)> {
     }
 }
 
-/// Every second entry: those along an axis.
+/// The entries along an axis.
 fn along(values: &[f64], axis: usize) -> Vec<f64> {
     values.iter().skip(axis).step_by(2).copied().collect()
 }

@@ -1,4 +1,4 @@
-//! The derivative of the `shaped` start: how first positions and velocities move with the natural curvature.
+//! The derivative of the `shaped` start: initial positions and velocities by the natural curvature.
 
 use nalgebra::{Rotation2, Vector2};
 
@@ -8,7 +8,7 @@ use crate::model::Dynamics;
 use crate::rod::{Rod, bend};
 use crate::start::Start;
 
-/// A vector and its derivative.
+/// A dual number: a vector and its derivative.
 type DualVector = [Vector2<f64>; 2];
 
 /// Turned by +90°.
@@ -16,7 +16,7 @@ fn turned(x: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-x.y, x.x)
 }
 
-/// The derivatives of the first positions and velocities.
+/// The derivatives of the initial positions and velocities.
 pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &ActuationShape) -> [Vec<f64>; 2] {
     let rod = &dynamics.model.rod;
     let mut by = [vec![0.0; 2 * rod.nodes], vec![0.0; 2 * rod.nodes]];
@@ -32,9 +32,9 @@ pub(super) fn first_by(dynamics: &Dynamics, effect: &ParameterEffect, shape: &Ac
     by
 }
 
-/// Writes the derivatives of the first positions and velocities to `q` and `v`, two entries per node, along the direction
-/// in which the natural curvatures `natural` and their rates `rate` (1/s) move by `by` and `rate_by`; `held` is the pose
-/// of a held head. It follows [`Start::place`](crate::start::Start::place) line by line: chain, turn, rest.
+/// Writes the derivatives of the initial positions and velocities to `q` and `v`, two entries per node, along the directions `by` and
+/// `rate_by` of the natural curvatures `natural` and their rates `rate` (1/s); `held` is the pose of a held head. It differentiates
+/// [`Start::place`](crate::start::Start::place) line by line.
 fn shaped(
     rod: &Rod,
     [natural, rate]: [&[f64]; 2],

@@ -1,4 +1,4 @@
-//! The steps on both sides of a state, for work that is summed over them.
+//! The steps before and after a state, for work that is summed over steps.
 
 use super::controls::Controls;
 use super::output::StepInterval;
@@ -7,14 +7,14 @@ use super::time_grid::TimeGrid;
 use crate::model::Dynamics;
 use crate::system::{State, System};
 
-/// Drives and heads over the steps beside a state, for work that is summed over them.
+/// Controls and poses of the head over the steps before and after a state.
 #[derive(Debug)]
 pub(super) struct StepEnds {
-    /// Shapes at the last time, now, and the next.
+    /// Shapes of the actuation at the previous, the current and the next time.
     pub(super) shapes: [ActuationShape; 3],
     natural: [Vec<f64>; 3],
     force: [Vec<f64>; 3],
-    /// The step to here, and the one from here.
+    /// The step that ends at this time, and the one that begins there.
     pub(super) intervals: [StepInterval; 2],
     scratch: State,
 }
@@ -34,7 +34,7 @@ impl StepEnds {
         }
     }
 
-    /// Looks around from time `n` of `count` + 1; `dynamics` is left at that time.
+    /// Evaluates the steps before and after time `n`. `dynamics` is left at that time.
     pub(super) fn look(&mut self, dynamics: &mut Dynamics, controls: &Controls, problem: TimeGrid, n: usize) {
         let mut poses = [None; 3];
         for (i, m) in [(0, n.saturating_sub(1)), (2, (n + 1).min(problem.count())), (1, n)] {

@@ -1,13 +1,13 @@
-//! A stored simulation.
+//! A stored trajectory of a simulation, for its adjoint.
 
 use crate::head::{Row, hermite};
 use crate::system::State;
 
-/// A simulation as it was: times (s), and positions (m), velocities (m/s) and accelerations (m/s²) of every step, two entries
+/// The trajectory of a simulation: times (s), and positions (m), velocities (m/s) and accelerations (m/s²) at each time, two entries
 /// per node.
 #[derive(Debug, Clone, Default)]
 pub struct Trajectory {
-    /// Times, the start's first.
+    /// Times, beginning with the start.
     pub times: Vec<f64>,
     q: Vec<f64>,
     v: Vec<f64>,
@@ -27,7 +27,7 @@ impl Trajectory {
         &self.v[n * width..(n + 1) * width]
     }
 
-    /// Positions at `time` (s), by cubic Hermite polynomials between the steps; none beyond the simulation.
+    /// Positions at `time` (s), by cubic Hermite interpolation between the steps. None beyond the simulation.
     pub fn at(&self, time: f64) -> Option<Vec<f64>> {
         let last = *self.times.last()?;
         if !(self.times[0]..=last * (1.0 + 1e-9)).contains(&time) {
