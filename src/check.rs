@@ -363,7 +363,7 @@ impl Assessment {
         self.describe_body(model, regime, height);
         let Some(regime) = regime else { return };
         let motion = scene.motion(rod, regime.across);
-        self.ranges = scene.left_ranges(forces, rod, regime.across);
+        self.ranges = scene.range_notes(forces, rod, regime.across);
         let mut fact = |name, text| self.facts.push(Fact { name, text });
         for force in forces.iter() {
             let validity = force.validity();

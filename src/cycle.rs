@@ -68,11 +68,11 @@ fn vector(of: &Integrals, at: usize) -> Vector2<f64> {
     Vector2::new(of[at], of[at + 1])
 }
 
-fn put(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
+fn set_vector(of: &mut Integrals, at: usize, vector: Vector2<f64>) {
     (of[at], of[at + 1]) = (vector.x, vector.y);
 }
 
-fn put_work(of: &mut Integrals, Power { actuation, viscous, wake, spray, load, head, flow, other }: Power) {
+fn set_work(of: &mut Integrals, Power { actuation, viscous, wake, spray, load, head, flow, other }: Power) {
     for (i, part) in [actuation, viscous, load, head, flow, wake, other, spray].into_iter().enumerate() {
         of[index::WORK + i] = part;
     }
@@ -171,14 +171,14 @@ fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Int
     } else {
         (node(&state.q, 0) - node(&state.q, 1)).normalize()
     };
-    put(&mut rates, index::POSITION, velocity);
+    set_vector(&mut rates, index::POSITION, velocity);
     let place = if held { node(&state.q, 0) } else { measurements.com };
     let flow = dynamics.flow_at(place);
-    put(&mut rates, index::FLOW, flow);
-    put(&mut rates, index::AXIS, axis);
-    put(&mut rates, index::FORCE, measurements.head_force);
-    put(&mut rates, index::DRAG, measurements.resultants.drag);
-    put(
+    set_vector(&mut rates, index::FLOW, flow);
+    set_vector(&mut rates, index::AXIS, axis);
+    set_vector(&mut rates, index::FORCE, measurements.head_force);
+    set_vector(&mut rates, index::DRAG, measurements.resultants.drag);
+    set_vector(
         &mut rates,
         index::REACTIVE,
         measurements.resultants.inertia + measurements.resultants.wake + measurements.resultants.flow,
@@ -187,7 +187,7 @@ fn rates(dynamics: &Dynamics, state: &State, measurements: &Measurements) -> Int
     rates[index::PATH] = (velocity - flow).norm();
     rates[index::FORCE_MODULUS] = measurements.head_force.norm();
     rates[index::MOMENT_MODULUS] = measurements.head_moment.abs();
-    put_work(&mut rates, measurements.power);
+    set_work(&mut rates, measurements.power);
     rates
 }
 
@@ -197,8 +197,8 @@ impl CycleSample {
     fn of(source: CycleSource, dynamics: &Dynamics, state: &State, metrics: &RunMetrics) -> Self {
         let (mut integrals, tip) = (Integrals::zeros(), dynamics.model.rod.nodes - 1);
         let position = if dynamics.model.head.is_some() { node(&state.q, 0) } else { metrics.now.com };
-        put(&mut integrals, index::POSITION, position);
-        put_work(&mut integrals, metrics.totals.work);
+        set_vector(&mut integrals, index::POSITION, position);
+        set_work(&mut integrals, metrics.totals.work);
         Self {
             time: state.t,
             phase: source.phase(dynamics, state.t),

@@ -73,15 +73,19 @@ impl Power {
         self.actuation - self.viscous - self.wake - self.spray + self.load + self.head + self.flow + self.other
     }
 
-    fn add(&mut self, other: &Self) {
-        self.actuation += other.actuation;
-        self.viscous += other.viscous;
-        self.wake += other.wake;
-        self.spray += other.spray;
-        self.load += other.load;
-        self.head += other.head;
-        self.flow += other.flow;
-        self.other += other.other;
+    /// Computes each part by `value`, which gets the accessor of the part.
+    #[inline(always)]
+    fn by_part(value: impl Fn(fn(&Self) -> f64) -> f64) -> Self {
+        Self {
+            actuation: value(|power| power.actuation),
+            viscous: value(|power| power.viscous),
+            wake: value(|power| power.wake),
+            spray: value(|power| power.spray),
+            load: value(|power| power.load),
+            head: value(|power| power.head),
+            flow: value(|power| power.flow),
+            other: value(|power| power.other),
+        }
     }
 
     /// Adds the powers and resultants of all `forces` to `self` and `resultants`; returns the energy (J) and momentum (N s) they store.
@@ -475,16 +479,7 @@ impl Measurements {
     fn smooth_work_since(&self, before: &Self, middle: &Self, load: f64) -> Power {
         let sixth = (self.time - before.time) / 6.0;
         let work = |of: fn(&Power) -> f64| sixth * (of(&before.power) + 4.0 * of(&middle.power) + of(&self.power));
-        Power {
-            actuation: work(|p| p.actuation),
-            viscous: work(|p| p.viscous),
-            wake: work(|p| p.wake),
-            spray: work(|p| p.spray),
-            load,
-            head: work(|p| p.head),
-            flow: work(|p| p.flow),
-            other: work(|p| p.other),
-        }
+        Power { load, ..Power::by_part(work) }
     }
 
     /// Work (J) since `before`, by the trapezoidal rule: in time for drag and flow, in κ̄ for the actuation, in position and angle for the
@@ -496,19 +491,10 @@ impl Measurements {
             .zip(self.moment.iter().zip(&before.moment))
             .map(|((now, old), (m_now, m_old))| -0.5 * (m_now + m_old) * (now - old))
             .sum();
-        let resultants = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
+        let translation = 0.5 * (self.head_push + before.head_push).dot(&(self.head[0] - before.head[0]));
         let inertia = 0.5 * head_mass * (self.head[1].norm_squared() - before.head[1].norm_squared());
         let twist = 0.5 * (self.head_moment + before.head_moment) * (self.head_angle[0] - before.head_angle[0]);
-        Power {
-            actuation,
-            viscous: trapezoid(|p| p.viscous),
-            wake: trapezoid(|p| p.wake),
-            spray: trapezoid(|p| p.spray),
-            load,
-            head: resultants + inertia - twist,
-            flow: trapezoid(|p| p.flow),
-            other: trapezoid(|p| p.other),
-        }
+        Power { actuation, load, head: translation + inertia - twist, ..Power::by_part(trapezoid) }
     }
 }
 
@@ -564,16 +550,7 @@ impl RunningTotals {
             hermite(&row(from, self), &row(to, later), now.time).value
         };
         let mut totals = Self {
-            work: Power {
-                actuation: work(|p| p.actuation),
-                viscous: work(|p| p.viscous),
-                wake: work(|p| p.wake),
-                spray: work(|p| p.spray),
-                load: work(|p| p.load),
-                head: work(|p| p.head),
-                flow: work(|p| p.flow),
-                other: work(|p| p.other),
-            },
+            work: Power::by_part(work),
             max_lateral: self.max_lateral.max(now.com.y.abs()),
             path: self.path + (now.com - from.com).norm(),
             ..*self
@@ -663,8 +640,8 @@ impl RunMetrics {
             Some(middle) => next.smooth_work_since(&self.now, middle, load),
             None => next.work_since(&self.now, load, head_mass),
         };
-        let mut sum = self.totals.work;
-        sum.add(&work);
+        let total = self.totals.work;
+        let mut sum = Power::by_part(|part| part(&total) + part(&work));
         if next.time == self.now.time {
             // The rod has not moved: only another flow, or another density, changes the energy of the fluid.
             sum.flow += next.energy.fluid - self.now.energy.fluid;

@@ -127,7 +127,7 @@ fn go(
     mut observe: impl FnMut(&mut Stepper) -> Result<ControlFlow<()>>,
 ) -> Option<Ending> {
     let mut seen = Ok(ControlFlow::Continue(()));
-    let outcome = stepper.march(span, |stepper| {
+    let outcome = stepper.advance_until_failure(span, |stepper| {
         seen = observe(stepper);
         match seen {
             Ok(flow) => flow,
@@ -370,7 +370,7 @@ pub(crate) fn notes(
     pace: Pace,
     warnings: &[String],
 ) -> Vec<String> {
-    let left = metrics.across().map(|across| scene.left_ranges(&model.forces, &model.rod, across));
+    let left = metrics.across().map(|across| scene.range_notes(&model.forces, &model.rod, across));
     (warnings.iter().cloned())
         .chain(balance_note(metrics, rounding(&model.rod, positions), pace))
         .chain(motion_notes(metrics, pace))

@@ -238,7 +238,8 @@ impl Stepper {
         let own = || if solved { taken.form(&model.rod) } else { Form::Positions };
         let form = form.unwrap_or_else(own);
         let newton = Newton::with(form, solver.linear, model.rod.nodes, taken.newton_tolerance())?;
-        let newton = if taken.newton_foresees() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
+        let newton =
+            if taken.newton_may_predict() { newton.foreseeing(model.rod.slenderness_squared()) } else { newton };
         let mut start =
             Self::begin(model, model_stepper, newton, taken.pace()).map_err(|error| scene.start_error(&error))?;
         if matches!(start.pace, Pace::Adaptive(_)) {
@@ -356,7 +357,7 @@ impl Stepper {
     ///
     /// # Errors
     /// Those of [`do_step`](Self::do_step).
-    pub fn march(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
+    pub fn advance_until_failure(&mut self, h: f64, look: impl FnMut(&mut Self) -> ControlFlow<()>) -> Result<bool> {
         let (start, pending_time) = (self.now.state.t, self.now.pending_time);
         let outcome = self.advance_by(h, look);
         if outcome.is_err() {

@@ -471,7 +471,7 @@ impl Variable {
             (_, None) => match self.head {
                 None => (self.get)(change, k),
                 // What a host says of its head changes by time only.
-                Some([i, order]) => change.time * head_said(now, i, order + 1),
+                Some([i, order]) => change.time * given_head(now, i, order + 1),
             },
         }
     }
@@ -664,7 +664,7 @@ fn has_held_head(model: &Model) -> bool {
 }
 
 /// The derivative of order `order` of coordinate `i` (x, y, angle) of the head: as last given by the host, or else as it moves.
-fn head_said(view: &View<'_>, i: usize, order: usize) -> f64 {
+fn given_head(view: &View<'_>, i: usize, order: usize) -> f64 {
     let host = view.inputs.head.as_ref().and_then(|host| host.axes[i].as_ref());
     host.and_then(|axis| axis.said(order)).unwrap_or_else(|| head(view, i, order))
 }
@@ -902,15 +902,15 @@ pub static VARIABLES: &[Variable] = &[
     input("interface_4_offset_m", "m", "where interface 4 is along its normal", |v, _| layer(v, 3).map_or(0.0, |layer| layer.offset), |d, _, x| set_layer(d, 3, |layer| layer.offset = x[0])).when(INTERFACE_4),
     input("beyond_4_viscosity_pa_s", "Pa s", "dynamic viscosity beyond interface 4", |v, _| layer(v, 3).map_or(0.0, |layer| layer.fluid.viscosity), |d, _, x| set_layer(d, 3, |layer| layer.fluid.viscosity = x[0])).when(INTERFACE_4).at_least_zero(),
     input("beyond_4_density_kg_m3", "kg/m^3", "density beyond interface 4", |v, _| layer(v, 3).map_or(0.0, |layer| layer.fluid.density), |d, _, x| set_layer(d, 3, |layer| layer.fluid.density = x[0])).when(INTERFACE_4).at_least_zero(),
-    head_input("head_x_m", "m", "head position, x, now or at the end of the next step as head.input says; set before the first step, the run starts there", |v, _| head_said(v, 0, 0), 0, 0),
-    head_input("head_y_m", "m", "head position, y", |v, _| head_said(v, 1, 0), 1, 0),
-    head_input("head_angle_rad", "rad", "head angle from +x", |v, _| head_said(v, 2, 0), 2, 0),
-    head_input("head_vx_m_s", "m/s", "head velocity, x, at the time of the position; where it is not set it follows from the positions, and is zero where the run starts with a position", |v, _| head_said(v, 0, 1), 0, 1),
-    head_input("head_vy_m_s", "m/s", "head velocity, y", |v, _| head_said(v, 1, 1), 1, 1),
-    head_input("head_spin_rad_s", "rad/s", "angular velocity of the head", |v, _| head_said(v, 2, 1), 2, 1),
-    head_input("head_ax_m_s2", "m/s^2", "head acceleration, x, at the time of the position; where it is not set it follows from positions and velocities", |v, _| head_said(v, 0, 2), 0, 2),
-    head_input("head_ay_m_s2", "m/s^2", "head acceleration, y", |v, _| head_said(v, 1, 2), 1, 2),
-    head_input("head_spin_rate_rad_s2", "rad/s^2", "angular acceleration of the head", |v, _| head_said(v, 2, 2), 2, 2),
+    head_input("head_x_m", "m", "head position, x, now or at the end of the next step as head.input says; set before the first step, the run starts there", |v, _| given_head(v, 0, 0), 0, 0),
+    head_input("head_y_m", "m", "head position, y", |v, _| given_head(v, 1, 0), 1, 0),
+    head_input("head_angle_rad", "rad", "head angle from +x", |v, _| given_head(v, 2, 0), 2, 0),
+    head_input("head_vx_m_s", "m/s", "head velocity, x, at the time of the position; where it is not set it follows from the positions, and is zero where the run starts with a position", |v, _| given_head(v, 0, 1), 0, 1),
+    head_input("head_vy_m_s", "m/s", "head velocity, y", |v, _| given_head(v, 1, 1), 1, 1),
+    head_input("head_spin_rad_s", "rad/s", "angular velocity of the head", |v, _| given_head(v, 2, 1), 2, 1),
+    head_input("head_ax_m_s2", "m/s^2", "head acceleration, x, at the time of the position; where it is not set it follows from positions and velocities", |v, _| given_head(v, 0, 2), 0, 2),
+    head_input("head_ay_m_s2", "m/s^2", "head acceleration, y", |v, _| given_head(v, 1, 2), 1, 2),
+    head_input("head_spin_rate_rad_s2", "rad/s^2", "angular acceleration of the head", |v, _| given_head(v, 2, 2), 2, 2),
 
     parameter("nodes", "1", "number of nodes; node 0 is the centre of a head body", |v, _| v.model().rod.nodes as f64),
     parameter("length_m", "m", "length of the rod", |v, _| v.model().rod.length),

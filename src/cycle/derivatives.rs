@@ -5,7 +5,7 @@ use nalgebra::Vector2;
 
 use super::{
     Cycle, CycleMeasure, CycleSource, Cycles, DIRECTION, DRAG_THRUST, GRAVITY, Integrals, MAX_CYCLES, MAX_STEP_RATIO,
-    MEASURES, PERIOD, PHASE_ROUNDING, REACTIVE_THRUST, STROUHAL, ends_in, index, interpolate, put, vector,
+    MEASURES, PERIOD, PHASE_ROUNDING, REACTIVE_THRUST, STROUHAL, ends_in, index, interpolate, set_vector, vector,
 };
 use crate::fluid::force::{self, Slopes};
 use crate::fluid::{Key, Sink};
@@ -218,9 +218,9 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
     // The part of a mean vector along the axis.
     let mut along = |at: usize, mean: Vector2<f64>, size: f64| {
         let axis = cycle.axis()?;
-        put(&mut by, at, axis * (size * per));
+        set_vector(&mut by, at, axis * (size * per));
         let length = cycle.mean_vector(index::AXIS).norm();
-        put(&mut by, index::AXIS, (mean - axis * mean.dot(&axis)) * (size * per / length));
+        set_vector(&mut by, index::AXIS, (mean - axis * mean.dot(&axis)) * (size * per / length));
         Some(())
     };
     match measure.key {
@@ -230,8 +230,8 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
             along(index::POSITION, velocity, period / actuation.wavelength()?)?;
         }
         "cycle_thrust_n" => along(index::FORCE, cycle.mean_vector(index::FORCE), 1.0)?,
-        "cycle_speed_m_s" => put(&mut by, index::POSITION, direction * per),
-        "cycle_body_lengths" => put(&mut by, index::POSITION, direction / dynamics.model.rod.length),
+        "cycle_speed_m_s" => set_vector(&mut by, index::POSITION, direction * per),
+        "cycle_body_lengths" => set_vector(&mut by, index::POSITION, direction / dynamics.model.rod.length),
         "cycle_head_force_x_n" => by[index::FORCE] = per,
         "cycle_head_force_y_n" => by[index::FORCE + 1] = per,
         "cycle_head_moment_n_m" => by[index::MOMENT] = per,
@@ -245,12 +245,12 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
             let (speed, power) = cycle.speed_and_power(dynamics)?;
             let weight = dynamics.model.rod.total_mass() * GRAVITY;
             by[index::WORK] = per / (weight * speed);
-            put(&mut by, index::POSITION, velocity * (-power * per / (weight * speed * speed * speed)));
+            set_vector(&mut by, index::POSITION, velocity * (-power * per / (weight * speed * speed * speed)));
         }
         "cycle_efficiency" if dynamics.model.head.is_some() => {
             let (([thrust, speed], power), axis) = (cycle.thrust_speed_and_power(dynamics)?, cycle.axis()?);
-            put(&mut by, index::FORCE, axis * (speed / power * per));
-            put(&mut by, index::POSITION, axis * (thrust / power * per));
+            set_vector(&mut by, index::FORCE, axis * (speed / power * per));
+            set_vector(&mut by, index::POSITION, axis * (thrust / power * per));
             for i in [0, 3] {
                 by[index::WORK + i] = -thrust * speed / (power * power) * per;
             }
@@ -259,14 +259,14 @@ fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<
             let (speed, power) = cycle.speed_and_power(dynamics)?;
             let (drag, slope, own) = towing(dynamics, speed);
             by[index::WORK] = -drag * speed / (power * power) * per;
-            put(&mut by, index::POSITION, velocity * ((slope * speed + drag) * per / (power * speed)));
+            set_vector(&mut by, index::POSITION, velocity * ((slope * speed + drag) * per / (power * speed)));
             keys = own.into_iter().map(|(key, by)| (key, by * speed / power)).collect();
         }
         _ => return None,
     }
     // U is that against the flow.
     let against = -vector(&by, index::POSITION);
-    put(&mut by, index::FLOW, against);
+    set_vector(&mut by, index::FLOW, against);
     Some((by, keys))
 }
 

@@ -147,11 +147,11 @@ impl TimeSeries {
     /// The measures that are mere noise in both time series.
     pub fn noise(&self, other: &Self) -> Vec<ErrorMeasure> {
         let quiet = |of: &dyn Fn(&Self, &SeriesPoint) -> f64, noise: f64| {
-            [self, other].iter().all(|course| course.points.iter().all(|point| of(course, point) <= noise))
+            [self, other].iter().all(|series| series.points.iter().all(|point| of(series, point) <= noise))
         };
         let [length, moment] = [NOISE * self.length, NOISE * self.stiffness];
         let is_noise = |measure: &ErrorMeasure| match measure {
-            ErrorMeasure::Displacement => quiet(&|course, point| course.displacement(point).norm(), length),
+            ErrorMeasure::Displacement => quiet(&|series, point| series.displacement(point).norm(), length),
             ErrorMeasure::Tip => quiet(&Self::tip_displacement, length),
             ErrorMeasure::Force => self.held && quiet(&|_, point| point.force.norm(), moment / self.length),
             ErrorMeasure::Moment => self.held && quiet(&|_, point| point.moment.abs(), moment),

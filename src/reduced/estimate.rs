@@ -184,7 +184,7 @@ struct Estimator {
 
 /// A simulated motion: its time series, and values along it.
 struct SimulatedMotion {
-    course: TimeSeries,
+    series: TimeSeries,
     /// Deviation of each joint, or velocity of each coordinate, at the times of the series.
     values: Vec<Vec<f64>>,
     /// Largest Σ|δκ_k|, rad.
@@ -196,7 +196,7 @@ struct SimulatedMotion {
 impl SimulatedMotion {
     /// Value `k` at time `t` by cubic interpolation. At a time of the series, its second derivative is the mean of both sides.
     fn at(&self, k: usize, t: f64) -> Sample {
-        let points = &self.course.points;
+        let points = &self.series.points;
         let last = points.len() - 1;
         let slope = |a: usize, b: usize| (self.values[b][k] - self.values[a][k]) / (points[b].time - points[a].time);
         let row = |i: usize| Row {
@@ -299,10 +299,10 @@ impl Estimator {
         }
     }
 
-    /// The estimates from the `errors` of a model with the time series `course`: multiplied by the safety factor, plus the errors of the
+    /// The estimates from the `errors` of a model with the time series `series`: multiplied by the safety factor, plus the errors of the
     /// model's steps, whose tolerance is reduced as far as needed.
-    fn with_step_errors(&mut self, errors: Differences, course: &TimeSeries) -> Differences {
-        let (errors, per_length) = (errors.map(|error| SAFETY_FACTOR * error), course.errors_per_length());
+    fn with_step_errors(&mut self, errors: Differences, series: &TimeSeries) -> Differences {
+        let (errors, per_length) = (errors.map(|error| SAFETY_FACTOR * error), series.errors_per_length());
         let needed = self.run.measures.into_iter().flatten().filter_map(|measure| {
             let left = self.run.accuracy - errors.get(measure)?;
             Some(STEP_ERROR_FRACTION * left / per_length.get(measure)?)
@@ -364,7 +364,7 @@ impl Estimator {
         let plain = self.simulate_shape(true, covered, (1.5 * rate * covered) as usize + 20)?;
         self.check_linearity(&plain)?;
         let bent = self.simulate_deviated(&plain)?;
-        let errors = self.extrapolated(&bent, &plain.course);
+        let errors = self.extrapolated(&bent, &plain.series);
         let errors = self.with_load_errors(errors, &plain, self.ringing(covered));
         Ok(self.with_step_errors(errors, &bent))
     }
@@ -424,7 +424,7 @@ impl Estimator {
     /// of the full model.
     fn with_load_errors(&self, errors: Differences, simulated: &SimulatedMotion, lasting: f64) -> Differences {
         let rod = &self.dynamics.model.rod;
-        let points = &simulated.course.points;
+        let points = &simulated.series.points;
         let of = |size: &dyn Fn(&SeriesPoint) -> f64, rounding: f64| {
             let count = points.len() as f64;
             let square = (points.iter().map(|point| size(point).powi(2)).sum::<f64>() / count).sqrt();
@@ -464,14 +464,14 @@ impl Estimator {
             let mean = inertia.max(late) * 25.0 / periods.min(25.0);
             let errors = Differences { displacement: mean, tip: inertia, force: Some(mean), moment: Some(mean) };
             let errors = self.with_load_errors(errors, &drift, (0.5 * late).sqrt());
-            let errors = self.with_step_errors(errors, &drift.course);
+            let errors = self.with_step_errors(errors, &drift.series);
             self.check_cost(self.tolerance())?;
             return Ok(errors);
         }
         self.check_linearity(&drift)?;
         let loaded = self.simulate_with_inertial_load(&drift)?;
-        let errors = self.extrapolated(&loaded, &drift.course);
-        let errors = self.with_step_errors(errors.map(|error| error + inertia), &drift.course);
+        let errors = self.extrapolated(&loaded, &drift.series);
+        let errors = self.with_step_errors(errors.map(|error| error + inertia), &drift.series);
         self.check_cost(self.tolerance())?;
         Ok(errors)
     }
@@ -495,8 +495,8 @@ impl Estimator {
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
         let mut rigid = self.chain.fit_state(&self.dynamics, natural, &first);
         let mut rates = self.rates(inertia, 0.0, &rigid);
-        let course = TimeSeries::of(&self.dynamics.model);
-        let mut simulated = SimulatedMotion { course, values: Vec::new(), deviation: 0.0, force: 0.0 };
+        let series = TimeSeries::of(&self.dynamics.model);
+        let mut simulated = SimulatedMotion { series, values: Vec::new(), deviation: 0.0, force: 0.0 };
         self.record(inertia, 0.0, &rigid, &rates, &mut simulated)?;
         let longest = (self.times.periods[0] / STEPS_PER_PERIOD).min(self.run.duration / 20.0);
         let held = self.dynamics.model.head.is_some();
@@ -608,13 +608,13 @@ impl Estimator {
         let force = forces.map(|(k, m)| (node(&self.applied, k) + node(&self.state.a, k) * *m).norm()).sum();
         simulated.force = simulated.force.max(force);
         simulated.values.push(if inertia { deviation } else { self.state.v.clone() });
-        simulated.course.points.push(point);
+        simulated.series.points.push(point);
         Ok(())
     }
 
     /// Simulates the shape with the deviations of `plain` added to its natural curvature, at the same times, starting from zero deviation.
     fn simulate_deviated(&mut self, plain: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
-        let mut course = plain.course.without_points();
+        let mut series = plain.series.without_points();
         let held = self.dynamics.model.head.is_some();
         // A held head feels the force with which the rod takes up its deviation: several of the times see it.
         let steps = if held { LOADING_STEPS } else { 1.0 };
@@ -623,7 +623,7 @@ impl Estimator {
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
         let mut rigid = self.chain.fit_state(&self.dynamics, natural, &first);
         let mut rates = self.deviated_rates(plain, &grows, 0.0, &rigid);
-        let times = plain.course.points.iter().map(|point| point.time);
+        let times = plain.series.points.iter().map(|point| point.time);
         let mut t = 0.0;
         for to in times {
             if !held && to > t {
@@ -637,9 +637,9 @@ impl Estimator {
             let curvature = std::mem::take(&mut self.curvature);
             let point = self.place(t, Some(&curvature), &rigid, &rates);
             self.curvature = curvature;
-            course.points.push(point?);
+            series.points.push(point?);
         }
-        Ok(course)
+        Ok(series)
     }
 
     fn deviated_rates(&mut self, plain: &SimulatedMotion, grows: &Start, t: f64, rigid: &RigidMotion) -> RigidMotion {
@@ -668,7 +668,7 @@ impl Estimator {
     /// Simulates the free rod's motion without inertia again, with the inertia that `drift` omits as a load, delayed by the time in which
     /// the rod reaches its speed.
     fn simulate_with_inertial_load(&mut self, drift: &SimulatedMotion) -> Result<TimeSeries, NoEstimate> {
-        let mut course = drift.course.without_points();
+        let mut series = drift.series.without_points();
         let first = self.dynamics.first_state();
         let natural = [&self.dynamics.natural[..], &self.dynamics.natural_rate];
         let mut rigid = self.chain.fit_state(&self.dynamics, natural, &first);
@@ -680,8 +680,8 @@ impl Estimator {
             rigid[axis] = start[axis] - late * rates[axis];
         }
         let mut t = 0.0;
-        for i in 0..drift.course.points.len() {
-            let to = drift.course.points[i].time;
+        for i in 0..drift.series.points.len() {
+            let to = drift.series.points[i].time;
             if to > t {
                 let own = own.as_deref();
                 let step =
@@ -690,10 +690,10 @@ impl Estimator {
             }
             t = to;
             let point = self.place(t, None, &rigid, &rates)?;
-            course.points.push(point);
+            series.points.push(point);
         }
         self.dynamics.inputs.force = own;
-        Ok(course)
+        Ok(series)
     }
 
     fn loaded_rates(

@@ -583,7 +583,7 @@ impl Scene {
     }
 
     /// Whether it leaves the drag law, and the added mass, to the program.
-    pub(super) fn leaves_fluid(&self) -> [bool; 2] {
+    pub(super) fn leaves_fluid_to_program(&self) -> [bool; 2] {
         let drag = self.drag.as_ref().is_some_and(|drag| drag.law_name() == laws::auto::LAW.name);
         [drag, self.reactive.as_ref().is_some_and(|reactive| reactive.auto)]
     }
@@ -603,12 +603,12 @@ impl Scene {
 
     /// Sets the choice of the fluid, if the scene leaves it to the program.
     pub(super) fn set_fluid_choice(&mut self, fluid: FluidChoice) {
-        self.fluid_choice = Some(fluid).filter(|_| self.leaves_fluid().contains(&true));
+        self.fluid_choice = Some(fluid).filter(|_| self.leaves_fluid_to_program().contains(&true));
     }
 
     /// Chooses the drag law by estimates, if the scene leaves it to the program.
     pub(super) fn choose_fluid(&mut self) {
-        let [law_left, reactive_left] = self.leaves_fluid();
+        let [law_left, reactive_left] = self.leaves_fluid_to_program();
         if !law_left && !reactive_left {
             return;
         }
@@ -632,7 +632,7 @@ impl Scene {
     }
 
     /// Notes about those of `forces` on its `rod` that a motion takes out of their range of validity.
-    pub fn left_ranges(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
+    pub fn range_notes(&self, forces: &Forces, rod: &Rod, across: Across) -> Vec<String> {
         let mut left = range::left(forces, &self.motion(rod, across), |law| self.without(law));
         if self.reactive.as_ref().is_some_and(|reactive| reactive.auto) {
             let of_water = left.iter_mut().filter(|note| note.starts_with(reactive::NAME));

@@ -247,7 +247,7 @@ impl Scene {
     }
 
     /// True if it names a reduced model.
-    pub fn names_a_cheaper_model(&self) -> bool {
+    pub fn names_reduced_model(&self) -> bool {
         self.kind().is_ok_and(|kind| kind.is_some_and(|kind| kind.method.is_some()))
     }
 
@@ -276,7 +276,7 @@ impl Scene {
         let run = PlannedRun {
             duration: self.solver.duration_s.get(),
             nodes: self.nodes(),
-            pace: [self.pace(), self.cheaper_pace()],
+            pace: [self.pace(), self.reduced_model_pace()],
             iterations,
             accuracy: self.solver.accuracy.get(),
             measures: ErrorMeasure::ALL
@@ -324,7 +324,7 @@ impl Scene {
     }
 
     /// The step control of a reduced model that `auto` chooses: adaptive.
-    pub(super) fn cheaper_pace(&self) -> Pace {
+    pub(super) fn reduced_model_pace(&self) -> Pace {
         let most = TOLERANCE_PER_ACCURACY * self.solver.accuracy.get();
         Pace::Adaptive(self.solver.tolerance.map_or(DEFAULT_TOLERANCE, Tolerance::get).min(most))
     }
@@ -396,7 +396,7 @@ impl Scene {
 
     /// True if Newton's method may [predict](crate::newton::Newton::foreseeing) the last increment instead of computing it, which it
     /// does unless a tolerance is given.
-    pub fn newton_foresees(&self) -> bool {
+    pub fn newton_may_predict(&self) -> bool {
         self.solver.newton_tolerance.is_none()
     }
 

@@ -109,7 +109,7 @@ impl Scene {
         if choice.reason.is_none() || choice.kind.method.is_none() {
             return self.with_model(choice.kind);
         }
-        let pace = match (self.cheaper_pace(), &choice.estimates) {
+        let pace = match (self.reduced_model_pace(), &choice.estimates) {
             (Pace::Adaptive(tolerance), Some(estimates)) => Pace::Adaptive(tolerance.min(estimates.tolerance)),
             (pace, _) => pace,
         };

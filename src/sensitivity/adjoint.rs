@@ -32,7 +32,7 @@ impl Problem {
             return Err(Error::WrongLength { name: "weights", expected, found: weights.len() });
         }
         let weights = Weights { outputs: weights, ..Weights::default() };
-        Ok(self.go_back(parameters, outputs, weights, trajectory, false)?.parameters)
+        Ok(self.backward_pass(parameters, outputs, weights, trajectory, false)?.parameters)
     }
 
     /// The same with `weights` of positions and velocities too, and with derivatives by the initial state and the controls in addition to
@@ -47,10 +47,10 @@ impl Problem {
         weights: Weights<'_>,
         trajectory: &Trajectory,
     ) -> Result<Cotangents> {
-        self.go_back(parameters, outputs, weights, trajectory, true)
+        self.backward_pass(parameters, outputs, weights, trajectory, true)
     }
 
-    fn go_back(
+    fn backward_pass(
         &mut self,
         parameters: &[Parameter],
         outputs: &[Output],
@@ -129,8 +129,8 @@ impl Problem {
                     for (c, quantity) in &output.now {
                         quantity.add(&at, c * own, &mut gradient);
                     }
-                    gather(&gradient, &effects, &shape, None, &mut bar, &mut total);
-                    for (i, total) in of_scene(&effects, &mut total) {
+                    accumulate(&gradient, &effects, &shape, None, &mut bar, &mut total);
+                    for (i, total) in finite_differenced(&effects, &mut total) {
                         *total += finite_differences[i].output((output, &gradient, own), None, &point, &mut scratch)?;
                     }
                     for (j, (k, effect)) in joints.clone().zip(&bends).enumerate() {
@@ -148,8 +148,8 @@ impl Problem {
                         work.add(&at, span, i == 0, c * factor, &mut gradient);
                     }
                     let step = Some(([&ends.shapes[i], &ends.shapes[i + 1]], parameters, &at));
-                    gather(&gradient, &effects, &shape, step, &mut bar, &mut total);
-                    for (j, total) in of_scene(&effects, &mut total) {
+                    accumulate(&gradient, &effects, &shape, step, &mut bar, &mut total);
+                    for (j, total) in finite_differenced(&effects, &mut total) {
                         *total +=
                             finite_differences[j].output((output, &gradient, factor), Some(i), &point, &mut scratch)?;
                     }
@@ -166,7 +166,7 @@ impl Problem {
                 }
             }
             if n == 0 {
-                first_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref())?;
+                initial_cotangents(&at, &mut equations, &mut bar, &mut force, held, self.integrator.as_ref())?;
             } else {
                 let h = steps.length(n);
                 let Rule { q_old, v_old, q_new, v_new, memory } = rule;
@@ -195,13 +195,13 @@ impl Problem {
                 }
             }
             for (total, effect) in total.iter_mut().zip(&effects) {
-                *total += pushed(&at, effect, &shape, &force);
+                *total += parameter_force_along(&at, effect, &shape, &force);
             }
-            for (i, total) in of_scene(&effects, &mut total) {
+            for (i, total) in finite_differenced(&effects, &mut total) {
                 *total += dot(&force_by[i], &force);
             }
             for (by, effect) in natural.iter_mut().skip(n * bends.len()).zip(&bends) {
-                *by += pushed(&at, effect, &shape, &force);
+                *by += parameter_force_along(&at, effect, &shape, &force);
             }
             by_force.iter_mut().skip(2 * nodes * n).zip(&force).for_each(|(by, force)| *by -= force);
             if n == 0 {
@@ -211,7 +211,7 @@ impl Problem {
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }
-                for (i, total) in of_scene(&effects, &mut total) {
+                for (i, total) in finite_differenced(&effects, &mut total) {
                     let [mut q, mut v] = finite_differences[i].first();
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
@@ -228,12 +228,20 @@ fn add_row(rows: &mut [f64], n: usize, row: &[f64]) {
 }
 
 /// The finite-differenced parameters, by their index, with their totals.
-fn of_scene<'a>(effects: &'a [ParameterEffect], total: &'a mut [f64]) -> impl Iterator<Item = (usize, &'a mut f64)> {
+fn finite_differenced<'a>(
+    effects: &'a [ParameterEffect],
+    total: &'a mut [f64],
+) -> impl Iterator<Item = (usize, &'a mut f64)> {
     effects.iter().zip(total).filter_map(|(effect, total)| Some((effect.scene_parameter?, total)))
 }
 
 /// The derivative f_p·force of the residual by the parameter of `effect`, along `force`.
-fn pushed(at: &OutputContext<'_>, effect: &ParameterEffect, shape: &ActuationShape, force: &[f64]) -> f64 {
+fn parameter_force_along(
+    at: &OutputContext<'_>,
+    effect: &ParameterEffect,
+    shape: &ActuationShape,
+    force: &[f64],
+) -> f64 {
     let Bent { dynamics, .. } = at.bent;
     let (rod, kappa) = (&dynamics.model.rod, at.bent.kappa());
     let mut sum = effect.key.map_or(0.0, |key| dot(at.point.by_key(key), force));
@@ -246,7 +254,7 @@ fn pushed(at: &OutputContext<'_>, effect: &ParameterEffect, shape: &ActuationSha
 }
 
 /// Adds an output's gradient to the cotangents and to the totals.
-fn gather(
+fn accumulate(
     gradient: &Gradient,
     effects: &[ParameterEffect],
     shape: &ActuationShape,
@@ -264,7 +272,7 @@ fn gather(
 
 /// The transpose of the initial step: moves the cotangents of the initial accelerations to positions and velocities, and writes the
 /// cotangent of the residual to `force`.
-fn first_cotangents(
+fn initial_cotangents(
     at: &OutputContext<'_>,
     equations: &mut Equations,
     bar: &mut TangentState,

@@ -105,7 +105,7 @@ impl Problem {
             if n == 0 {
                 let first = |i: usize| finite_differences[i].first();
                 let parameters = (&effects[..], &force_by[..], &given);
-                columns = first_columns(dynamics, state, parameters, &shape, &mut equations, &mut point, first)?;
+                columns = initial_columns(dynamics, state, parameters, &shape, &mut equations, &mut point, first)?;
             } else {
                 let rule = rules[usize::from(n > steps.whole)];
                 let direction = Direction { q: rule.q_new, v: rule.v_new, a: 1.0 };
@@ -209,7 +209,7 @@ impl Problem {
 }
 
 /// The derivatives of the initial state, whose accelerations satisfy M a = F.
-fn first_columns(
+fn initial_columns(
     dynamics: &mut Dynamics,
     state: &State,
     (effects, force_by, given): (&[ParameterEffect], &[Vec<f64>], &GivenStart),

@@ -115,9 +115,9 @@ impl Parameter {
         }
     }
 
-    /// Returns an error for a parameter that `model` does not have, for which derivatives would be zero; `moved` is the number of finite
+    /// Returns an error for a parameter that `model` does not have, for which derivatives would be zero; `count` is the number of finite
     /// differences.
-    pub(super) fn check(self, model: &Model, moved: usize) -> Result<()> {
+    pub(super) fn check(self, model: &Model, count: usize) -> Result<()> {
         let refuse =
             |problem: String| Err(Error::Derivative { problem: format!("no derivative by {self:?}: {problem}") });
         let joints = model.rod.joints();
@@ -145,8 +145,8 @@ impl Parameter {
                 let near = did_you_mean(nearest(key, keys.iter().copied()));
                 refuse(format!("no force has this parameter{near}; allowed: {}", keys.join(", ")))
             }
-            Self::OfScene(i) if i >= moved => refuse(format!(
-                "Problem::finite_differences has {moved} entries; allowed: an index into it (see sensitivity::scene_parameter)"
+            Self::OfScene(i) if i >= count => refuse(format!(
+                "Problem::finite_differences has {count} entries; allowed: an index into it (see sensitivity::scene_parameter)"
             )),
             _ => Ok(()),
         }

@@ -103,7 +103,7 @@ impl Problem {
                 format!("derivatives need fixed steps; allowed: solver.time_step_s, as {step:e}, in its place");
             return refuse("solver.tolerance", &problem);
         };
-        if scene.names_a_cheaper_model() {
+        if scene.names_reduced_model() {
             let problem = format!(
                 "found {:?}; derivatives and designs are of the whole model; allowed: \"full\", or \"auto\", in whose place it is taken",
                 scene.solver.model

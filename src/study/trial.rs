@@ -303,7 +303,7 @@ impl Trial {
         let spans: Vec<f64> =
             if stepper.time() > 0.0 { vec![duration - stepper.time()] } else { scene.spans().collect() };
         for span in spans {
-            let outcome = stepper.march(span, |stepper| {
+            let outcome = stepper.advance_until_failure(span, |stepper| {
                 stopped = interrupted.load(Ordering::Relaxed);
                 let metrics = stepper.metrics();
                 let work = metrics.totals.work;

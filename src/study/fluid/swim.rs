@@ -115,7 +115,7 @@ impl Swim {
         let mut frames = vec![frame(&stepper.view())];
         let mut failed = None;
         for span in scene.spans() {
-            let whole = stepper.march(span, |stepper| {
+            let whole = stepper.advance_until_failure(span, |stepper| {
                 if interrupted.load(Ordering::Relaxed) {
                     return ControlFlow::Break(());
                 }
