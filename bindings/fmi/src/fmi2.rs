@@ -143,7 +143,7 @@ pub unsafe extern "C" fn fmi2SetupExperiment(
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&[Mode::Instantiated])?;
+            instance.require_mode(&[Mode::Instantiated])?;
             instance.set_tolerance((tolerance_defined != 0).then_some(tolerance))?;
             instance
                 .set_experiment(Experiment { start: start_time, stop: (stop_time_defined != 0).then_some(stop_time) })
@@ -156,7 +156,7 @@ pub unsafe extern "C" fn fmi2EnterInitializationMode(c: Component) -> Status {
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&[Mode::Instantiated])?;
+            instance.require_mode(&[Mode::Instantiated])?;
             instance.enter_initialization()
         })
     }
@@ -167,7 +167,7 @@ pub unsafe extern "C" fn fmi2ExitInitializationMode(c: Component) -> Status {
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&[Mode::Initialization])?;
+            instance.require_mode(&[Mode::Initialization])?;
             instance.exit_initialization()
         })
     }
@@ -184,7 +184,7 @@ pub unsafe extern "C" fn fmi2Reset(c: Component) -> Status {
     // SAFETY: the host's promise.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&STATEFUL)?;
+            instance.require_mode(&STATEFUL)?;
             instance.reset()
         })
     }
@@ -195,7 +195,7 @@ pub unsafe extern "C" fn fmi2GetReal(c: Component, vr: *const Reference, count: 
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&READABLE)?;
+            instance.require_mode(&READABLE)?;
             let (references, out) = (values(vr, count)?, values_mut(value, count)?);
             instance.apply_inputs()?;
             for (reference, out) in references.iter().zip(out) {
@@ -211,7 +211,7 @@ pub unsafe extern "C" fn fmi2GetInteger(c: Component, vr: *const Reference, coun
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&READABLE)?;
+            instance.require_mode(&READABLE)?;
             let (references, out) = (values(vr, count)?, values_mut(value, count)?);
             for (reference, out) in references.iter().zip(out) {
                 *out = instance.integer(instance.scalar(*reference)?)? as c_int;
@@ -226,7 +226,7 @@ pub unsafe extern "C" fn fmi2SetReal(c: Component, vr: *const Reference, count: 
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&SETTABLE)?;
+            instance.require_mode(&SETTABLE)?;
             let (references, values) = (values(vr, count)?, values(value, count)?);
             // All or none.
             for (reference, value) in references.iter().zip(values) {
@@ -248,7 +248,7 @@ macro_rules! no_values {
             // SAFETY: the host's promise.
             unsafe {
                 call(c, |instance| {
-                    instance.only_in(&$modes)?;
+                    instance.require_mode(&$modes)?;
                     if count == 0 { Ok(()) } else { refuse(concat!("there are no ", $type, " that could be meant")) }
                 })
             }
@@ -336,7 +336,7 @@ pub unsafe extern "C" fn fmi2GetDirectionalDerivative(
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&READABLE)?;
+            instance.require_mode(&READABLE)?;
             let unknowns = targets(instance, values(unknown_ref, unknown_count)?)?;
             let knowns = targets(instance, values(known_ref, known_count)?)?;
             let (seed, out) = (values(known, known_count)?, values_mut(unknown, unknown_count)?);
@@ -356,7 +356,7 @@ pub unsafe extern "C" fn fmi2SetRealInputDerivatives(
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&SETTABLE)?;
+            instance.require_mode(&SETTABLE)?;
             let references = values(vr, count)?;
             let (orders, values) = (values(order, count)?, values(value, count)?);
             for ((reference, order), value) in references.iter().zip(orders).zip(values) {
@@ -381,7 +381,7 @@ pub unsafe extern "C" fn fmi2GetRealOutputDerivatives(
     // SAFETY: the host's promises.
     unsafe {
         call(c, |instance| {
-            instance.only_in(&READABLE)?;
+            instance.require_mode(&READABLE)?;
             let unknowns = targets(instance, values(vr, count)?)?;
             if let Some(order) = values(order, count)?.iter().find(|order| **order != 1) {
                 return refuse(format!("derivatives of order {order} are not there; allowed: 1"));
@@ -398,7 +398,7 @@ pub unsafe extern "C" fn fmi2DoStep(c: Component, current: f64, h: f64, _no_set_
     // SAFETY: the host's promise.
     unsafe {
         call_raw(c, |instance| {
-            (*instance).only_in(&[Mode::Step])?;
+            (*instance).require_mode(&[Mode::Step])?;
             let outcome = Instance::do_step(instance, current, h, None);
             if outcome.as_ref().is_err_and(|refusal| refusal.status == Status::Discard) {
                 (*instance).mode = Mode::StepFailed;

@@ -167,7 +167,7 @@ pub unsafe extern "C" fn fmi3EnterInitializationMode(
     // SAFETY: the host's promise.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&[Mode::Instantiated])?;
+            instance.require_mode(&[Mode::Instantiated])?;
             let stop = (stop_time_defined != 0).then_some(stop_time);
             let experiment = Experiment { start: start_time, stop };
             instance.enter_initialization_of(experiment, (tolerance_defined != 0).then_some(tolerance))
@@ -180,7 +180,7 @@ pub unsafe extern "C" fn fmi3ExitInitializationMode(instance: Handle) -> Status 
     // SAFETY: the host's promise.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&[Mode::Initialization])?;
+            instance.require_mode(&[Mode::Initialization])?;
             instance.exit_initialization()
         })
     }
@@ -239,7 +239,7 @@ pub unsafe extern "C" fn fmi3GetFloat64(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&READABLE)?;
+            instance.require_mode(&READABLE)?;
             let (references, mut out) = (values(references, count)?, values_mut(out, out_count)?);
             parts(instance, references, out.len())?;
             instance.apply_inputs()?;
@@ -265,7 +265,7 @@ pub unsafe extern "C" fn fmi3SetFloat64(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&SETTABLE)?;
+            instance.require_mode(&SETTABLE)?;
             let (references, given) = (values(references, count)?, values(given, given_count)?);
             parts(instance, references, given.len())?;
             // All or none.
@@ -294,7 +294,7 @@ pub unsafe extern "C" fn fmi3GetUInt64(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&READABLE)?;
+            instance.require_mode(&READABLE)?;
             let (references, out) = (values(references, count)?, values_mut(out, out_count)?);
             parts(instance, references, out.len())?;
             for (reference, out) in references.iter().zip(out) {
@@ -316,7 +316,7 @@ pub unsafe extern "C" fn fmi3SetUInt64(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&[Mode::Configuration])?;
+            instance.require_mode(&[Mode::Configuration])?;
             let (references, given) = (values(references, count)?, values(given, given_count)?);
             parts(instance, references, given.len())?;
             for (reference, value) in references.iter().zip(given) {
@@ -343,7 +343,7 @@ macro_rules! no_values {
             // SAFETY: the host's promise.
             unsafe {
                 call(instance, |instance| {
-                    instance.only_in(&$modes)?;
+                    instance.require_mode(&$modes)?;
                     if count == 0 { Ok(()) } else { refuse("no variable has this type") }
                 })
             }
@@ -397,7 +397,7 @@ pub unsafe extern "C" fn fmi3GetNumberOfVariableDependencies(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&MOVING)?;
+            instance.require_mode(&MOVING)?;
             put(count, instance.dependencies(instance.target(reference)?)?.len())
         })
     }
@@ -418,7 +418,7 @@ pub unsafe extern "C" fn fmi3GetVariableDependencies(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&MOVING)?;
+            instance.require_mode(&MOVING)?;
             let dependencies = instance.dependencies(instance.target(dependent)?)?;
             if dependencies.len() != count {
                 return refuse(format!("room for {count} dependencies; there are {}", dependencies.len()));
@@ -462,7 +462,7 @@ unsafe fn derivative(
     // SAFETY: the caller's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&MOVING)?;
+            instance.require_mode(&MOVING)?;
             let unknowns = targets(instance, values(unknowns.0, unknowns.1)?)?;
             let knowns = targets(instance, values(knowns.0, knowns.1)?)?;
             let (seed, out) = (values(seed.0, seed.1)?, values_mut(sensitivity.0, sensitivity.1)?);
@@ -521,7 +521,7 @@ pub unsafe extern "C" fn fmi3GetOutputDerivatives(
     // SAFETY: the host's promises.
     unsafe {
         call(instance, |instance| {
-            instance.only_in(&READABLE[2..])?;
+            instance.require_mode(&READABLE[2..])?;
             let unknowns = targets(instance, values(references, count)?)?;
             let out = values_mut(out, out_count)?;
             if let Some(order) = values(orders, count)?.iter().find(|order| **order != 1) {
@@ -599,7 +599,7 @@ pub unsafe extern "C" fn fmi3DoStep(
     // SAFETY: the host's promises; no reference to the instance lives while its callback runs.
     unsafe {
         call_raw(instance, |instance| {
-            (*instance).only_in(&[Mode::Step])?;
+            (*instance).require_mode(&[Mode::Step])?;
             put(event_handling_needed, 0)?;
             put(terminate_simulation, 0)?;
             put(early_return, 0)?;

@@ -1,4 +1,4 @@
-//! One instance of the FMU, whatever the version of the standard: its modes, values, states and log.
+//! An instance of the FMU, independent of the version of the standard: its modes, values, states and log.
 
 mod derivatives;
 mod saved;
@@ -23,14 +23,14 @@ use values::SetInputs;
 
 use crate::status::{Outcome, Status, refuse};
 
-/// Where an instance stands between calls.
+/// The mode of an instance between calls.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Mode {
     Instantiated,
     Configuration,
     Initialization,
     Step,
-    /// Inside the host's callback of a step.
+    /// Within the host's callback during a step.
     Intermediate,
     /// A step was discarded (FMI 2.0).
     StepFailed,
@@ -39,36 +39,36 @@ pub enum Mode {
     Fatal,
 }
 
-/// The host's function for the middle of a step.
+/// The host's callback for intermediate updates.
 pub type IntermediateUpdate = unsafe extern "C" fn(*mut c_void, f64, u8, u8, u8, u8, *mut u8, *mut f64);
 
-/// Where messages go.
+/// The receiver of messages.
 pub type Logger = Box<dyn Fn(Status, &str, &str)>;
 
-/// What a host chooses before the model is built.
+/// Settings that a host makes before the model is built.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 struct Settings {
     nodes: u64,
     parameters: Vec<f64>,
-    /// The host's relative tolerance, for scenes whose steps follow one.
+    /// The host's relative tolerance, for scenes with adaptive steps.
     tolerance: Option<f64>,
 }
 
-/// Begin and end of the experiment, s.
+/// Start and stop time of the experiment, s.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Experiment {
     pub start: f64,
     pub stop: Option<f64>,
 }
 
-/// The stepper: ours, or lent by the step in which the host looks.
+/// The stepper: owned, or borrowed from the step during an intermediate update.
 #[derive(Default)]
-struct Held {
+struct SharedStepper {
     own: Option<Box<Stepper>>,
     lent: Option<NonNull<Stepper>>,
 }
 
-impl Held {
+impl SharedStepper {
     fn get(&self) -> Option<&Stepper> {
         match self.lent {
             // SAFETY: set by `Instance::do_step` around the host's callback only, from a reference that lives longer.
@@ -94,20 +94,20 @@ pub struct Instance {
     scene: Scene,
     document: Document,
     original: Settings,
-    /// What the host wants; the stepper has it as soon as it is needed.
+    /// The settings of the host, which are passed to the stepper when it is needed.
     settings: Settings,
-    /// What the host has set of the inputs at this time.
+    /// The inputs that the host has set at this time.
     inputs: SetInputs,
     /// The stepper was not built with `settings`.
     stale: bool,
-    stepper: Held,
-    /// What the stepper was built with.
+    stepper: SharedStepper,
+    /// The settings that the stepper was built with.
     built: Settings,
-    /// Where the last step ends by the host's own sum, s.
+    /// The end of the last step by the host's own summation, s.
     host_time: Option<f64>,
-    /// Values of each variable for one node each; of a scalar, one.
+    /// The number of values of each variable; 1 for a scalar.
     lengths: Vec<usize>,
-    /// The place of the number of nodes.
+    /// The index of the parameter for the number of nodes.
     nodes_place: usize,
     log: Logger,
     logged: Vec<&'static str>,
@@ -121,7 +121,7 @@ pub struct Instance {
 }
 
 impl Instance {
-    /// Reads the scene in `resources` and checks that the host means this scene.
+    /// Reads the scene in `resources`, and checks the host's token for it.
     pub fn new(resources: &Path, host_token: &str, log: Logger, environment: *mut c_void) -> Result<Self> {
         let document = Document::unpack(resources)?;
         let scene = document.scene()?;
@@ -148,7 +148,7 @@ impl Instance {
                 .iter()
                 .position(|variable| variable.name == caudal::fmu::NODES)
                 .unwrap_or(usize::MAX),
-            stepper: Held { own: Some(Box::new(stepper)), lent: None },
+            stepper: SharedStepper { own: Some(Box::new(stepper)), lent: None },
             stale: false,
             host_time: None,
             log,
@@ -162,7 +162,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// Finds the lengths of the variables with the number of nodes that the host wants.
+    /// Updates the lengths of variables to the host's number of nodes.
     fn size(&mut self) {
         let nodes = self.settings.nodes as usize;
         let length = |variable: &Variable| if variable.size == Size::Scalar { 1 } else { nodes };
@@ -193,26 +193,26 @@ impl Instance {
         Ok(())
     }
 
-    /// After a panic nothing of it can be trusted.
-    pub fn break_down(&mut self) {
+    /// Marks the instance as unusable after a panic.
+    pub fn mark_fatal(&mut self) {
         self.mode = Mode::Fatal;
         self.stepper.lent = None;
     }
 
-    /// Refuses a call in any but these modes.
+    /// Returns an error unless the instance is in one of these modes.
     #[inline]
-    pub fn only_in(&self, modes: &[Mode]) -> Outcome {
+    pub fn require_mode(&self, modes: &[Mode]) -> Outcome {
         if modes.contains(&self.mode) { Ok(()) } else { wrong_mode(self.mode) }
     }
 
-    /// Moves on to mode `to`, from one of `from` only.
+    /// Changes to mode `to`, from one of `from` only.
     pub fn change_mode(&mut self, from: &[Mode], to: Mode) -> Outcome {
-        self.only_in(from)?;
+        self.require_mode(from)?;
         self.mode = to;
         Ok(())
     }
 
-    /// True once initialisation is over: from then on the stepper goes on, and is not built anew.
+    /// True after initialisation. From then on the stepper is not rebuilt.
     fn has_started(&self) -> bool {
         !matches!(self.mode, Mode::Instantiated | Mode::Configuration | Mode::Initialization)
     }
@@ -233,18 +233,18 @@ impl Instance {
         document.scene()
     }
 
-    /// The stepper with everything that the host has set; where that cannot be, nothing has changed.
+    /// The stepper with all settings and inputs of the host. Nothing changes on error.
     pub fn ready(&mut self) -> Outcome<&mut Stepper> {
         if self.stale {
             self.rebuild()?;
         }
         if self.inputs.is_pending() {
-            self.hand_over()?;
+            self.pass_inputs()?;
         }
         self.stepper.get_mut().map_or_else(|| refuse("there is no model"), Ok)
     }
 
-    /// Builds the stepper with the host's settings and inputs; once started it goes on with tuned parameters.
+    /// Builds the stepper with the host's settings and inputs, or changes its tunable parameters after the start.
     fn rebuild(&mut self) -> Outcome {
         let scene = self.configured(&self.settings)?;
         if self.has_started() {
@@ -271,7 +271,7 @@ impl Instance {
         Ok(())
     }
 
-    /// Takes over the tolerance that the host wants, or the scene's own: that of the internal steps where the scene has one.
+    /// Sets the tolerance of adaptive internal steps to the host's, or to the scene's own.
     pub fn set_tolerance(&mut self, tolerance: Option<f64>) -> Outcome {
         if let Some(tolerance) = tolerance.filter(|tolerance| !(*tolerance > 0.0 && *tolerance < 1.0)) {
             return refuse(format!("a relative tolerance of {tolerance}; allowed: between 0 and 1"));
@@ -321,7 +321,7 @@ impl Instance {
         Ok(())
     }
 
-    /// The host's time now, s.
+    /// The current time of the host, s.
     pub fn time(&self) -> f64 {
         self.experiment.start + self.stepper.get().map_or(0.0, Stepper::time)
     }

@@ -45,7 +45,7 @@ unsafe fn call_raw(instance: *mut c_void, work: impl FnOnce(*mut Instance) -> Ou
         Ok(Err(refusal)) => refusal,
         Err(panic) => {
             // SAFETY: as above; the work has ended.
-            unsafe { &mut *instance }.break_down();
+            unsafe { &mut *instance }.mark_fatal();
             let text = panic.downcast_ref::<&str>().map(|text| (*text).to_string());
             let text = text.or_else(|| panic.downcast_ref::<String>().cloned()).unwrap_or_default();
             Refusal { status: Status::Fatal, message: format!("internal error: {text}") }

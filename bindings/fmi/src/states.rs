@@ -15,7 +15,7 @@ pub const STATEFUL: [Mode; 6] =
 /// # Safety
 /// `place` is null or points to null or to a state of ours.
 pub unsafe fn save(instance: &mut Instance, place: *mut *mut c_void) -> Outcome {
-    instance.only_in(&STATEFUL)?;
+    instance.require_mode(&STATEFUL)?;
     if place.is_null() {
         return refuse("a null pointer in the place of a state");
     }
@@ -54,7 +54,7 @@ pub unsafe fn state<'a>(place: *const c_void) -> Outcome<&'a SavedState> {
 /// # Safety
 /// `place` is null or a state of ours.
 pub unsafe fn restore(instance: &mut Instance, place: *const c_void) -> Outcome {
-    instance.only_in(&STATEFUL)?;
+    instance.require_mode(&STATEFUL)?;
     // SAFETY: the caller's promise.
     instance.restore(unsafe { state(place) }?)
 }

@@ -1,16 +1,16 @@
-//! How calls end: the standards' statuses, and why a call was refused.
+//! The statuses of the standards, and errors of calls.
 
 use caudal::error::Error;
 
-/// How a call ended; the numbers are those of both versions of the standard.
+/// The status of a call, with the numbers of both versions of the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(C)]
 pub enum Status {
-    /// All well.
+    /// Success.
     Ok = 0,
-    /// Done, but not quite as asked.
+    /// Success, with a warning.
     Warning = 1,
-    /// Not done; what was before is still there.
+    /// Not done; the previous state is unchanged.
     Discard = 2,
     /// The call is not allowed here.
     Error = 3,
@@ -29,7 +29,7 @@ impl Status {
     }
 }
 
-/// Why a call was refused.
+/// The error of a call.
 #[derive(Debug)]
 pub struct Refusal {
     pub status: Status,
@@ -43,13 +43,13 @@ impl From<Error> for Refusal {
 }
 
 impl Refusal {
-    /// A step that cannot be made.
+    /// A step that fails.
     pub fn discard(error: Error) -> Self {
         Self { status: Status::Discard, message: error.to_string() }
     }
 }
 
-/// Refuses a call.
+/// Returns an error for a call.
 pub fn refuse<T>(message: impl Into<String>) -> Outcome<T> {
     Err(Refusal { status: Status::Error, message: message.into() })
 }

@@ -1,4 +1,4 @@
-//! Derivatives of outputs: by time, and by the inputs and parameters that they follow at once.
+//! Derivatives of outputs with respect to time, and to inputs and parameters with direct feedthrough.
 
 use caudal::fmu::{Catalogue, Standard, Target};
 use caudal::variable::{Causality, VARIABLES, Variable};
@@ -7,7 +7,7 @@ use super::Instance;
 use crate::status::{Outcome, refuse};
 
 impl Instance {
-    /// The place of an output, or of what follows from parameters.
+    /// The index of an output, or of a calculated parameter.
     fn output(&self, target: Target) -> Outcome<usize> {
         match target {
             Target::Variable(place, _)
@@ -19,7 +19,7 @@ impl Instance {
         }
     }
 
-    /// The variables of outputs with their nodes; none where a variable has no entry at its node, and so is always zero.
+    /// The variables of outputs with their nodes, or None if a variable has no entry at its node and is always zero.
     fn outputs(&self, unknowns: &[(Target, usize)]) -> Outcome<Vec<Option<(&'static Variable, usize)>>> {
         let output = |(target, k): &(Target, usize)| {
             let place = self.output(*target)?;
@@ -28,7 +28,7 @@ impl Instance {
         unknowns.iter().map(output).collect()
     }
 
-    /// Writes the first derivatives by time of outputs at their nodes.
+    /// Writes the first time derivatives of outputs at their nodes.
     pub fn rates(&mut self, unknowns: &[(Target, usize)], out: &mut [f64]) -> Outcome {
         let outputs = self.outputs(unknowns)?;
         let rates = self.ready()?.rates()?;
@@ -96,7 +96,7 @@ impl Instance {
         outputs: &[Option<(&'static Variable, usize)>],
         out: &mut [f64],
     ) -> Outcome {
-        /// Difference over the value, or the difference where that is zero.
+        /// Step of the difference relative to the value, or absolute if that is zero.
         const STEP: f64 = 1e-6;
         let state = self.save()?;
         let (target, value) = (Target::Parameter(place), self.settings.parameters[place]);
@@ -145,8 +145,8 @@ impl Instance {
         Ok(())
     }
 
-    /// The dependencies of a variable of FMI 3.0: node of the dependent, value reference and node of what it follows at once.
-    /// What follows from parameters follows all of them.
+    /// The dependencies of a variable of FMI 3.0: node of the dependent, and value reference and node of the variable that it depends on
+    /// immediately. Calculated parameters depend on all parameters.
     pub fn dependencies(&mut self, target: Target) -> Outcome<Vec<(usize, u32, usize)>> {
         let Ok(place) = self.output(target) else { return Ok(Vec::new()) };
         self.ready()?;

@@ -1,4 +1,4 @@
-//! States of an instance: copied, gone back to, and as bytes.
+//! Saved states of an instance, in memory or serialised.
 
 use caudal::scene::NODES;
 use caudal::stepper::Stepper;
@@ -10,23 +10,23 @@ use super::values::SetInputs;
 use super::{Experiment, Instance, Mode, Settings};
 use crate::status::{Outcome, refuse};
 
-/// A saved state of an instance: all of it that changes.
+/// A saved state of an instance: all that changes during a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct SavedState {
     mode: Mode,
     experiment: Experiment,
     host_time: Option<f64>,
-    /// What the stepper was built with, and where it was.
+    /// The settings and the snapshot of the stepper.
     built: Settings,
     snapshot: Snapshot,
-    /// What the host has set since.
+    /// The inputs that the host has set since.
     settings: Settings,
     stale: bool,
     inputs: SetInputs,
 }
 
 impl Instance {
-    /// A copy of everything that changes.
+    /// A copy of all that changes during a run.
     pub fn save(&self) -> Outcome<SavedState> {
         let Some(stepper) = self.stepper.get() else { return refuse("there is no model") };
         Ok(SavedState {
@@ -41,7 +41,7 @@ impl Instance {
         })
     }
 
-    /// Goes back to a saved state, or changes nothing.
+    /// Restores a saved state. Nothing changes on error.
     pub fn restore(&mut self, state: &SavedState) -> Outcome {
         match &mut self.stepper.own {
             Some(stepper) if self.built == state.built => stepper.restore(&state.snapshot)?,
@@ -60,12 +60,12 @@ impl Instance {
         Ok(())
     }
 
-    /// A saved state as bytes, which any instance of this scene takes over.
+    /// Serialises a saved state, for any instance of this scene.
     pub fn serialize(&self, state: &SavedState) -> Outcome<Vec<u8>> {
         Ok(snapshot::seal(self.scene.fingerprint(), state)?)
     }
 
-    /// The saved state in `bytes`.
+    /// Deserialises a saved state.
     pub fn deserialize(&self, bytes: &[u8]) -> Outcome<SavedState> {
         let state: SavedState = snapshot::open(self.scene.fingerprint(), bytes)?;
         let [least, most] = NODES.map(|nodes| nodes + self.scene.front() as u64);

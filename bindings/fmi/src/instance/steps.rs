@@ -1,4 +1,4 @@
-//! Communication steps, and what a host does in the middle of one.
+//! Communication steps and intermediate updates.
 
 use std::ops::ControlFlow;
 use std::ptr::NonNull;
@@ -8,21 +8,21 @@ use caudal::stepper::{HeadJump, Stepper};
 use super::{Instance, Mode};
 use crate::status::{Outcome, Refusal, Status, refuse};
 
-/// A host may miss the time of an instance by this part of its step, in all, …
-const MISSED: f64 = 1e-3;
+/// A host's time may differ from that of the instance by this fraction of its step, in total, …
+const TIME_TOLERANCE: f64 = 1e-3;
 
-/// … and the end of its own last step by this part of the time: what rounding a sum brings.
+/// … and from the end of its own last step by this fraction of the time, by the rounding of a sum.
 const ROUNDING: f64 = 4.0 * f64::EPSILON;
 
-/// How far a step came.
+/// The outcome of a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Reached {
+pub struct StepOutcome {
     pub time: f64,
     pub early: bool,
 }
 
 impl Instance {
-    /// Refuses a step that the host may not ask for.
+    /// Returns an error for a step that is not allowed.
     fn check_step(&self, current: f64, h: f64) -> Outcome {
         let now = self.time();
         if !(h.is_finite() && h > 0.0) {
@@ -31,7 +31,7 @@ impl Instance {
         // Hosts count their steps, or add them up, which goes astray by a rounding error a step. Whatever else they are off by
         // adds up too, and is no step of this instance.
         let rounding = |time: f64| ROUNDING * time.abs();
-        let slack = |time: f64| MISSED * h + rounding(time);
+        let slack = |time: f64| TIME_TOLERANCE * h + rounding(time);
         let goes_on = |time: f64| (current - time).abs() <= rounding(time);
         let is_now = (current - now).abs() <= slack(now) || self.host_time.is_some_and(goes_on);
         if !is_now {
@@ -46,8 +46,8 @@ impl Instance {
         }
     }
 
-    /// Moves on from `current` by `h` (s); `look` sees every internal step by its time and whether it is the last, and may
-    /// break there with the time at which it wants to end.
+    /// Steps from `current` by `h` (s). `look` is called after each internal step with its time and whether it is the last, and may break
+    /// with the time at which to end.
     ///
     /// # Safety
     /// `this` is an instance. No reference to it lives while `look` runs, so a host may call with it.
@@ -56,7 +56,7 @@ impl Instance {
         current: f64,
         h: f64,
         look: Option<&mut dyn FnMut(f64, bool) -> ControlFlow<f64>>,
-    ) -> Outcome<Reached> {
+    ) -> Outcome<StepOutcome> {
         // SAFETY: the caller's promise; this reference ends before `look` runs.
         let instance = unsafe { &mut *this };
         instance.check_step(current, h)?;
@@ -93,7 +93,7 @@ impl Instance {
                 &format!("{from} s to {to} s: {steps} internal steps, {iterations} Newton iterations"),
             );
         }
-        outcome.map(|whole| Reached { time: start + time, early: !whole })
+        outcome.map(|whole| StepOutcome { time: start + time, early: !whole })
     }
 
     /// # Safety
@@ -108,10 +108,10 @@ impl Instance {
         let (mut wish, mut refusal) = (None, None);
         let mut watch = |stepper: &mut Stepper| {
             // SAFETY: the caller's promise; each reference ends with its statement.
-            let start = unsafe { &mut *this }.lend(stepper);
+            let start = unsafe { &mut *this }.begin_intermediate_update(stepper);
             let answer = look(start + stepper.time(), stepper.time() >= goal);
             // SAFETY: the same.
-            refusal = unsafe { &mut *this }.end_look().err();
+            refusal = unsafe { &mut *this }.end_intermediate_update().err();
             match answer {
                 ControlFlow::Continue(()) if refusal.is_none() => ControlFlow::Continue(()),
                 ControlFlow::Continue(()) => ControlFlow::Break(()),
@@ -134,20 +134,20 @@ impl Instance {
         Ok(stepper.do_step(left).is_ok() && stepper.time() >= goal)
     }
 
-    /// Gives calls of the host in the middle of a step the stepper to work on; returns the start of the experiment, s.
-    fn lend(&mut self, stepper: &mut Stepper) -> f64 {
+    /// Begins an intermediate update, in which the host's calls use the stepper of the step. Returns the start time of the experiment, s.
+    fn begin_intermediate_update(&mut self, stepper: &mut Stepper) -> f64 {
         self.stepper.lent = Some(NonNull::from(stepper));
         self.mode = Mode::Intermediate;
         self.experiment.start
     }
 
-    /// Hands over what the host has set in the middle of a step.
-    fn end_look(&mut self) -> Outcome {
+    /// Ends an intermediate update: passes the inputs that the host has set to the stepper.
+    fn end_intermediate_update(&mut self) -> Outcome {
         if self.mode == Mode::Fatal {
             let message = "this instance broke down in the middle of a step".to_string();
             return Err(Refusal { status: Status::Fatal, message });
         }
-        let outcome = if self.inputs.is_pending() { self.hand_over() } else { Ok(()) };
+        let outcome = if self.inputs.is_pending() { self.pass_inputs() } else { Ok(()) };
         if outcome.is_ok() {
             self.inputs.clear();
         }

@@ -218,7 +218,7 @@ impl Instance {
     }
 
     /// Gives the stepper the inputs that are pending. Where it refuses them they stay so: the host may set others in their place.
-    pub(super) fn hand_over(&mut self) -> Outcome {
+    pub(super) fn pass_inputs(&mut self) -> Outcome {
         let Some(stepper) = self.stepper.get_mut() else { return Ok(()) };
         let changes = self.inputs.changes(stepper.model(), false);
         stepper.set_entries(changes.iter().copied())?;
