@@ -52,7 +52,7 @@ __all__ = [
 
 
 def _leave_journals() -> None:
-    """In a forked process: lets the journals go that it shares with its parent, which would else stay locked as long as it lives."""
+    """In a forked process: closes the journals shared with the parent, which would otherwise stay locked."""
     held = _held_descriptors()
     if held:
         nothing = os.open(os.devnull, os.O_RDWR)
@@ -66,7 +66,7 @@ if hasattr(os, "register_at_fork"):
 
 
 def __getattr__(name: str) -> Any:
-    """`caudal.gymnasium`, `caudal.jax` and `caudal.torch`, which need packages of their own, when they are first used."""
+    """Import `caudal.gymnasium`, `caudal.jax` and `caudal.torch`, which need optional packages, on first use."""
     if name in ("gymnasium", "jax", "torch"):
         return importlib.import_module(f"{__name__}.{name}")
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 class Design(Mapping[str, Any]):
-    """What a design found: the content of design.json, by keys and as attributes.
+    """The result of a design: the content of design.json, by keys and as attributes.
 
     Attributes
     ----------
@@ -58,7 +58,7 @@ class Design(Mapping[str, Any]):
 
     @property
     def scene(self) -> Scene:
-        """The scene with what was designed, as `run` takes it."""
+        """The designed scene, for `run`."""
         return load(Path(self.folder) / f"{self['name']}-designed.toml")
 
     def plot(self) -> matplotlib.figure.Figure:
@@ -108,7 +108,7 @@ def design(
     workers: Optional[int] = None,
     patience_s: float = 60.0,
 ) -> Design:
-    """Design what the scene's ``[design]`` asks for, and leave the files of ``caudal design``.
+    """Solve the design problem of the scene's ``[design]``, and write the files of ``caudal design``.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def design(
         Where the engine cannot go on, and for starts and checks that end their worker.
     """
     scene = scene if isinstance(scene, Scene) else load(scene)
-    told = _Told(progress)
+    told = _OncePerIteration(progress)
     if (engine := Engine.asked(client, executor, workers, patience_s)) is not None:
         while (parts := told.next(scene, out, force)) is not None:
             engine.do(parts)
@@ -161,30 +161,30 @@ def design(
     return found
 
 
-class _Told:
-    """The iterations of a search that is gone through again after each kind of parts, told once; where it was ended, it ends again."""
+class _OncePerIteration:
+    """Report each iteration once, although the search is repeated after each batch of parts; stop it again where it was stopped."""
 
     def __init__(self, progress: Optional[Callable[[int, float], Any]]) -> None:
         self.progress = progress
-        self.told = self.at = 0
+        self.reported = self.at = 0
         self.ended: Optional[BaseException] = None
 
-    def again(self) -> _Told:
-        """From the first iteration on."""
+    def again(self) -> _OncePerIteration:
+        """Restart at the first iteration."""
         self.at = 0
         return self
 
     def __call__(self, iteration: int, objective: float) -> None:
         self.at += 1
-        if self.ended is not None and self.at >= self.told:
+        if self.ended is not None and self.at >= self.reported:
             raise self.ended
-        if self.at > self.told:
-            self.told = self.at
+        if self.at > self.reported:
+            self.reported = self.at
             if self.progress is not None:
                 self.progress(iteration, objective)
 
     def next(self, scene: Scene, out: Optional[Union[str, os.PathLike[str]]], force: bool) -> Optional[_Parts]:
-        """The parts that come next; none where the search was ended."""
+        """The next parts, or None if the search was stopped."""
         try:
             return _design_parts(scene, out, force, self.again())
         except Error:

@@ -1,9 +1,8 @@
-"""Work on an engine that has the workers: any executor of ``concurrent.futures``, such as that of a Dask client.
+"""Distribution of jobs to the workers of an engine: any executor of ``concurrent.futures``, such as that of a Dask client.
 
-A job has parts, which do not depend on each other: a sweep cases, a design starts, a study runs. The engine is handed batches
-of about a second: the job with its tables, and the numbers of some parts. What comes back are lines of the job's journal,
-checksummed where they were made; only this program writes. Nothing is asked of the engine but ``submit`` and futures that are
-done, cancelled or failed.
+A job has independent parts: the cases of a sweep, the starts of a design, the runs of a study. The engine is given batches of
+about a second: a bundle of the job with its tables, and the indices of some parts. Workers return checksummed lines of the
+job's journal, and only this program writes files. The engine needs ``submit`` and futures that are done, cancelled or failed.
 """
 
 from __future__ import annotations
@@ -45,42 +44,42 @@ Progress = Callable[[int, int], Any]
 
 
 class Job(Protocol):
-    """What an engine can do the parts of."""
+    """A job whose parts an engine can run."""
 
     @property
     def noun(self) -> str:
-        """What a part is called."""
+        """The noun for a part."""
 
     @property
     def worker(self) -> str:
-        """What does parts on a worker: a function of the core."""
+        """The function of the core that runs parts on a worker."""
 
     @property
     def folder(self) -> Path:
-        """Where what comes back is kept."""
+        """The folder of the results."""
 
     @property
     def size(self) -> int:
         """Number of parts."""
 
     def todo(self) -> list[int]:
-        """The parts that are still to be done."""
+        """The indices of the remaining parts."""
 
     def describe(self, index: int) -> str:
-        """A part in words."""
+        """A description of a part."""
 
     def parcel(self) -> bytes:
-        """All that a worker needs."""
+        """The bundle that a worker needs."""
 
     def keep(self, lines: list[bytes]) -> int:
-        """Keep what came back; how many of these are new."""
+        """Store returned lines; return how many of them are new."""
 
     def close(self) -> None:
-        """Let others go on with its journal."""
+        """Release the journal for other programs."""
 
 
 def work(version: str, worker: str, parcel: bytes, indices: list[int], attempt: int) -> tuple[list[bytes], list[float]]:
-    """Do parts of a job, on a worker; their lines and the time that each took, s."""
+    """Run parts of a job on a worker; return their lines and the time of each, s."""
     if version != __version__:
         raise engine_error(whereabouts(), f"it has caudal {__version__}, and the work is that of caudal {version}")
     try:
@@ -91,7 +90,7 @@ def work(version: str, worker: str, parcel: bytes, indices: list[int], attempt: 
 
 
 def whereabouts() -> str:
-    """What this worker is called."""
+    """The name of this worker."""
     with suppress(Exception):
         from distributed import get_worker
 
@@ -107,7 +106,7 @@ def engine_error(worker: str, reason: str) -> EngineError:
 
 
 def lost_error(job: Job, lost: list[int]) -> LostCasesError:
-    """That parts ended their workers."""
+    """The error for parts that terminated their workers."""
     named = "; ".join(f"{job.noun} {index}: {job.describe(index)}" for index in lost[:5])
     more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
     number = f"{len(lost)} {job.noun}{'' if len(lost) == 1 else 's'}"
@@ -121,7 +120,7 @@ def lost_error(job: Job, lost: list[int]) -> LostCasesError:
 
 @contextmanager
 def interrupts() -> Iterator[Callable[[], None]]:
-    """Gives what raises an interrupt that came and was lost: Python drops exceptions where it clears objects away, such as futures."""
+    """Yield a function that raises a lost interrupt: Python drops exceptions raised while objects such as futures are finalised."""
     came = False
 
     def note(number: int, frame: Any) -> None:
@@ -145,11 +144,11 @@ def interrupts() -> Iterator[Callable[[], None]]:
 
 
 class Engine:
-    """An executor, and how many workers it has."""
+    """An executor and its number of workers."""
 
     @classmethod
     def asked(cls, client: Any, executor: Optional[Executor], workers: Optional[int], patience_s: float) -> Optional[Engine]:
-        """The one of the arguments of a call; None where there is none."""
+        """The engine among the arguments of a call, or None."""
         if client is not None and executor is not None:
             raise TypeError("give either client or executor")
         for name, value in (("client", client), ("executor", executor)):
@@ -173,7 +172,7 @@ class Engine:
         self.known = 1
 
     def workers(self) -> int:
-        """How many batches it runs at once; at least one."""
+        """The number of batches that it runs concurrently, at least one."""
         if self.given is not None:
             return self.given
         if time.monotonic() - self.looked >= LOOK_S:
@@ -186,14 +185,14 @@ class Engine:
         return max(1, self.known)
 
     def state(self) -> str:
-        """What it says of itself, in words."""
+        """Its description for messages."""
         if hasattr(self.client, "scheduler_info"):
             return f"the client is {self.client.status}, the scheduler knows of {self.known} threads of workers"
         return f"it is {self.executor!r}"
 
 
     def do(self, job: Job, progress: Optional[Progress] = None) -> None:
-        """Do all parts of a job, and close it.
+        """Run all parts of a job, and close it.
 
         Raises
         ------
@@ -209,7 +208,7 @@ class Engine:
 
 
 class Distribution:
-    """The parts of a job on their way."""
+    """The distribution of the parts of a job."""
 
     def __init__(self, job: Job, engine: Engine, progress: Optional[Progress]) -> None:
         self.job, self.engine, self.progress = job, engine, progress
@@ -226,7 +225,7 @@ class Distribution:
         self.times = (0, 0.0)
 
     def run(self) -> list[int]:
-        """Do all parts; the numbers of those that cannot be done, as they end their workers."""
+        """Run all parts; return the indices of those that terminate their workers."""
         last, patience = time.monotonic(), self.engine.patience_s
         self.tell()
         with interrupts() as check:
@@ -248,7 +247,7 @@ class Distribution:
         return sorted(self.lost)
 
     def warn_of(self, waited: float) -> None:
-        """Say that nothing came back for so long, s."""
+        """Warn that nothing was returned for this time, s."""
         parts = sum(len(indices) for indices, _ in self.flying.values())
         warnings.warn(
             f"nothing came back for {waited:.0f} s: {parts} {self.job.noun}s are on their way; {self.engine.state()}",
@@ -257,12 +256,12 @@ class Distribution:
         )
 
     def tell(self) -> None:
-        """Say how far it is."""
+        """Report progress."""
         if self.progress is not None:
             self.progress(self.done, self.job.size)
 
     def send(self) -> bool:
-        """Hand out as many batches as the engine has use for; false where none is on its way."""
+        """Submit as many batches as the engine can use; return False if none is running."""
         workers = self.engine.workers()
         while len(self.flying) < WAITING * workers and (batch := self.next_batch(workers)):
             indices, attempt = batch
@@ -275,7 +274,7 @@ class Distribution:
         return bool(self.flying)
 
     def next_batch(self, workers: int) -> Optional[tuple[list[int], int]]:
-        """The parts to hand out next, and how."""
+        """The next parts to submit, and the attempt."""
         if self.todo:
             parts, seconds = self.times
             size = int(BATCH_S * parts / seconds) if seconds > 0 else 1
@@ -290,7 +289,7 @@ class Distribution:
         return None
 
     def take(self, future: Future[Any]) -> None:
-        """Keep what came back, or see to what did not."""
+        """Store the result of a batch, or handle its failure."""
         indices, attempt = self.flying.pop(future)
         try:
             lines, times = future.result()
@@ -319,7 +318,7 @@ class Distribution:
         self.tell()
 
     def stopped(self, reason: str, worker: str = "") -> EngineError:
-        """The error that ends it."""
+        """The error that terminates it."""
         kept = f"{self.done} of {self.job.size} {self.job.noun}s are kept in {self.job.folder}; the same call goes on"
         error = engine_error(worker, f"{reason}; {kept}")
         error.reason = reason

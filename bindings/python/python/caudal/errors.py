@@ -1,4 +1,4 @@
-"""What can go wrong: every exception carries its numbers as attributes; its text says where and what to do."""
+"""Exceptions. Each has its values as attributes; its message tells the place and the remedy."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class Error(Exception):
-    """Anything that can go wrong inside caudal.
+    """Base class of all errors of caudal.
 
     Attributes
     ----------
@@ -21,7 +21,7 @@ class Error(Exception):
 
 
 class SceneError(Error, ValueError):
-    """A scene, or an override of one of its keys, says something that is not allowed.
+    """A scene, or an override of one of its keys, is not valid.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class WriteError(Error, OSError):
 
 
 class SeveralError(Error, ValueError):
-    """A scene says several things that are not allowed; the text has a line for each.
+    """A scene has several errors; the message has a line for each.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class SeveralError(Error, ValueError):
 
 
 class BusyError(Error, OSError):
-    """Another program is at work in a folder of results.
+    """Another program is working in a folder of results.
 
     Attributes
     ----------
@@ -111,7 +111,7 @@ class OccupiedError(Error, OSError):
 
 
 class RoomError(Error, OSError):
-    """What would be written does not fit on the disk.
+    """There is not enough space on the disk.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class RoomError(Error, OSError):
 
 
 class ThreadsError(Error, OSError):
-    """The system gives fewer threads than were asked for.
+    """The system provides fewer threads than requested.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class JournalError(Error):
 
 
 class ParcelError(Error):
-    """Work that was sent from elsewhere cannot be done.
+    """A bundle of work from another machine cannot be run.
 
     Attributes
     ----------
@@ -232,7 +232,7 @@ class NotConvergedError(Error, ArithmeticError):
 
 
 class NotFiniteError(Error, ArithmeticError):
-    """A number that is not finite came up.
+    """A number is not finite.
 
     Attributes
     ----------
@@ -265,7 +265,7 @@ class FoldOverError(Error, ArithmeticError):
 
 
 class EdgeCollapseError(Error, ArithmeticError):
-    """An edge lost its length, or turned over within one step.
+    """An edge collapsed, or turned over within one step.
 
     Attributes
     ----------
@@ -314,7 +314,7 @@ class LinearError(Error, ArithmeticError):
 
 
 class InterruptedError(Error, RuntimeError):
-    """Another thread ended the computation."""
+    """Another thread interrupted the computation."""
 
 
 class StepError(Error, ValueError):
@@ -375,7 +375,7 @@ class WrongLengthError(Error, ValueError):
 
 
 class BadValueError(Error, ValueError):
-    """A value outside the variable's range.
+    """A value is outside the range of the variable.
 
     Attributes
     ----------
@@ -406,7 +406,7 @@ class OrderError(Error, ValueError):
 
 
 class SnapshotError(Error, ValueError):
-    """A saved state that cannot be taken over.
+    """A saved state cannot be restored.
 
     Attributes
     ----------
@@ -418,7 +418,7 @@ class SnapshotError(Error, ValueError):
 
 
 class StudyError(Error, ValueError):
-    """A study is asked for something that is not allowed.
+    """The options of a study are not valid.
 
     Attributes
     ----------
@@ -430,7 +430,7 @@ class StudyError(Error, ValueError):
 
 
 class DerivativeError(Error, ValueError):
-    """A derivative is asked for that a simulation does not have.
+    """A simulation does not have the requested derivative.
 
     Attributes
     ----------
@@ -442,7 +442,7 @@ class DerivativeError(Error, ValueError):
 
 
 class DesignError(Error):
-    """There is no design that does what is asked.
+    """No design satisfies the requirements.
 
     Attributes
     ----------
@@ -454,7 +454,7 @@ class DesignError(Error):
 
 
 class FmuError(Error):
-    """An FMU cannot be made.
+    """An FMU cannot be created.
 
     Attributes
     ----------

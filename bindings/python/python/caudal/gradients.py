@@ -1,4 +1,4 @@
-"""Exact derivatives of simulations, by the adjoint of the time stepping: one simulation back, whatever the number of parameters."""
+"""Exact derivatives of simulations by the adjoint method: one backward pass for any number of parameters."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Value = Union[float, Array]
 
 
 class Parameter(NamedTuple):
-    """What a simulation can be differentiated by.
+    """A parameter that a simulation can be differentiated by.
 
     Attributes
     ----------
@@ -40,7 +40,7 @@ class Parameter(NamedTuple):
 
 
 def parameters(scene: Source) -> dict[str, Parameter]:
-    """All that simulations of a scene can be differentiated by.
+    """All parameters that simulations of a scene can be differentiated by.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Simulation:
 
     @functools.cached_property
     def notes(self) -> list[str]:
-        """What `run` says of it too: where the model, the steps and the energy balance leave their ranges."""
+        """The notes that `run` gives too: model, steps or energy balance that are out of range."""
         return self._content.notes()
 
     def pull_back(
@@ -182,7 +182,7 @@ class ValueAndGrad(tuple[float, dict[str, Value]]):
 
     @functools.cached_property
     def notes(self) -> list[str]:
-        """What `run` says of the simulation too, see `Simulation`."""
+        """The notes of the simulation, see `Simulation.notes`."""
         return self._content.notes()
 
 
@@ -192,7 +192,7 @@ def value_and_grad(
     with_respect_to: Union[str, Iterable[str]],
     values: Optional[Mapping[str, npt.ArrayLike]] = None,
 ) -> ValueAndGrad:
-    """A number that a simulation ends with, and its exact derivatives.
+    """The final value of an output of a simulation, and its exact derivatives.
 
     Parameters
     ----------
@@ -231,12 +231,12 @@ def value_and_grad(
 
 
 def arrays_of(values: Optional[Mapping[str, npt.ArrayLike]]) -> list[tuple[str, Array]]:
-    """The values as arrays of their own."""
+    """Copies of the values as arrays."""
     return [(name, np.array(value, dtype=np.float64, order="C")) for name, value in (values or {}).items()]
 
 
 class Recent:
-    """The last simulations of a function of arrays, so that its derivative need not simulate again."""
+    """A cache of the last simulations of a function, for its derivative."""
 
     def __init__(self, scene: Source, outputs: Union[str, Iterable[str]], size: int = 4) -> None:
         self.scene = scene if isinstance(scene, Scene) else load(scene)

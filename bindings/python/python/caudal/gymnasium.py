@@ -154,7 +154,7 @@ class TailEnv(gymnasium.Env):
         return np.concatenate([*scaled, self._goal]).astype(np.float32)
 
     def _begin(self) -> None:
-        """Go to the start of an episode."""
+        """Reset to the start of an episode."""
         self._stepper.restore(self._start)
         self._made = 0
         if self._set_start is not None:
@@ -168,18 +168,18 @@ class TailEnv(gymnasium.Env):
         return self._stepper
 
     def reset(self, *, seed: Optional[int] = None, options: Optional[dict[str, Any]] = None) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode, at the scene's start."""
+        """Begin an episode at the start of the scene."""
         super().reset(seed=seed)
         self._begin()
         return self._flat(self._observed()), {"time_s": 0.0}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Set the inputs and move on by a period."""
+        """Set the inputs and advance by a control period."""
         before = self._set(action)
         return self._result(before, self._move())
 
     def _set(self, action: Any) -> dict[str, Array]:
-        """Set the inputs; what is observed before they act."""
+        """Set the inputs; return the observation before they act."""
         action = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         if action.shape != self.action_space.shape:
             raise ValueError(f"action: found the shape {action.shape}; allowed: {self.action_space.shape}")
@@ -192,7 +192,7 @@ class TailEnv(gymnasium.Env):
         return before
 
     def _move(self) -> Optional[str]:
-        """Move on by a period; what went wrong."""
+        """Advance by a control period; return the error, if any."""
         try:
             self._stepper.do_step(self._period)
         except Error as error:
@@ -200,7 +200,7 @@ class TailEnv(gymnasium.Env):
         return None
 
     def _result(self, before: dict[str, Array], error: Optional[str]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """What a step returns."""
+        """The return value of a step."""
         failed = error is not None
         self._made += 1
         after = self._observed()
@@ -228,7 +228,7 @@ class TailEnv(gymnasium.Env):
 
 
 class TailVectorEnv(gymnasium.vector.VectorEnv):
-    """Several tails that an agent drives at once, each an environment by itself; the steps of all run on all cores.
+    """Several tails that an agent drives at once, each an independent environment. Steps run in parallel on all cores.
 
     An episode that has ended begins anew at the next step, whose action is ignored and whose reward is 0 (Gymnasium's
     ``AutoresetMode.NEXT_STEP``). It is what ``gymnasium.vector.SyncVectorEnv`` makes of as many `TailEnv`, to the bit.
@@ -282,7 +282,7 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
     def reset(
         self, *, seed: Union[int, Sequence[Optional[int]], None] = None, options: Optional[dict[str, Any]] = None
     ) -> tuple[Any, dict[str, Any]]:
-        """Begin an episode of each, or of those where ``options["reset_mask"]`` is true."""
+        """Begin an episode of each, or of those for which ``options["reset_mask"]`` is true."""
         options = dict(options or {})
         mask = np.asarray(options.pop("reset_mask", np.ones(self.num_envs, dtype=bool)))
         if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
@@ -303,7 +303,7 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         return np.stack(observations), infos
 
     def step(self, actions: Any) -> tuple[Any, Array, Any, Any, dict[str, Any]]:
-        """Move all on by a period."""
+        """Advance all by a control period."""
         if np.shape(actions) != self.action_space.shape:
             raise ValueError(f"actions: found the shape {np.shape(actions)}; allowed: {self.action_space.shape}")
         moving = [i for i in range(self.num_envs) if not self._ended[i]]
@@ -328,7 +328,7 @@ class TailVectorEnv(gymnasium.vector.VectorEnv):
         return np.stack(observations), rewards, ends[0], ends[1], infos
 
     def _moved(self, move: Callable[[list[int]], Any], parts: list[list[int]]) -> list[Any]:
-        """What `move` makes of every part; whatever ends this, none of them moves on behind it."""
+        """The results of `move` for every part. None of them is still running when this ends, even by an exception."""
         if self._pool is None:
             return [move(part) for part in parts]
         futures = [self._pool.submit(move, part) for part in parts]

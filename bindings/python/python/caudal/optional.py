@@ -1,4 +1,4 @@
-"""Packages that only some calls need."""
+"""Optional packages."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EXTRAS = {
 
 
 def needs(module: str, what: str) -> ImportError:
-    """That `what` needs a module that is not installed, and how to install it."""
+    """The error for a module that `what` needs and that is not installed, with the command to install it."""
     return ImportError(f'{what} needs {module}: pip install "caudal[{EXTRAS[module]}]"', name=module)
 
 

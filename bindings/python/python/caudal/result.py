@@ -1,4 +1,4 @@
-"""Runs and what comes out of them."""
+"""Runs and their results."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = npt.NDArray[np.float64]
 
 
 def names_of(names: Union[str, Iterable[str]]) -> list[str]:
-    """Names as a list; a text is one of them."""
+    """Names as a list; a string is a single name."""
     return [names] if isinstance(names, str) else list(names)
 
 
@@ -172,7 +172,7 @@ def export(
 
 
 def _unknown(name: object, there: Iterable[str]) -> UnknownVariableError:
-    """That nothing is recorded as `name`, with the nearest of what is."""
+    """The error for an unknown `name`, with the most similar recorded one."""
     near = difflib.get_close_matches(str(name), there, n=3)
     advice = "did you mean " + " or ".join(f"`{other}`" for other in near) + "?" if near else "allowed: " + ", ".join(there)
     error = UnknownVariableError(f"`{name}` is not recorded; {advice}; run(..., record=[...]) chooses what is")
@@ -185,7 +185,7 @@ _BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5)}
 
 
 class Result(Mapping[str, Array]):
-    """What came out of a run: NumPy arrays by the names of variables, with the summary.
+    """The result of a run: NumPy arrays by the names of variables, with the summary.
 
     A scalar variable has one number per time, an array of variables one row per time. In a notebook it shows the run as an
     animation.
@@ -336,7 +336,7 @@ class Result(Mapping[str, Array]):
         axes.figure.colorbar(colours, ax=axes, label="node")
 
     def _overview(self) -> list[Callable[[Any], None]]:
-        """What is drawn of a run where nothing is asked for: what of it is recorded."""
+        """The default variables to draw: those that are recorded."""
         energies = [name for name in self if name.endswith(("_energy_j", "_work_j")) and np.any(self[name] != 0)]
         panels: list[tuple[bool, Callable[[Any], None]]] = [
             ("x_m" in self and "y_m" in self, self._shapes),

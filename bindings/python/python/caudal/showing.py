@@ -1,4 +1,4 @@
-"""How objects show themselves in a notebook."""
+"""HTML representations of objects for notebooks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def number(value: Any) -> str:
 
 
 def shown(it: Any) -> str:
-    """A scene, stepper, snapshot or variable of the core: its repr, and a table of what it holds."""
+    """A scene, stepper, snapshot or variable of the core: its repr, and a table of its content."""
     begin = f"<p>{html.escape(repr(it))}</p>"
     kind = type(it).__name__
     if kind == "Scene":

@@ -1,4 +1,4 @@
-"""Studies: what a user asks before trusting a run."""
+"""Studies of a scene: accuracy, fluid, modes, stability and others."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def study(
     patience_s: float = 60.0,
     **asked: Any,
 ) -> Findings:
-    """Study a scene, and leave the files of ``caudal study``: tables, figures, report, summary.
+    """Study a scene, and write the files of ``caudal study``: tables, figures, report, summary.
 
     After Ctrl-C the same call goes on from the runs that its folder has.
 
@@ -88,7 +88,7 @@ def study(
 
 
 class Findings:
-    """What a study found. In a notebook it shows its answers and figures.
+    """The findings of a study. In a notebook it shows its answers and figures.
 
     Attributes
     ----------

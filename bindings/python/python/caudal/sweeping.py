@@ -1,4 +1,4 @@
-"""Sweeps: one scene along axes, on all cores, or wherever an engine has workers."""
+"""Parameter sweeps of a scene, on all cores or on the workers of an engine."""
 
 from __future__ import annotations
 
@@ -197,7 +197,7 @@ def sweep(
     progress: Union[Callable[[int, int], Any], bool, None] = None,
     rows: bool = True,
 ) -> Sweep:
-    """Run the cases of a sweep, and leave the files of ``caudal sweep``: table, figures, report, and a journal.
+    """Run the cases of a sweep, and write the files of ``caudal sweep``: table, figures, report, and a journal.
 
     Cases that the folder has already are not run again: after Ctrl-C, or the end of any part of a cluster, the same call goes
     on, with the same engine, another one or none, as does ``caudal sweep``. The results are the same to the bit.
@@ -272,7 +272,7 @@ def sweep(
     at_work = _Sweep(path, None if set is None else dict(set), out, jobs, restart, force, sources)
     lost: list[int] = []
     try:
-        with _told(progress) as told:
+        with _progress_callback(progress) as told:
             if engine is None:
                 at_work.run(told)
             else:
@@ -301,7 +301,7 @@ def _as_files(
     folder = out.resolve()
     sources: dict[Path, bytes] = {}
     base, overrides = Path(scene.file), scene.overrides
-    if not (_is_there(scene) and _is_without_order(scene)):
+    if not (_is_unchanged(scene) and _is_order_independent(scene)):
         base, overrides = folder / "scene.toml", []
         sources.update((folder / name, content) for name, content in scene._standalone(base.name))
     lines = [f"name = {_toml(f'{scene.name}-sweep')}", f"scene = {_toml(str(base.resolve()))}", "[set]", *overrides]
@@ -313,14 +313,14 @@ def _as_files(
     return path, out, sources
 
 
-def _is_there(scene: Scene) -> bool:
-    """True if the files of a scene are still as it read them."""
+def _is_unchanged(scene: Scene) -> bool:
+    """True if the files of a scene have not changed since they were read."""
     files = [(Path(scene.file), scene.text.encode()), *scene._tables()]
     return all(path.is_file() and path.read_bytes() == content for path, content in files)
 
 
-def _is_without_order(scene: Scene) -> bool:
-    """True if the overrides of a scene say the same as a table of a file, whose keys are different and have no order."""
+def _is_order_independent(scene: Scene) -> bool:
+    """True if the overrides of a scene do not depend on their order, so that a table can contain them."""
     keys = [override.split("=", 1)[0].strip() for override in scene.overrides]
     if len({*keys}) != len(keys):
         return False
@@ -337,8 +337,8 @@ def _level(level: Any) -> Any:
 
 
 @contextmanager
-def _told(progress: Union[Callable[[int, int], Any], bool, None]) -> Iterator[Optional[Callable[[int, int], Any]]]:
-    """What is to be told of the progress: the callable, or a bar that is closed in the end."""
+def _progress_callback(progress: Union[Callable[[int, int], Any], bool, None]) -> Iterator[Optional[Callable[[int, int], Any]]]:
+    """The callback for progress: the given one, or that of a progress bar, which is closed at the end."""
     if not isinstance(progress, bool):
         yield progress
         return
