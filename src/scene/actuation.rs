@@ -34,7 +34,7 @@ pub struct ActuationTable {
     pub harmonics: Option<Vec<Finite>>,
     /// Largest slope bk of the curve y = b sin(kx − ωt), for `sine-wave`.
     pub slope: Option<Positive>,
-    /// Envelope [e₀, e₁]: the amplitude is multiplied by e₀ + e₁ξ along the rod.
+    /// Envelope [e₀, e₁]: the amplitude is multiplied by e₀ + e₁ξ along the rod. By default [1, 0].
     #[serde(default = "even_envelope", deserialize_with = "value::pair")]
     pub envelope: [Finite; 2],
     /// Factor of the amplitude along the rod, as points [ξ, factor], linear between them.

@@ -6,15 +6,17 @@ use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
 use toml::Spanned;
-use toml::de::{DeString, DeTable, DeValue};
+use toml::de::{DeTable, DeValue};
 use twox_hash::XxHash3_128;
 
+use super::error_location::{key_at, rephrase, span_of};
 use super::files::{Contents, Files};
-use super::key_error::{KeyError, unknown_key};
-use super::value::{SIGNAL_KEYS, refused};
+use super::key_error::KeyError;
+use super::override_layers::{apply_layer, merge_layer, remove_excluded_keys};
+use super::placeholders::{PLACEHOLDERS, substitute};
+use super::value::refused;
 use super::{Scene, Unchecked};
-use crate::error::{Error, Result, did_you_mean, nearest};
-use crate::integrator::{METHODS, Method};
+use crate::error::{Error, Result};
 use crate::reduced::FluidChoice;
 
 /// Size limit of a scene file.
@@ -428,10 +430,6 @@ impl Document {
     }
 }
 
-/// Pairs of keys that exclude each other.
-const ALTERNATIVES: [[&str; 2]; 3] =
-    [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
-
 /// Renames the file `from` to `to` in every `{ table = … }` in `value`.
 fn rename_table(value: &mut toml::Value, from: &str, to: &str) {
     match value {
@@ -495,197 +493,8 @@ fn hash_text(text: &str, content: &mut Vec<u8>) {
     content.extend(text.as_bytes());
 }
 
-/// The dotted keys that exclude `key`.
-#[cfg(feature = "report")]
-pub(crate) fn exclusive_keys(key: &str) -> impl Iterator<Item = String> {
-    let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
-    let pairs = ALTERNATIVES.iter().filter(move |pair| pair.contains(&name)).flatten();
-    pairs.filter(move |other| **other != name).map(move |other| format!("{table}.{other}"))
-}
-
-/// Merges overrides of one layer. A key that is a table in one of them and a value in another is an error.
-fn merge_layer<'a>(
-    base: &mut DeTable<'a>,
-    more: DeTable<'a>,
-    path: &str,
-) -> std::result::Result<(), (KeyError, Range<usize>)> {
-    for (key, value) in more {
-        let place = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
-        let there = base.get(&key).map(|value| value.get_ref().is_table());
-        match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => merge_layer(base, more, &place)?,
-            (_, (value, span)) => {
-                if there.is_some_and(|table| table != value.is_table()) {
-                    let found = refused("a table of its keys beside another value", "one of the two");
-                    return Err((KeyError { key: place, problem: found }, key.span()));
-                }
-                base.remove(&key); // with its old span
-                base.insert(key, Spanned::new(span, value));
-            }
-        }
-    }
-    Ok(())
-}
-
-/// Applies a layer to the layers below it, table by table. Functions of time are values.
-fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
-    for (key, value) in over {
-        match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
-            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
-            (_, (value, span)) => {
-                base.remove(&key); // with its old span
-                base.insert(key, Spanned::new(span, value));
-            }
-        }
-    }
-}
-
-/// True for a complete function of time.
-fn is_function(table: &DeTable<'_>) -> bool {
-    let whole = table.contains_key("table") || table.contains_key("amplitude") && table.contains_key("frequency_hz");
-    whole && table.keys().all(|key| SIGNAL_KEYS.contains(&&**key.get_ref()))
-}
-
-/// Removes keys that keys of a higher layer exclude: alternatives, and parameters of other integrators.
-fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
-    let layer = |table: &DeTable<'_>, key: &str| table.get_key_value(key).map(|(key, _)| layer_of(key.span().start));
-    for [a, b] in ALTERNATIVES {
-        match (layer(table, a), layer(table, b)) {
-            (Some(own), Some(other)) if own > other => drop(table.remove(b)),
-            (Some(own), Some(other)) if own < other => drop(table.remove(a)),
-            _ => {}
-        }
-    }
-    let method = table.get("integrator").and_then(|value| Method::named(value.get_ref().as_str()?));
-    if let Some((method, own)) = method.zip(layer(table, "integrator")) {
-        let others = METHODS.iter().flat_map(|other| other.parameters).map(|parameter| parameter.name);
-        for key in others.filter(|name| !method.parameters.iter().any(|parameter| parameter.name == *name)) {
-            if layer(table, key).is_some_and(|layer| layer < own) {
-                table.remove(key);
-            }
-        }
-    }
-    for (_, value) in table.iter_mut() {
-        if let DeValue::Table(inner) = value.get_mut() {
-            remove_excluded_keys(inner, layer_of);
-        }
-    }
-}
-
-trait IntoInnerWithSpan<T> {
-    fn into_inner_with_span(self) -> (T, Range<usize>);
-}
-
-impl<T> IntoInnerWithSpan<T> for Spanned<T> {
-    fn into_inner_with_span(self) -> (T, Range<usize>) {
-        let span = self.span();
-        (self.into_inner(), span)
-    }
-}
-
-/// The dotted key at byte `at`.
-fn key_at(table: &DeTable<'_>, at: usize) -> Option<String> {
-    table.iter().find_map(|(key, value)| {
-        let inner = match value.get_ref() {
-            DeValue::Table(inner) => key_at(inner, at),
-            DeValue::Array(items) => items.iter().enumerate().find_map(|(i, item)| match item.get_ref() {
-                DeValue::Table(inner) => match key_at(inner, at) {
-                    Some(inner) => Some(format!("{i}.{inner}")),
-                    None => item.span().contains(&at).then(|| i.to_string()),
-                },
-                _ => None,
-            }),
-            _ => None,
-        };
-        match inner {
-            Some(inner) => Some(format!("{}.{inner}", key.get_ref())),
-            None if key.span().contains(&at) || value.span().contains(&at) => Some(key.get_ref().to_string()),
-            None => None,
-        }
-    })
-}
-
-/// The span of `key`, or of its nearest parent if it is absent.
-fn span_of(table: &DeTable<'_>, key: &str) -> Option<Range<usize>> {
-    let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
-    let (name, value) = table.get_key_value(first)?;
-    let inner = rest.and_then(|rest| match value.get_ref() {
-        DeValue::Table(inner) => span_of(inner, rest),
-        DeValue::Array(items) => {
-            let (index, rest) = rest.split_once('.')?;
-            let item = items.get(index.parse::<usize>().ok()?)?;
-            item.get_ref().as_table().and_then(|inner| span_of(inner, rest))
-        }
-        _ => None,
-    });
-    Some(inner.unwrap_or_else(|| name.span()))
-}
-
 /// The largest number of errors that are reported at once.
 const MAX_ERRORS: usize = 12;
-
-/// Valid values of the keys without a default. They substitute missing and wrong values while further errors are searched for.
-const PLACEHOLDERS: &str = "
-rod = { nodes = 9, length_m = 1.0, outer_radius_m = 0.01, youngs_modulus_pa = 1e9, density_kg_m3 = 1e3 }
-actuation = { kind = \"travelling-wave\", kappa_amp = 1.0, frequency_hz = 1.0, wavelength_m = 1.0 }
-medium = { viscosity_pa_s = 1.0, density_kg_m3 = 1e3 }
-drag = { ratio = 2.0 }
-loads.point = [{ node = 0, force_n = [0.0, 0.0] }]
-solver = { duration_s = 1.0 }
-";
-
-/// Sets a dotted key to the value in `placeholders`, or removes it if there is none. Returns false if nothing changed.
-fn substitute<'a>(table: &mut DeTable<'a>, placeholders: &DeTable<'a>, key: &str) -> bool {
-    let (first, rest) = key.split_once('.').map_or((key, None), |(first, rest)| (first, Some(rest)));
-    let known = placeholders.get(first).map(Spanned::get_ref);
-    let inner = rest.zip(table.get_mut(first).map(Spanned::get_mut));
-    if let Some((rest, value)) = inner {
-        let nothing = DeTable::new();
-        match value {
-            DeValue::Table(inner) => {
-                return substitute(inner, known.and_then(DeValue::as_table).unwrap_or(&nothing), rest);
-            }
-            DeValue::Array(items) => {
-                let (index, rest) = rest.split_once('.').unwrap_or((rest, ""));
-                let item = index.parse().ok().and_then(|index: usize| items.get_mut(index));
-                let known = known.and_then(DeValue::as_array).and_then(|items| items.first());
-                let known = known.and_then(|item| item.get_ref().as_table()).unwrap_or(&nothing);
-                return match item.map(Spanned::get_mut) {
-                    Some(DeValue::Table(inner)) if !rest.is_empty() => substitute(inner, known, rest),
-                    _ => false,
-                };
-            }
-            _ => {}
-        }
-    }
-    let name = table.get_key_value(first).map(|(name, _)| name.clone());
-    match (known, name) {
-        (Some(value), name) => {
-            // With no place: it is written nowhere.
-            let name = name.unwrap_or_else(|| Spanned::new(0..0, first.to_string().into()));
-            table.remove(&name);
-            table.insert(Spanned::new(0..0, name.into_inner()), Spanned::new(0..0, without_span(value)));
-            true
-        }
-        (None, Some(name)) => table.remove(&name).is_some(),
-        (None, None) => false,
-    }
-}
-
-/// A copy of a value without its position in the text.
-fn without_span<'a>(value: &DeValue<'a>) -> DeValue<'a> {
-    let nowhere = |value: &Spanned<DeValue<'a>>| Spanned::new(0..0, without_span(value.get_ref()));
-    match value {
-        DeValue::Table(table) => {
-            let entry = |(key, value): (&Spanned<DeString<'a>>, &Spanned<DeValue<'a>>)| {
-                (Spanned::new(0..0, key.get_ref().clone()), nowhere(value))
-            };
-            DeValue::Table(table.iter().map(entry).collect())
-        }
-        DeValue::Array(items) => DeValue::Array(items.iter().map(nowhere).collect()),
-        other => other.clone(),
-    }
-}
 
 /// Returns errors that serde would not report, or not clearly: lists in place of tables, which serde reads as the fields of a struct,
 /// and unknown keys of `[solver]`, which it reports after missing ones.
@@ -705,57 +514,4 @@ fn check_tables(root: &DeTable<'_>) -> std::result::Result<(), KeyError> {
     let Some(DeValue::Table(solver)) = root.get("solver").map(Spanned::get_ref) else { return Ok(()) };
     let integrator = inside("solver", "integrator").and_then(DeValue::as_str);
     solver.keys().try_for_each(|key| super::solver::check_solver_key(key.get_ref(), integrator))
-}
-
-/// Rephrases an error `message` of serde at `key`; `source` is the text of the wrong value.
-fn rephrase(key: String, message: &str, source: Option<&str>) -> (String, String) {
-    let listed = |names: &str| names.trim_start_matches("one of ").to_string();
-    if let Some((name, names)) =
-        message.strip_prefix("unknown field `").and_then(|rest| rest.rsplit_once("`, expected "))
-    {
-        let near = nearest(name, names.split('`').skip(1).step_by(2));
-        return (key, unknown_key(&listed(names), near));
-    }
-    if let Some(name) = message.strip_prefix("missing field `") {
-        let name = name.trim_end_matches('`');
-        let key = if key.is_empty() { name.to_string() } else { format!("{key}.{name}") };
-        return (key, "missing; it has no default".to_string());
-    }
-    if let Some((name, names)) =
-        message.strip_prefix("unknown variant `").and_then(|rest| rest.rsplit_once("`, expected "))
-    {
-        let near = nearest(name, names.split('`').skip(1).step_by(2));
-        return (key, format!("found {name:?}; allowed: {}{}", listed(names), did_you_mean(near)));
-    }
-    for prefix in ["invalid type: ", "invalid value: ", "invalid length "] {
-        if let Some((found, allowed)) = message.strip_prefix(prefix).and_then(|rest| rest.rsplit_once(", expected ")) {
-            let found = match (found, source) {
-                // The source of a table made by a dotted key is that key.
-                ("map", Some(text)) if text.starts_with(|c: char| c == '{' || c == '[' || c.is_ascii_digit()) => text,
-                ("map", _) => "a table",
-                (_, Some(text)) => text,
-                ("sequence", None) => "a list",
-                (other, None) => other,
-            };
-            let allowed = match allowed {
-                "a string" => "a text in quotes",
-                "a boolean" => "true or false",
-                "a sequence" => "a list in brackets",
-                "i64" => "a whole number",
-                "usize" => "a whole number that is not negative",
-                "an array of length 2" => "two values in brackets",
-                table if table.starts_with("struct ") => "a table",
-                other => other,
-            };
-            return (key, format!("found {found}; allowed: {allowed}"));
-        }
-    }
-    let found = source.unwrap_or("another value");
-    match message {
-        "wanted string or table" => (key, format!("found {found}; allowed: a text in quotes")),
-        "floating-point number overflowed" | "integer number overflowed" => {
-            (key, format!("found {found}; allowed: a number below 1e308"))
-        }
-        other => (key, other.to_string()),
-    }
 }

@@ -34,7 +34,7 @@ pub struct MediumTable {
     pub viscosity_pa_s: Positive,
     /// Density, kg/m³. It enters added mass, quadratic drag, buoyancy and the Reynolds number.
     pub density_kg_m3: Positive,
-    /// Velocity of the uniform background flow, m/s.
+    /// Velocity of the uniform background flow, m/s. By default [0, 0].
     #[serde(default = "still")]
     pub flow_m_s: VectorSignal,
     /// A second fluid beyond an interface.
@@ -153,12 +153,12 @@ impl schemars::JsonSchema for ReactiveTable {
 
     fn json_schema(_: &mut schemars::SchemaGenerator) -> schemars::Schema {
         schemars::json_schema!({ "anyOf": [
-            { "const": "auto", "description": "there only if it matters, by estimates of the scene's own motion" },
+            { "const": "auto", "description": "present only if it matters, by estimates from the scene's own motion" },
             {
                 "type": "object",
                 "properties": { "shedding": {
                     "type": "number", "minimum": 0, "maximum": 1, "default": 1.0,
-                    "description": "Share of what Lighthill's theory sheds at the tail: 1 of a sharp end, 0 of a pointed one."
+                    "description": "Fraction of the momentum that the tail sheds into the wake in Lighthill's theory: 1 for a sharp end, 0 for a pointed one."
                 } },
                 "additionalProperties": false
             }

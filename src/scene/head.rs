@@ -15,7 +15,7 @@ use crate::head::{HeadInput, Motion, Signal};
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct HeadTable {
-    /// How the head is held.
+    /// How the head is held. By default `free`.
     #[serde(default)]
     pub kind: HeadKind,
     /// Position of a driven head, m.

@@ -4,14 +4,17 @@ mod actuation;
 mod body;
 mod csv_table;
 mod document;
+mod error_location;
 pub mod files;
 pub mod fluid;
 mod head;
 mod key_error;
 pub mod layers;
 mod loads;
+mod override_layers;
 pub mod parameter;
 mod parcel;
+mod placeholders;
 mod record;
 mod rod;
 #[cfg(feature = "schema")]
@@ -30,14 +33,14 @@ use twox_hash::XxHash3_128;
 pub use actuation::ActuationTable;
 pub use body::HeadBodyTable;
 pub use document::Document;
-#[cfg(feature = "report")]
-pub(crate) use document::exclusive_keys;
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
 pub use key_error::KeyError;
 pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
+#[cfg(feature = "report")]
+pub(crate) use override_layers::exclusive_keys;
 pub use parcel::Parcel;
 pub use record::{NodesTable, RecordTable};
 pub use rod::RodTable;

@@ -15,7 +15,7 @@ pub struct RecordTable {
     pub every: Option<BoundedInteger<1, 1_000_000_000>>,
     /// Interval between recorded times, s, independent of the steps.
     pub interval_s: Option<Positive>,
-    /// First time of the node table, s.
+    /// First time of the node table, s. By default 0.
     #[serde(default = "from_start")]
     pub nodes_from_s: NotNegative,
     /// Nodes of the node table; negative numbers count from the tip, −1. By default all.

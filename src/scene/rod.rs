@@ -39,7 +39,7 @@ pub struct RodTable {
     /// Factor of EI along the rod, as points [ξ, factor]: linear between them, constant beyond.
     #[serde(default, deserialize_with = "value::optional_pairs")]
     pub stiffness_profile: Option<Vec<[NotNegative; 2]>>,
-    /// How the mass of an edge is lumped at nodes.
+    /// How the mass of an edge is lumped at nodes. By default `tributary`.
     #[serde(default)]
     pub mass_lumping: MassLumping,
 }

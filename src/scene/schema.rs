@@ -25,7 +25,7 @@ fn tidy(value: &mut Value) {
             entries.values_mut().for_each(tidy);
             without_null(entries);
             if let Some(Value::String(text)) = entries.get_mut("description") {
-                *text = text.replace(['[', ']', '`'], "").replace('\n', " ");
+                *text = text.replace("[`", "").replace("`]", "").replace('`', "").replace('\n', " ");
             }
         }
         _ => {}
@@ -79,8 +79,8 @@ impl Scene {
             solver["additionalProperties"] = false.into();
             for method in METHODS {
                 for parameter in method.parameters {
-                    let description = format!("{} of the method {}", parameter.name, method.name);
-                    let mut own = json!({ "type": "number", "description": description });
+                    let description = format!("Parameter of the integrator {}.", method.name);
+                    let mut own = json!({ "type": "number", "description": description, "default": parameter.default });
                     for (bound, value) in ["minimum", "maximum"].into_iter().zip(parameter.range) {
                         if value.is_finite() {
                             own[bound] = value.into();

@@ -45,7 +45,7 @@ pub struct SolverTable {
     /// The linear solver.
     #[serde(default)]
     pub linear: linear::Choice,
-    /// The unknowns of Newton's method.
+    /// The unknowns of Newton's method. By default `auto`.
     #[serde(default)]
     pub form: FormKey,
     /// The parameters of the integrator.

@@ -12,7 +12,7 @@ use crate::start::Start;
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
 pub struct StartTable {
-    /// How the actuation begins.
+    /// How the actuation begins. By default `shaped`.
     #[serde(default)]
     pub kind: StartKind,
     /// Duration of the ramp, s; only with `kind = "ramp"`.

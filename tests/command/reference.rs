@@ -14,14 +14,14 @@ const INTRODUCTION: &str = r#"# Reference of scene keys
 <!-- Generated from `caudal schema` and `caudal schema --sweep`; do not edit.
      CAUDAL_WRITE_REFERENCE=1 cargo test --test command reference -->
 
-A scene is a TOML file. Its keys end in their units, which are SI units; an unknown key is an error. `caudal schema` prints the
-same as a JSON Schema for editors, and `caudal check SCENE` tells what follows from several keys together.
+A scene is a TOML file. Its keys end in their units, which are SI units; an unknown key is an error. `caudal schema` prints
+the same as a JSON Schema for editors. `caudal check SCENE` also checks keys against each other.
 
-The column *Default* says **required** where a key has none. Some types are written in several ways:
+A key without a default is **required** or has no effect if absent. Some types can be written in several ways:
 
 | Type | Written as |
 |---|---|
-| profile | one number, or points `[[ξ, value], …]` along the rod, linear in between: ξ = 0 at its first node, 1 at its tip |
+| profile | a number, or points `[[ξ, value], …]` along the rod with linear interpolation; ξ is 0 at the first node and 1 at the tip |
 | function of time | a number, or `{ amplitude, frequency_hz, phase_rad, offset }` for offset + amplitude sin(2π frequency_hz t + phase_rad), or `{ table = "file.csv" }` with columns for time, value and rate |
 | vector of functions of time | two functions of time `[x, y]`, or one of the tables above with two numbers in place of one |
 "#;
@@ -54,6 +54,8 @@ const UNITS: [(&str, &str); 22] = [
 
 struct Reference<'a> {
     definitions: &'a Map<String, Value>,
+    /// The kind of file, at the end of headings, for other files than scenes.
+    file: &'static str,
     text: String,
     /// The definitions that have a section, with its heading.
     written: Vec<(String, String)>,
@@ -77,7 +79,7 @@ impl<'a> Reference<'a> {
     /// Writes the section of a table, and of those in it.
     fn section(&mut self, path: &str, heading: &str, description: &str, table: &'a Value) {
         let _ = write!(self.text, "\n## {heading}\n\n");
-        if !description.is_empty() {
+        if description.trim_end_matches('.') != heading.trim_matches('`') {
             let _ = write!(self.text, "{description}\n\n");
         }
         self.text.push_str("| Key | Type | Unit | Range | Default | Meaning |\n|---|---|---|---|---|---|\n");
@@ -88,12 +90,20 @@ impl<'a> Reference<'a> {
         for (key, schema) in properties {
             let own = self.resolve(schema);
             let unit = UNITS.iter().find(|(end, _)| key.ends_with(end)).map_or("", |(_, unit)| unit);
+            let meaning = schema["description"].as_str().or(own["description"].as_str()).unwrap_or("");
+            let meaning = if meaning.trim_end_matches('.') == format!("[{key}]") { "" } else { meaning };
+            let (mut meaning, said) = without_default(meaning);
             let default = match &schema["default"] {
+                _ if !said.is_empty() => plain(&said),
                 Value::Null if required.contains(&&**key) => "**required**".to_string(),
                 Value::Null => String::new(),
                 value => format!("`{}`", number(value)),
             };
-            let mut meaning = schema["description"].as_str().or(own["description"].as_str()).unwrap_or("").to_string();
+            if !unit.is_empty() {
+                for end in ['.', ';', ','] {
+                    meaning = meaning.replacen(&format!(", {unit}{end}"), &end.to_string(), 1);
+                }
+            }
             if let Some(allowed) = own["enum"].as_array() {
                 let allowed: Vec<String> = allowed.iter().map(|name| format!("`{}`", name.as_str().unwrap())).collect();
                 let _ = write!(meaning, " One of {}.", allowed.join(", "));
@@ -112,8 +122,8 @@ impl<'a> Reference<'a> {
         for (key, schema) in properties {
             let inner = format!("{path}{key}");
             let (table, heading) = match self.table(&schema["items"]) {
-                Some(table) => (Some(table), format!("`[[{inner}]]`")),
-                None => (self.table(schema), format!("`[{inner}]`")),
+                Some(table) => (Some(table), format!("`[[{inner}]]`{}", self.file)),
+                None => (self.table(schema), format!("`[{inner}]`{}", self.file)),
             };
             let Some(table) = table else { continue };
             let description = schema["description"].as_str().unwrap_or("").to_string();
@@ -160,8 +170,7 @@ impl<'a> Reference<'a> {
                 }
             }
             Some("object") => "table".to_string(),
-            Some("string") => "text".to_string(),
-            Some("boolean") => "`true` or `false`".to_string(),
+            Some("string") => "string".to_string(),
             Some(kind) => kind.to_string(),
             None => "value".to_string(),
         }
@@ -194,13 +203,23 @@ fn range(schema: &Value) -> Option<String> {
     }
 }
 
-/// A number without the decimals of a whole one; any other value as it is.
+/// A number without needless digits; any other value as it is.
 fn number(value: &Value) -> String {
     match value.as_f64() {
-        Some(x) if x.fract() == 0.0 && x.abs() < 1e15 => format!("{x}").replace('-', "−"),
-        Some(x) => format!("{x}").replace('-', "−"),
+        Some(x) if x != 0.0 && !(1e-4..1e6).contains(&x.abs()) => format!("{x:e}"),
+        Some(x) => format!("{x}"),
         None => value.to_string(),
     }
+}
+
+/// A description without the sentence about the default, and what that says.
+fn without_default(description: &str) -> (String, String) {
+    let Some((before, rest)) = description.split_once("By default") else {
+        return (description.to_string(), String::new());
+    };
+    let (said, after) = rest.split_once(". ").unwrap_or((rest.trim_end_matches('.'), ""));
+    let said = said.trim_start_matches(',').trim();
+    (format!("{} {after}", before.trim_end()).trim_end().to_string(), said.to_string())
 }
 
 /// Text in a cell of a table.
@@ -217,7 +236,7 @@ fn schema(arguments: &[&str]) -> Value {
 fn the_reference_of_scene_keys_is_current() {
     let (scene, sweep) = (schema(&["schema"]), schema(&["schema", "--sweep"]));
     let definitions = scene["$defs"].as_object().unwrap();
-    let mut reference = Reference { definitions, text: INTRODUCTION.to_string(), written: Vec::new() };
+    let mut reference = Reference { definitions, file: "", text: INTRODUCTION.to_string(), written: Vec::new() };
     reference.section("", "Scene", "The top level of the file.", &scene);
     let mut text = reference.text;
 
@@ -226,7 +245,7 @@ fn the_reference_of_scene_keys_is_current() {
     set["description"] = "Keys of the base scene with other values for every case.".into();
     set.as_object_mut().unwrap().remove("properties"); // those of a scene, which stand above
     let definitions = sweep["$defs"].as_object().unwrap();
-    let mut reference = Reference { definitions, text: String::new(), written: Vec::new() };
+    let mut reference = Reference { definitions, file: " of a sweep", text: String::new(), written: Vec::new() };
     reference.section("", "Sweep", "The top level of the file of a [sweep](sweeps.md).", &own);
     text.push_str(&reference.text);
 

@@ -1,0 +1,102 @@
+//! Layers of overrides: merging the overrides of a layer, applying a layer to those below, and removing the keys that it excludes.
+
+use std::ops::Range;
+
+use toml::Spanned;
+use toml::de::{DeTable, DeValue};
+
+use super::key_error::KeyError;
+use super::value::{SIGNAL_KEYS, refused};
+use crate::integrator::{METHODS, Method};
+
+/// Pairs of keys that exclude each other.
+const ALTERNATIVES: [[&str; 2]; 3] =
+    [["time_step_s", "tolerance"], ["every", "interval_s"], ["stiffness_gradient", "stiffness_profile"]];
+
+/// The dotted keys that exclude `key`.
+#[cfg(feature = "report")]
+pub(crate) fn exclusive_keys(key: &str) -> impl Iterator<Item = String> {
+    let (table, name) = key.rsplit_once('.').unwrap_or(("", key));
+    let pairs = ALTERNATIVES.iter().filter(move |pair| pair.contains(&name)).flatten();
+    pairs.filter(move |other| **other != name).map(move |other| format!("{table}.{other}"))
+}
+
+/// Merges overrides of one layer. A key that is a table in one of them and a value in another is an error.
+pub(super) fn merge_layer<'a>(
+    base: &mut DeTable<'a>,
+    more: DeTable<'a>,
+    path: &str,
+) -> std::result::Result<(), (KeyError, Range<usize>)> {
+    for (key, value) in more {
+        let place = if path.is_empty() { key.get_ref().to_string() } else { format!("{path}.{}", key.get_ref()) };
+        let there = base.get(&key).map(|value| value.get_ref().is_table());
+        match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
+            (Some(DeValue::Table(base)), (DeValue::Table(more), _)) => merge_layer(base, more, &place)?,
+            (_, (value, span)) => {
+                if there.is_some_and(|table| table != value.is_table()) {
+                    let found = refused("a table of its keys beside another value", "one of the two");
+                    return Err((KeyError { key: place, problem: found }, key.span()));
+                }
+                base.remove(&key); // with its old span
+                base.insert(key, Spanned::new(span, value));
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Applies a layer to the layers below it, table by table. Functions of time are values.
+pub(super) fn apply_layer<'a>(base: &mut DeTable<'a>, over: DeTable<'a>) {
+    for (key, value) in over {
+        match (base.get_mut(&key).map(Spanned::get_mut), value.into_inner_with_span()) {
+            (Some(DeValue::Table(base)), (DeValue::Table(over), _)) if !is_function(&over) => apply_layer(base, over),
+            (_, (value, span)) => {
+                base.remove(&key); // with its old span
+                base.insert(key, Spanned::new(span, value));
+            }
+        }
+    }
+}
+
+/// True for a complete function of time.
+fn is_function(table: &DeTable<'_>) -> bool {
+    let whole = table.contains_key("table") || table.contains_key("amplitude") && table.contains_key("frequency_hz");
+    whole && table.keys().all(|key| SIGNAL_KEYS.contains(&&**key.get_ref()))
+}
+
+/// Removes keys that keys of a higher layer exclude: alternatives, and parameters of other integrators.
+pub(super) fn remove_excluded_keys(table: &mut DeTable<'_>, layer_of: &impl Fn(usize) -> usize) {
+    let layer = |table: &DeTable<'_>, key: &str| table.get_key_value(key).map(|(key, _)| layer_of(key.span().start));
+    for [a, b] in ALTERNATIVES {
+        match (layer(table, a), layer(table, b)) {
+            (Some(own), Some(other)) if own > other => drop(table.remove(b)),
+            (Some(own), Some(other)) if own < other => drop(table.remove(a)),
+            _ => {}
+        }
+    }
+    let method = table.get("integrator").and_then(|value| Method::named(value.get_ref().as_str()?));
+    if let Some((method, own)) = method.zip(layer(table, "integrator")) {
+        let others = METHODS.iter().flat_map(|other| other.parameters).map(|parameter| parameter.name);
+        for key in others.filter(|name| !method.parameters.iter().any(|parameter| parameter.name == *name)) {
+            if layer(table, key).is_some_and(|layer| layer < own) {
+                table.remove(key);
+            }
+        }
+    }
+    for (_, value) in table.iter_mut() {
+        if let DeValue::Table(inner) = value.get_mut() {
+            remove_excluded_keys(inner, layer_of);
+        }
+    }
+}
+
+trait IntoInnerWithSpan<T> {
+    fn into_inner_with_span(self) -> (T, Range<usize>);
+}
+
+impl<T> IntoInnerWithSpan<T> for Spanned<T> {
+    fn into_inner_with_span(self) -> (T, Range<usize>) {
+        let span = self.span();
+        (self.into_inner(), span)
+    }
+}
