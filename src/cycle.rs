@@ -396,9 +396,9 @@ pub struct CycleMeasure {
     pub key: &'static str,
     /// The key of its spread.
     pub spread: &'static str,
-    /// SI unit; `1` where there is none.
+    /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
-    /// What it is.
+    /// Description.
     pub description: &'static str,
     of: fn(&Cycle, &Dynamics) -> Option<f64>,
 }

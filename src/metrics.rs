@@ -296,7 +296,7 @@ impl Measurements {
         Self { kappa: zeros(), moment: zeros(), natural: zeros(), tangent, ..Self::default() }
     }
 
-    /// Copies `other`, without allocating where there is room.
+    /// Copies `other`, without allocating if capacities suffice.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         let Self { mut kappa, mut moment, mut natural, mut tangent, .. } = std::mem::take(self);
         kappa.clone_from(&other.kappa);
@@ -562,7 +562,7 @@ impl RunningTotals {
         totals.across_time.add(&now.across, half_time);
         totals.impulse.add(&from.resultants, half_time);
         totals.impulse.add(&now.resultants, half_time);
-        // What the whole step gave beside that comes evenly.
+        // The rest of the impulse of the step is distributed evenly.
         let part = (now.time - from.time) / (to.time - from.time);
         let half_step = 0.5 * (to.time - from.time);
         for (impulse, factor) in
@@ -614,7 +614,7 @@ impl RunMetrics {
         })
     }
 
-    /// Copies `other`, without allocating where there is room.
+    /// Copies `other`, without allocating if capacities suffice.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         let Self { now, totals, first_energy, first_momentum, first, first_positions } = other;
         self.now.copy_from(now);

@@ -289,11 +289,11 @@ type Allowed = (fn(f64) -> bool, &'static str);
 pub struct Variable {
     /// Name, ending in its unit.
     pub name: &'static str,
-    /// SI unit; `1` where there is none.
+    /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
     /// What determines its value.
     pub causality: Causality,
-    /// What it is.
+    /// Description.
     pub description: &'static str,
     /// Its number of values.
     pub size: Size,

@@ -207,12 +207,12 @@ pub fn differentiable() -> impl Iterator<Item = CycleMeasure> {
 
 /// The derivatives of a measure of `cycle` by its integrals, and by parameters of the forces themselves.
 fn slopes(measure: &CycleMeasure, cycle: &Cycle, dynamics: &Dynamics) -> Option<(Integrals, Vec<(Key, f64)>)> {
-    (measure.of)(cycle, dynamics)?; // where it is
+    (measure.of)(cycle, dynamics)?; // only if it is defined
     let mut by = Integrals::zeros();
     let mut keys = Vec::new();
     let period = cycle.period();
     let velocity = cycle.velocity();
-    // At rest no direction is ahead.
+    // At rest there is no direction.
     let direction = velocity.try_normalize(0.0).unwrap_or_default();
     let per = 1.0 / period;
     // The part of a mean vector along the axis.

@@ -260,7 +260,7 @@ impl Document {
     /// The byte offsets of `keys` in the text.
     ///
     /// # Errors
-    /// [`Error::Scene`] where it is not TOML.
+    /// [`Error::Scene`] if it is not TOML.
     pub fn positions(&self, keys: &[String]) -> Result<Vec<usize>> {
         let position = |root: &DeTable<'_>, key: &String| span_of(root, key).map_or(0, |span| span.start);
         self.with_root(|root| Ok(keys.iter().map(|key| position(root.get_ref(), key)).collect()))
@@ -301,7 +301,7 @@ impl Document {
             texts.push(format!("{}{text}", " ".repeat(start)));
         }
         let mut layer = (0, DeTable::new());
-        // Keys go on top of the tables that hold them, whichever comes first.
+        // Keys take precedence over the tables that contain them, in any order.
         let depth = |text: &str| text.split('=').next().map_or(0, |key| key.matches('.').count());
         let mut order: Vec<usize> = (0..texts.len()).collect();
         order.sort_by_key(|i| (self.layers[*i], depth(&texts[*i])));
@@ -365,7 +365,7 @@ impl Document {
         while let Some(error) = next.take() {
             let Error::Scene { key, .. } = &error else { break };
             let key = key.clone();
-            // The same again, or a table that lacks what was taken out of it, is no mistake of the text.
+            // The same error again, or one about a removed key, is not an error of the text.
             let made = |(other, _): &(String, Error)| {
                 other.strip_prefix(&*key).is_some_and(|rest| rest.is_empty() || rest.starts_with('.'))
             };
@@ -377,7 +377,7 @@ impl Document {
                 next = self.parsed(&substituted).err();
             }
         }
-        // What is missing last: it may be what another mistake was meant to be.
+        // Missing keys come last: another error may be a misspelt one.
         let missing = |error: &Error| matches!(error, Error::Scene { problem, .. } if problem.starts_with("missing"));
         let start = |key: &str| span_of(root.get_ref(), key).map_or(usize::MAX, |span| span.start);
         reported.sort_by_key(|(key, error)| (missing(error), start(key)));

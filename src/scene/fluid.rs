@@ -352,7 +352,7 @@ impl DragTable {
     pub(super) fn with_law(&self, law: &'static DragLaw) -> (Self, usize) {
         let mut table = Self { law: Some(law.name.to_string()), ..self.clone() };
         let before = table.given().count();
-        // What the scene's own law needs to know of its surroundings goes on as the viscous part of a law that has one.
+        // A law with keys of its own, such as the height above a wall, becomes the viscous part of a law that has one.
         let own = self.law().ok().filter(|own| !own.needs.is_empty() && !own.published.table.is_empty());
         if let Some(own) = own.filter(|own| law.keys.contains(&"viscous") && own.resistance.is_some()) {
             table.viscous = Some(own.name.to_string());

@@ -213,7 +213,7 @@ impl Scene {
         (nowhere.name, nowhere.folder, nowhere.file) = <_>::default();
         nowhere.read_from = Files::default();
         nowhere.fluid_choice = None; // follows from the rest
-        // The text of what is left has every part of the scene, and every number to the bit.
+        // This text contains every part of the scene, and every number to the bit.
         XxHash3_128::oneshot(format!("{} {nowhere:?}", env!("CARGO_PKG_VERSION")).as_bytes())
     }
 

@@ -12,9 +12,9 @@ pub struct ScalarParameter {
     pub key: String,
     /// The index of the component, if the key has several.
     pub component: Option<usize>,
-    /// SI unit; `1` where there is none.
+    /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
-    /// What it is.
+    /// Description.
     pub description: String,
     /// Its value in this scene.
     pub value: f64,
@@ -40,7 +40,7 @@ impl ScalarParameter {
 pub struct ProfileParameter {
     /// Dotted key, for example `rod.depth_m`.
     pub key: &'static str,
-    /// SI unit; `1` where there is none.
+    /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
     /// Points [ξ, value].
     pub points: Vec<[f64; 2]>,

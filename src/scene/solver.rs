@@ -130,7 +130,7 @@ fn default_accuracy() -> Positive {
 }
 
 impl SolverTable {
-    /// Refuses steps too many to be counted.
+    /// Checks the number of steps.
     pub(super) fn check_steps(&self) -> std::result::Result<(), KeyError> {
         let duration = self.duration_s.get();
         let Some(step) = self.time_step_s.map(Positive::get).filter(|step| duration > MAX_STEPS * step) else {
@@ -159,7 +159,7 @@ impl Scene {
             );
             return fault("drag.head_weight", problem);
         }
-        // What is left to the program is not taken with a model that cannot hold it.
+        // Added mass that is left to the program is not chosen with a model that does not support it.
         let reactive = self.reactive.as_ref().filter(|reactive| !reactive.auto);
         if let (Some(kind), Some(_)) = (kind.filter(|kind| kind.needs_drag), reactive) {
             let problem = format!(
@@ -424,7 +424,7 @@ impl Scene {
     /// Its integrator.
     ///
     /// # Errors
-    /// `Error::Scene`; none for a scene that was read by `Document::scene`.
+    /// `Error::Scene`, but never for a scene read by `Document::scene`.
     pub fn integrator(&self) -> Result<Box<dyn Integrator>> {
         let (method, values) = self.method().map_err(|KeyError { key, problem }| self.error(&key, problem))?;
         Ok((method.build)(&values))

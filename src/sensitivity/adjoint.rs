@@ -91,7 +91,7 @@ impl Problem {
         let mut natural = vec![0.0; times * bends.len()];
         let mut by_force = vec![0.0; if by_controls { times * 2 * nodes } else { 0 }];
         let mut force_by = vec![zeros(); finite_differences.len()];
-        // Weights of all later times, for what is summed or counted from the start.
+        // Sums of the weights of all later times, for outputs that are summed from the start.
         let mut later = vec![0.0; outputs.len()];
         for n in (0..=steps.count()).rev() {
             check_interruption()?;

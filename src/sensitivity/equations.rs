@@ -21,9 +21,9 @@ pub(super) struct Equations {
     held: Option<BandMatrix>,
     /// ∂f/∂v, where any force acts.
     damping: Option<BandMatrix>,
-    /// ∂f/∂a, where it is not the lumped mass.
+    /// ∂f/∂a, if it differs from the lumped mass.
     inertia: Option<BandMatrix>,
-    /// What ∂f/∂q does where the whole rod moves: of forces that depend on where it is.
+    /// The derivative of forces by a translation of the whole rod, for forces that depend on position.
     place: Option<Vec<Matrix2<f64>>>,
     band: BlockBand,
     /// Analysed when it is first needed; `pivoted`: it has the factors.
@@ -197,7 +197,7 @@ impl Equations {
     }
 }
 
-/// The blocks of row `i` beside the diagonal, with their columns.
+/// The off-diagonal blocks of row `i`, with their columns.
 #[inline]
 fn neighbours(i: usize, row: &BlockRow, nodes: usize) -> impl Iterator<Item = (usize, &[f64; 4])> {
     let inside =

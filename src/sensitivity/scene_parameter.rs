@@ -26,9 +26,9 @@ pub struct SceneParameter {
     pub place: Vec<usize>,
     /// ξ of a point.
     pub xi: Option<f64>,
-    /// SI unit; `1` where there is none.
+    /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
-    /// What it is.
+    /// Description.
     pub description: String,
     /// Its value in the scene.
     pub own: f64,

@@ -95,11 +95,11 @@ const NODE_PARAMETERS: [(WithRespectTo, &str, &str, &str); 11] = [
 pub struct NamedParameter {
     /// Its name: a key of the scene, or that of an array per joint or node.
     pub name: String,
-    /// SI unit; `1` where there is none.
+    /// SI unit, or `1` if dimensionless.
     pub unit: &'static str,
-    /// What it is.
+    /// Description.
     pub description: String,
-    /// What it is in the scene.
+    /// Its value in the scene.
     pub value: Array,
 }
 
@@ -236,7 +236,7 @@ impl Simulation {
         for (name, value) in values.iter().filter(|(name, _)| !NODE_PARAMETERS.iter().any(|named| named.1 == *name)) {
             finite(name, value)?;
             let Some((WithRespectTo::Scene(i), ..)) = known.named(name) else {
-                // The scene says what is near to it, where it knows no such key.
+                // The error of the scene suggests a similar key.
                 document.set(&format!("{name}={:e}", value.values.first().unwrap_or(&0.0)))?;
                 document.scene()?;
                 return Err(known.refuse(&as_is.name, name));
@@ -457,7 +457,7 @@ impl Simulation {
             WithRespectTo::Scene(i) => from.take(self.known.keys[i].len()).collect(),
             WithRespectTo::Phase => from.take(1).collect(),
             WithRespectTo::Stiffness | WithRespectTo::PhaseProfile => from.take(joints).collect(),
-            // The parameter is relative to what it is.
+            // The parameter is a factor of the current value.
             WithRespectTo::Amplitude => from.take(joints).zip(&self.factors).map(|(by, factor)| by / factor).collect(),
             WithRespectTo::Natural
             | WithRespectTo::Force(_)

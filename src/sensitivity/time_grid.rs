@@ -22,7 +22,7 @@ impl TimeGrid {
         if n <= self.whole { n as f64 * self.length } else { self.whole as f64 * self.length + self.length(n) }
     }
 
-    /// The length of the step that ends at time `n`; zero where there is none.
+    /// The size of the step that ends at time `n`, or zero if there is none.
     pub(super) fn length(&self, n: usize) -> f64 {
         match n {
             0 => 0.0,

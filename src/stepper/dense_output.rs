@@ -51,7 +51,7 @@ impl Stepper {
     /// Calls `look` with the view at time `t` (s) within the last internal step.
     ///
     /// # Errors
-    /// [`Error::OutsideStep`], also where an input was set or a snapshot restored since that step; errors of the reading.
+    /// [`Error::OutsideStep`], also if an input was set or a snapshot restored since that step; errors of the measurement.
     pub fn at<T>(&mut self, t: f64, look: impl FnOnce(&View<'_>) -> T) -> Result<T> {
         if t == self.now.state.t || t == self.time() {
             return Ok(look(&self.view()));

@@ -2,8 +2,8 @@
 //!
 //! An input acts on the motion only through the steps that follow, so its derivatives are those of what
 //! [`get`](Stepper::get) returns right after [`set`](Stepper::set): positions and velocities stay, moments, energies, powers and
-//! the reaction of a held head follow at once. They are exact: every reading is differentiated by hand, along the same
-//! derivatives of drag, bending and stretching that Newton's matrix is made of. The rate of a reading follows the
+//! the reaction of a held head follow at once. They are exact: every measurement is differentiated by hand, along the same
+//! derivatives of drag, bending and stretching that Newton's matrix is made of. The rate of a measurement follows the
 //! motion; only the head's pose, and what inputs bring that change by a rate, are differenced once more.
 
 use nalgebra::Vector2;
@@ -21,16 +21,16 @@ use crate::rod::node;
 use crate::system::{State, System};
 use crate::variable::{Variable, View};
 
-/// The motion of a head is differenced over this part of an internal step to either side: it changes little in a step.
+/// The motion of a head is differenced over this fraction of an internal step to either side.
 const TIME_DIFFERENCE: f64 = 1e-3;
 
-/// The longest internal step (s) that this is taken of.
+/// The longest internal step (s) for that difference.
 const MAX_DIFFERENCED_STEP: f64 = 0.1;
 
-/// What inputs bring that change by a rate is differenced over this part of densities, speeds and thicknesses.
+/// Step of the difference by fluid properties, relative to densities, speeds and thicknesses, for inputs with a rate.
 const FLUID_DIFFERENCE: f64 = 1e-4;
 
-/// The first change of a state and of what is read from it along some direction.
+/// The differential of a state and its measurements along a direction.
 #[derive(Debug)]
 pub(super) struct StateTangent {
     state: State,
@@ -40,13 +40,13 @@ pub(super) struct StateTangent {
     force: Vec<f64>,
     fluid: Fluid,
     layers: Option<Layers>,
-    /// Change of what a force opposes the motion with.
+    /// Differential of the force that opposes the motion.
     opposing: Vec<f64>,
-    /// The same of all forces, less the change of loads.
+    /// The same for all forces, minus the differential of loads.
     applied: Vec<f64>,
-    /// Change of the head's angle and of its spin.
+    /// Differential of the head's angle and angular velocity.
     angle: [f64; 2],
-    /// The inputs' change.
+    /// Differential of the inputs.
     inputs: Inputs,
 }
 
@@ -76,7 +76,7 @@ impl StateTangent {
         }
     }
 
-    /// No change at all.
+    /// Sets the differential to zero.
     fn clear(&mut self) {
         self.state.t = 0.0;
         for values in [&mut self.state.q, &mut self.state.v, &mut self.state.a, &mut self.force] {
@@ -302,7 +302,7 @@ impl StateTangent {
     }
 }
 
-/// The first change of everything that is read, along some direction.
+/// The derivatives of all variables along a direction.
 #[derive(Debug, Clone, Copy)]
 pub struct VariableDerivatives<'a> {
     now: View<'a>,
@@ -310,7 +310,7 @@ pub struct VariableDerivatives<'a> {
 }
 
 impl VariableDerivatives<'_> {
-    /// The change of `variable` at node `k`; none where that is none of its [`entries`](Variable::entries).
+    /// The derivative of `variable` at node `k`, or None if that is not one of its [`entries`](Variable::entries).
     pub fn of(&self, variable: &Variable, k: usize) -> Option<f64> {
         let there = variable.entries(&self.now.dynamics.model).contains(&k);
         there.then(|| variable.change(&self.now, &self.change, k))
@@ -318,7 +318,7 @@ impl VariableDerivatives<'_> {
 }
 
 impl Stepper {
-    /// d/dt of every variable now.
+    /// The total time derivatives d/dt of all variables.
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`].
@@ -326,7 +326,7 @@ impl Stepper {
         self.rates_of(true)
     }
 
-    /// ∂/∂t of every variable in the state that it is in now: of what follows the time at once.
+    /// The partial time derivatives ∂/∂t of all variables at the current state.
     ///
     /// # Errors
     /// Those of [`Dynamics::shape`].
@@ -416,8 +416,8 @@ impl Stepper {
         Ok(bent.dynamics.brought(&bent.kinematics(), &mut room))
     }
 
-    /// The change of every output at once when the inputs change: `seed` writes the change of each input, by
-    /// [`Seed::set`]. The targets of a head change nothing before the next step.
+    /// The directional derivatives of all variables with respect to inputs. `seed` sets the direction by [`Seed::set`]. Targets of
+    /// the head have no effect before the next step.
     ///
     /// # Errors
     /// Those of `seed` and of [`Dynamics::shape`].
@@ -508,7 +508,7 @@ impl Stepper {
     }
 }
 
-/// Where the change of the inputs is written.
+/// The direction of inputs of a directional derivative.
 #[derive(Debug)]
 pub struct Seed<'a> {
     dynamics: &'a mut Dynamics,
@@ -516,7 +516,7 @@ pub struct Seed<'a> {
 }
 
 impl Seed<'_> {
-    /// Sets the change of a whole input.
+    /// Sets the direction of a whole input.
     ///
     /// # Errors
     /// [`Error::NotAnInput`], [`Error::WrongLength`].
@@ -529,7 +529,7 @@ impl Seed<'_> {
             return Err(Error::WrongLength { name: variable.name, expected, found: values.len() });
         }
         if variable.of_head().is_some() {
-            return Ok(()); // the head goes on as it moves now
+            return Ok(()); // the motion of the head does not change before the next step
         }
         std::mem::swap(&mut self.dynamics.inputs, self.change);
         variable.write(self.dynamics, 0.0, 0, values);

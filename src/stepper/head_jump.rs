@@ -17,7 +17,7 @@ pub struct HeadJump {
     pub time: f64,
     /// Coordinate: x, y or angle.
     pub coordinate: usize,
-    /// What of it jumps: 0 the pose, 1 the velocity.
+    /// Order of the derivative that jumps: 0 for the pose, 1 for the velocity.
     pub order: usize,
     /// How far: m or rad, of a velocity per s.
     pub distance: f64,

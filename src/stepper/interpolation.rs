@@ -98,7 +98,7 @@ struct InterpolatedRod {
 }
 
 impl InterpolatedRod {
-    /// Takes over κ̄, which `dynamics` was last moved to, and the curvatures of its own edges.
+    /// Copies κ̄ from `dynamics`, which must be at the same time, and computes the curvatures of the edges.
     fn bend(&mut self, dynamics: &Dynamics) {
         self.natural.clone_from(&dynamics.natural);
         self.bent.resize(dynamics.model.rod.nodes, 0.0);
@@ -150,7 +150,7 @@ impl StepEnd {
     }
 }
 
-/// What is known of the last step.
+/// The ends of the last step, for interpolation.
 #[derive(Debug, Default)]
 pub(super) struct StepInterpolation {
     ends: [StepEnd; 2],
@@ -169,7 +169,7 @@ impl StepInterpolation {
     /// Writes the state at time `t` (s) of the step from `from` to `to`, with links, to `out`; leaves `dynamics` at `t`.
     ///
     /// # Errors
-    /// Those of [`Dynamics::shape`]; none for a step that was accepted.
+    /// Those of [`Dynamics::shape`], but never for an accepted step.
     pub(super) fn write(
         &mut self,
         dynamics: &mut Dynamics,
@@ -201,7 +201,7 @@ impl StepInterpolation {
         place_nodes(dynamics, &now.edges, [from, to], fraction, out);
         now.balance.balance(dynamics, &now.edges, &now.bent, out, applied);
         let rod = &dynamics.model.rod;
-        // What is added to the line is no larger than what there is at the ends.
+        // The correction of linear interpolation is bounded by the values at the ends.
         let pull = |forces: &InternalForces| super::largest(&forces.tension).max(super::largest(&forces.shear));
         let pulls = [pull(&first.forces), pull(&last.forces)];
         let couples = [&first.forces, &last.forces].map(|forces| super::largest(&forces.moment));

@@ -102,7 +102,7 @@ impl Stepper {
         self.presolved = Some(PresolvedStep { iterations, checked, ..*step });
     }
 
-    /// Takes over what is `measured` of the step that was solved, see [`Measurements::measure_presolved`].
+    /// Stores the measurements of the presolved step, see [`Measurements::measure_presolved`].
     pub(crate) fn store_presolved_measurements(
         &mut self,
         measured: &Measured,

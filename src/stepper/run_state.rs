@@ -29,7 +29,7 @@ pub(super) struct RunState {
 }
 
 impl RunState {
-    /// Copies `other`, without allocating where there is room.
+    /// Copies `other`, without allocating if capacities suffice.
     fn copy_from(&mut self, other: &Self) {
         let Self {
             clock,
@@ -68,7 +68,7 @@ impl Stepper {
         SavedRun { now: self.now.clone(), inputs: inputs.clone(), course: course.clone(), work: self.newton.work }
     }
 
-    /// The same into `saved`, without allocating where there is room.
+    /// The same into `saved`, without allocating if capacities suffice.
     pub(super) fn copy_to(&self, saved: &mut SavedRun) {
         let SavedRun { now, inputs, course, work } = saved;
         now.copy_from(&self.now);

@@ -22,7 +22,7 @@ pub struct Snapshot {
     saved: SavedRun,
 }
 
-/// What is wrong with a snapshot of another scene.
+/// The error of a snapshot of another scene.
 const WRONG_SCENE: &str = "it was saved from another scene or model, or from this one with other parameters";
 
 /// What stands before a serialised snapshot.
@@ -49,7 +49,7 @@ impl Header {
         refuse(&format!("it was saved by caudal {}; this is {here}", self.version))
     }
 
-    /// The content that follows it, where it is that of this version, whole.
+    /// Deserialises the content that follows it, after checking version and checksum.
     fn read<T: DeserializeOwned>(&self, content: &[u8]) -> Result<T> {
         self.check_version()?;
         if self.checksum != XxHash3_128::oneshot(content) {
@@ -66,7 +66,7 @@ impl Snapshot {
         now.pending_time.unwrap_or(now.state.t)
     }
 
-    /// Its bytes, which a stepper of the same scene in any process of this version takes over.
+    /// Serialises it, for a stepper of the same scene in any process of this version.
     ///
     /// # Errors
     /// Those of [`seal`].
@@ -74,7 +74,7 @@ impl Snapshot {
         seal(self.scene, self)
     }
 
-    /// The snapshot in `bytes`, of whatever scene it is; [`Stepper::restore`] refuses that of another.
+    /// Deserialises a snapshot of any scene. [`Stepper::restore`] returns an error for that of another scene.
     ///
     /// # Errors
     /// [`Error::Snapshot`] for bytes that are damaged, or come from another version or kind of file.

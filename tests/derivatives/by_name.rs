@@ -30,7 +30,7 @@ fn what_a_model_does_not_have_is_refused_and_not_zero() {
         (Parameter::NaturalCurvature(8), "no joint at node 8"),
         (Parameter::WaveAmplitude(0), "no joint at node 0"),
         (Parameter::WavePhase(99), "no joint at node 99"),
-        (Parameter::OfScene(0), "Problem::moved has 0 entries"),
+        (Parameter::OfScene(0), "Problem::finite_differences has 0 entries"),
     ];
     for (parameter, text) in refused {
         let mut problem = problem(&[]);
