@@ -24,7 +24,7 @@ pub struct Problem {
     pub(super) dynamics: Dynamics,
     /// The actuation of the scene.
     actuation: Option<Box<dyn Actuation>>,
-    /// The finite differences for each [`Parameter::OfScene`](super::Parameter::OfScene).
+    /// The finite differences for each [`Parameter::OfScene`].
     pub finite_differences: Vec<FiniteDifference>,
     pub(super) integrator: Box<dyn Integrator>,
     tolerance: f64,

@@ -102,7 +102,7 @@ impl Stepper {
         self.presolved = Some(PresolvedStep { iterations, checked, ..*step });
     }
 
-    /// Stores the measurements of the presolved step, see [`Measurements::measure_presolved`].
+    /// Stores the measurements of the presolved step, see [`Measurements::measure_presolved`](crate::metrics::Measurements::measure_presolved).
     pub(crate) fn store_presolved_measurements(
         &mut self,
         measured: &Measured,
