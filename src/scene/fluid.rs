@@ -80,7 +80,7 @@ pub struct DragTable {
     pub law: Option<String>,
     /// Ratio of the normal to the tangential drag coefficient, for `stokes-like`.
     pub ratio: Option<Positive>,
-    /// Length in the logarithm of slender-body laws, m.
+    /// Length in the logarithm of slender-body laws, m. By default, the shorter of rod and wavelength.
     pub slender_length_m: Option<Positive>,
     /// Tangential drag coefficient for `coefficients`, N s/m².
     pub along_n_s_m2: Option<NumberOrProfile<NotNegative>>,
@@ -88,15 +88,16 @@ pub struct DragTable {
     pub across_n_s_m2: Option<NumberOrProfile<NotNegative>>,
     /// Height above the wall, m, for `wall`.
     pub height_m: Option<Positive>,
-    /// The law of the viscous part, for `cross-flow`.
+    /// The law of the viscous part, for `cross-flow`. By default `cox`.
     pub viscous: Option<String>,
-    /// Form drag coefficient C_d.
+    /// Form drag coefficient C_d, for `cross-flow`. By default, that of the cross-section.
     pub form_drag: Option<NotNegative>,
-    /// Coefficient τ by which cross-flow thins the boundary layer along the rod.
+    /// Coefficient τ by which cross-flow thins the boundary layer along the rod, for `cross-flow`. By default, that of the
+    /// cross-section.
     pub thinning: Option<NotNegative>,
-    /// Factor of the laminar skin friction.
+    /// Factor of the laminar skin friction, for `cross-flow`. By default 3.5.
     pub skin_friction: Option<NotNegative>,
-    /// Turbulent skin friction coefficient C_f.
+    /// Turbulent skin friction coefficient C_f, for `cross-flow`. By default 0.
     pub turbulent_friction: Option<NotNegative>,
     /// Factor of the drag on the head part of the rod. By default 1.
     pub head_weight: Option<NotNegative>,
