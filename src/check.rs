@@ -15,7 +15,7 @@ use crate::metrics::Energy;
 use crate::model::{Mechanics, Model, chain};
 use crate::modes::{Matrices, Modes};
 use crate::reduced::MODELS;
-use crate::reduced::fluids::SAFETY_FACTOR;
+use crate::reduced::fluid_estimates::SAFETY_FACTOR;
 use crate::regime::{self, Regime};
 use crate::rod::{Profile, Rod, Shape, bend, node};
 use crate::scene::value::{Finite, Positive};

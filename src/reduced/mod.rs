@@ -5,13 +5,13 @@
 //! variables, outputs and sweeps serve all of them.
 
 pub mod comparison;
-pub mod estimate;
-pub mod fluids;
+mod dormand_prince;
+pub mod fluid_estimates;
 mod full;
+pub mod model_estimates;
 mod motion_and_power;
 mod overdamped;
-mod rigid;
-mod runge_kutta;
+mod rigid_motion;
 mod shape;
 mod time_scales;
 
@@ -23,9 +23,9 @@ use crate::model::{Dynamics, Mechanics, Model};
 use crate::newton::Newton;
 use crate::system::State;
 pub use comparison::{Differences, ErrorMeasure};
-pub use estimate::{Estimate, Estimates};
-pub use fluids::{FluidChoice, FluidEstimates};
+pub use fluid_estimates::{FluidChoice, FluidEstimates};
 pub(crate) use full::MODEL as FULL;
+pub use model_estimates::{Estimate, Estimates};
 pub use motion_and_power::MotionAndPower;
 
 /// All models, the cheapest first. A new model is a file and a line here.

@@ -1,7 +1,7 @@
 //! The shape model: an inextensible chain with the curvature prescribed as the natural one, 2 tan(θ_k/2) = κ̄_k(t). Only its rigid
 //! motion is unknown.
 //!
-//! Momenta are those of rod and fluid together, see [`rigid`](super::rigid). The equations are not stiff, so the integrator is explicit.
+//! Momenta are those of rod and fluid together, see [`rigid`](super::rigid_motion). The equations are not stiff, so the integrator is explicit.
 //! With a held head there are no unknowns: the chain follows the head.
 //!
 //! A jump of inputs makes the shape jump: the centre of mass, its velocity and Λ stay, and the new shape is rotated to fit the old one
@@ -9,8 +9,8 @@
 
 use std::sync::Arc;
 
-use super::rigid::{RIGID_COORDINATES, RigidChain, RigidMotion};
-use super::runge_kutta::{DormandPrinceStep, ORDER};
+use super::dormand_prince::{DormandPrinceStep, ORDER};
+use super::rigid_motion::{RIGID_COORDINATES, RigidChain, RigidMotion};
 use super::time_scales::TimeScales;
 use super::{ModelKind, ModelStepper};
 use crate::error::{Error, Result};

@@ -19,7 +19,7 @@ use crate::fluid::range::{self, Motion};
 use crate::fluid::reactive::{self, Wake};
 use crate::fluid::{Buoyancy, Fluid, Force, Forces, FroudeKrylov, HeadWeight, Reactive, Spray};
 use crate::head::Signal;
-use crate::reduced::fluids::{ShortRun, ShortRunResult, nodes, simulate};
+use crate::reduced::fluid_estimates::{ShortRun, ShortRunResult, nodes, simulate};
 use crate::reduced::{FluidChoice, FluidEstimates, MotionAndPower};
 use crate::regime::{Across, Regime};
 use crate::rod::{Rod, Shape};
@@ -86,7 +86,7 @@ pub struct DragTable {
     pub along_n_s_m2: Option<NumberOrProfile<NotNegative>>,
     /// Normal drag coefficient for `coefficients`, N s/m².
     pub across_n_s_m2: Option<NumberOrProfile<NotNegative>>,
-    /// Height above the wall, m, for `wall`.
+    /// Height above a wall, m, for `wall` and `nonlocal`.
     pub height_m: Option<Positive>,
     /// The law of the viscous part, for `cross-flow`. By default `cox`.
     pub viscous: Option<String>,

@@ -1,13 +1,13 @@
 //! Scenes: the TOML files that users write. Keys end in their units; unknown keys and values out of range are errors.
 
 mod actuation;
-mod body;
 mod csv_table;
 mod document;
 mod error_location;
 pub mod files;
 pub mod fluid;
 mod head;
+mod head_body;
 mod key_error;
 pub mod layers;
 mod loads;
@@ -31,11 +31,11 @@ use serde::{Deserialize, Deserializer};
 use twox_hash::XxHash3_128;
 
 pub use actuation::ActuationTable;
-pub use body::HeadBodyTable;
 pub use document::Document;
 pub use files::Files;
 pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
+pub use head_body::HeadBodyTable;
 pub use key_error::KeyError;
 pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};

@@ -13,7 +13,7 @@ use crate::integrator::{Integrator, METHODS, Method, Pace};
 use crate::linear;
 use crate::model::Model;
 use crate::model::chain;
-use crate::reduced::estimate::PlannedRun;
+use crate::reduced::model_estimates::PlannedRun;
 use crate::reduced::{ErrorMeasure, Estimates, FULL, MODELS, ModelChoice, ModelKind};
 use crate::rod::Rod;
 use crate::system::Form;

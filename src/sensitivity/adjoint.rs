@@ -7,7 +7,7 @@ use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys}
 use super::problem::Problem;
 use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
-use super::{TangentState, dot, start};
+use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
 use crate::integrator::{Integrator, Rule};
 use crate::model::Bent;
@@ -207,7 +207,7 @@ impl Problem {
             if n == 0 {
                 let by_natural = natural.iter_mut().zip(&bends);
                 for (total, effect) in total.iter_mut().zip(&effects).chain(by_natural).filter(|(_, by)| by.bends()) {
-                    let [mut q, mut v] = start::first_by(bent.dynamics, effect, &shape);
+                    let [mut q, mut v] = shaped_start::first_by(bent.dynamics, effect, &shape);
                     given.hold([&mut q, &mut v]);
                     *total += dot(&q, &bar.q) + dot(&v, &bar.v);
                 }

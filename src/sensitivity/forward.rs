@@ -8,7 +8,7 @@ use super::parameter::{ActuationShape, Parameter, ParameterEffect, direct, keys}
 use super::problem::{GivenStart, Problem};
 use super::step_ends::StepEnds;
 use super::trajectory::Trajectory;
-use super::{TangentState, dot, start};
+use super::{TangentState, dot, shaped_start};
 use crate::error::{Error, Result};
 use crate::integrator::Rule;
 use crate::model::{Bent, Dynamics};
@@ -226,7 +226,7 @@ fn initial_columns(
     for effect in effects {
         let [mut q, mut v] = match effect.scene_parameter {
             Some(i) => first(i),
-            None => start::first_by(dynamics, effect, shape),
+            None => shaped_start::first_by(dynamics, effect, shape),
         };
         given.hold([&mut q, &mut v]);
         let mut a = vec![0.0; q.len()];

@@ -19,7 +19,7 @@
 //! Source: J. T. Betts, Practical Methods for Optimal Control (2010), chapter 3; derivation for these rules: DESIGN.md.
 mod adjoint;
 mod controls;
-mod cycles;
+mod cycle_means;
 mod equations;
 mod finite_difference;
 mod forward;
@@ -27,8 +27,8 @@ pub mod output;
 pub mod parameter;
 mod problem;
 pub mod scene_parameter;
+mod shaped_start;
 pub mod simulation;
-mod start;
 mod step_ends;
 mod time_grid;
 mod trajectory;

@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 
 use caudal::fluid::laws::DragLaw;
 use caudal::reduced::MotionAndPower;
-use caudal::reduced::fluids::{FluidEstimate, MIN_ERROR};
+use caudal::reduced::fluid_estimates::{FluidEstimate, MIN_ERROR};
 use caudal::report::chart::{Chart, Mark, Scale, Series};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;

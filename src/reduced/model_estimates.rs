@@ -29,8 +29,8 @@ use crate::start::Start;
 use crate::system::State;
 
 use super::comparison::{Differences, ErrorMeasure, SeriesPoint, TimeSeries};
-use super::rigid::{RIGID_COORDINATES, RigidChain, RigidMotion};
-use super::runge_kutta::DormandPrinceStep;
+use super::dormand_prince::DormandPrinceStep;
+use super::rigid_motion::{RIGID_COORDINATES, RigidChain, RigidMotion};
 use super::shape::stable_rate;
 use super::time_scales::TimeScales;
 
