@@ -11,9 +11,6 @@ mod kernel;
 #[cfg(target_arch = "x86_64")]
 mod lanes;
 
-#[cfg(target_arch = "x86_64")]
-pub(crate) use kernel::Measured;
-
 use crate::stepper::Stepper;
 
 /// Cases that a batch takes.

@@ -21,6 +21,7 @@ use serde::{Deserialize, Serialize};
 use twox_hash::{XxHash3_64, XxHash3_128};
 
 use crate::error::{Error, Result};
+use crate::files::write_error;
 
 /// A cut of power costs at most the results of about this time.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
@@ -408,10 +409,6 @@ fn whole(line: &[u8]) -> Option<&[u8]> {
     let json = json.strip_prefix(b" ")?;
     let checksum = u64::from_str_radix(std::str::from_utf8(checksum).ok()?, 16).ok()?;
     (checksum == XxHash3_64::oneshot(json)).then_some(json)
-}
-
-fn write_error(path: &Path, error: &std::io::Error) -> Error {
-    Error::Write { path: path.to_path_buf(), reason: error.to_string() }
 }
 
 fn refused(path: &Path, problem: String) -> Error {

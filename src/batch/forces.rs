@@ -9,8 +9,7 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::kernel::{against, two};
-use super::lanes::{Lanes, Two};
+use super::lanes::{Lanes, Two, two};
 use crate::fluid::force::{self, OnTip, PowerSums, Powers};
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
 use crate::fluid::laws::weak_inertia::WeakInertia;
@@ -312,6 +311,12 @@ impl<L: LawInLanes> InLanes for Drag<L> {
             },
         )
     }
+}
+
+/// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
+#[inline(always)]
+pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: Two) -> [Two; 2] {
+    edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow])
 }
 
 /// What drag comes to on the whole rods: `of` finds the traction on `halves` of given lengths, from what is known of them and the

@@ -8,13 +8,14 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::forces::{Motions, Others, Whole, measure_drag};
-use super::lanes::{Lanes, Two};
+use super::forces::{Motions, Others, Whole, against, measure_drag};
+use super::lanes::{Lanes, Two, two};
 use crate::fluid::force::{OnTip, Powers};
 use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
 use crate::integrator::{Rule, changes};
-use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Real, Sizes, prescribe};
+use crate::linear::{Block, BlockBand, BlockRow, Number, Pair, Sizes, prescribe};
+use crate::metrics::Measured;
 use crate::model::{Dynamics, Model, lengths_allowed};
 use crate::newton::{Iteration, MAX_ITERATIONS, Progress, Verdict};
 use crate::rod::around::OnEdge;
@@ -405,18 +406,6 @@ fn dynamics(case: &Stepper) -> &Dynamics {
     case.view().dynamics
 }
 
-/// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
-#[inline(always)]
-pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: Two) -> [Two; 2] {
-    edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow])
-}
-
-/// Pairs of every case.
-pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> Two {
-    let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
-    Two::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
-}
-
 /// Writes `factor` times the vectors of a case, two numbers each.
 fn write(to: &mut [[Lanes; 2]], lane: usize, from: &[f64], factor: f64) {
     for (to, from) in to.iter_mut().zip(from.as_chunks::<2>().0) {
@@ -428,15 +417,6 @@ fn write(to: &mut [[Lanes; 2]], lane: usize, from: &[f64], factor: f64) {
 fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
     to.x.set(lane, from.x);
     to.y.set(lane, from.y);
-}
-
-/// What is measured of rods in motion.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Measured<T: Real = f64> {
-    /// Sums over the rod.
-    pub sums: Sums<T>,
-    /// The force that a held head must exert, N; none of a free one.
-    pub held: Vector2<T>,
 }
 
 /// How steps end.

@@ -210,3 +210,9 @@ impl Pair<Lanes> for Two {
         [Self([first.0[0], second.0[0]]), Self([first.0[1], second.0[1]])]
     }
 }
+
+/// Pairs of every case.
+pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> Two {
+    let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
+    Two::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
+}

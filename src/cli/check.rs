@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
 use caudal::error::Result;
 use caudal::report::Output;
 use serde_json::json;

@@ -6,7 +6,7 @@ use std::process::ExitCode;
 use std::str::FromStr;
 
 use caudal::error::Result;
-use caudal::report::write_file;
+use caudal::files::write_file;
 use caudal::scene::Document;
 use clap::{Args, ValueEnum};
 

@@ -8,9 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::error::{Error, Result};
 use caudal::reduced::Measure;
+use caudal::report::Summary;
 use caudal::report::{Claim, Output};
-use caudal::run::{Ending, Summary, Verification, run as run_scene};
+use caudal::run::{Ending, run as run_scene};
 use caudal::scene::Scene;
+use caudal::verification::Verification;
 use indicatif::ProgressBar;
 
 use super::{Prepared, SceneArguments, bar_of, complain, exit, hush, output_folder, print, refuse, say, say_kept};

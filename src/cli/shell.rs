@@ -4,7 +4,7 @@ use std::path::Path;
 use std::process::ExitCode;
 
 use caudal::error::{Error, Result};
-use caudal::report::write_file;
+use caudal::files::write_file;
 use caudal::scene::Scene;
 use caudal::sweep::Sweep;
 use clap::{Command, CommandFactory};

@@ -8,7 +8,7 @@ use caudal::error::Error;
 use caudal::integrator::METHODS;
 use caudal::reduced::RUNGS;
 use caudal::report::Claim;
-use caudal::study::{self, Accuracy, Desk, Fluid, Scaling, Spectrum, Stability, Studied, Vary};
+use caudal::study::{self, Accuracy, Fluid, Scaling, Spectrum, Stability, StudyOutcome, StudyRunner, Vary};
 use clap::{Args, Subcommand};
 
 use super::run::watch_for_interrupts;
@@ -142,18 +142,18 @@ pub fn study(study: &Study) -> Result<ExitCode, Error> {
         bar.set_length(of as u64);
         bar.set_position(done as u64);
     };
-    let made = study.make(&scene, Desk::new(&held, &interrupted, &progress));
+    let made = study.run(&scene, StudyRunner::new(&held, &interrupted, &progress));
     bar.finish_and_clear();
     match made? {
-        Studied::Complete(findings) => {
+        StudyOutcome::Complete(findings) => {
             let mut held = held.into_inner().unwrap_or_else(PoisonError::into_inner);
-            let kept = study::keep(&findings, &mut held, &scene.name, &document)?;
+            let kept = study::write_findings(&findings, &mut held, &scene.name, &document)?;
             for answer in &findings.answers {
                 say(answer);
             }
             Ok(say_kept(&kept, &folder))
         }
-        Studied::Interrupted(done, of) => {
+        StudyOutcome::Interrupted(done, of) => {
             complain(&format!(
                 "interrupted: {done} of {of} runs are kept in {}; the same command goes on from there",
                 folder.display()

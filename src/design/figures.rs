@@ -2,10 +2,13 @@
 
 use serde_json::{Value, json};
 
+use super::design_vector::BASELINE;
 use super::identify::Verdict;
-use super::outline;
-use super::report::{Answer, BEFORE, Compared, Design, InCase, distances, gain_percent, objective_label};
+use super::markers::distances;
+use super::scenarios::InCase;
 use super::search::FoundNumber;
+use super::solve::{Answer, Compared, Design};
+use super::stl;
 use super::table::{Goal, Variable};
 use crate::cycle::MEASURES;
 use crate::error::Result;
@@ -109,7 +112,7 @@ impl Design {
             others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
         );
         if others.is_empty() {
-            series.push(Series::new(BEFORE, line(&own), Mark::Line));
+            series.push(Series::new(BASELINE, line(&own), Mark::Line));
         }
         for (bound, label) in self.table.bounds.into_iter().zip(["least", "largest"]) {
             if bound <= 3.0 * highest {
@@ -135,7 +138,8 @@ impl Design {
         let deepest = [rod, &after].into_iter().flat_map(|rod| places.iter().map(|xi| depth(rod, *xi)));
         let apart = 1.5 * deepest.fold(0.0, f64::max);
         let mut series = Vec::new();
-        for (name, rod, stiffness, y) in [(BEFORE, rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)] {
+        for (name, rod, stiffness, y) in [(BASELINE, rod, &own, apart), (self.after(), &after, &self.stiffness, -apart)]
+        {
             for (k, ei) in rod.joints().zip(stiffness) {
                 let (x, size) = (rod.xi(k) * rod.length, depth(rod, rod.xi(k)) * ei / stiffest);
                 series.push(Series::new("", vec![(x, y - size), (x, y + size)], Mark::Ghost));
@@ -178,7 +182,7 @@ impl Design {
                 let own = if variable == Variable::Amplitude { 1.0 } else { 0.0 };
                 let series = vec![
                     Series::new(self.after(), line(values), Mark::Dotted),
-                    Series::new(BEFORE, line(&vec![own; values.len()]), Mark::Line),
+                    Series::new(BASELINE, line(&vec![own; values.len()]), Mark::Line),
                 ];
                 figures.push((file, self.chart(title, "s/L", y, Scale::Linear, series)));
             }
@@ -205,7 +209,7 @@ impl Design {
             series.push(Series::new(&number.key, vec![(x, value(number))], Mark::Dots));
         }
         let ends = [0.5, 0.5 + found.numbers.len() as f64];
-        series.push(Series::new(BEFORE, ends.map(|x| (x, 1.0)).into(), Mark::Line));
+        series.push(Series::new(BASELINE, ends.map(|x| (x, 1.0)).into(), Mark::Line));
         series.push(Series::new("", vec![(ends[0], 0.0)], Mark::Unseen));
         Some((
             "numbers.svg",
@@ -238,7 +242,7 @@ impl Design {
             values.collect::<Vec<_>>()
         };
         let series = vec![
-            Series::new(BEFORE, bars(|case| case.before), Mark::Line),
+            Series::new(BASELINE, bars(|case| case.before), Mark::Line),
             Series::new(self.after(), bars(|case| case.designed), Mark::Line),
         ];
         let numbers = (1..=cases.len()).map(|number| number.to_string()).collect();
@@ -256,7 +260,7 @@ impl Design {
             figures.push(("shape.svg", self.chart("shape to rest in", "x (m)", "y (m)", Scale::Equal, series)));
         }
         let [before, after] = &self.evidence.motions[..] else { return figures };
-        let named = [(BEFORE, before), (self.after(), after)];
+        let named = [(BASELINE, before), (self.after(), after)];
         if let (Goal::TrackTip | Goal::Identify, Some(target)) = (self.table.goal, target) {
             for (axis, file, title, y) in
                 [(0, "tip_x.svg", "the tip, x", "x of the tip (m)"), (1, "tip_y.svg", "the tip, y", "y of the tip (m)")]
@@ -325,7 +329,7 @@ impl Design {
         let all = [self.shapes(before), self.shapes(after)];
         let extent: Vec<(f64, f64)> = all.iter().flatten().flat_map(|series| series.points.iter().copied()).collect();
         let what = if self.scene.actuation.is_some() { "last cycle" } else { "the whole time" };
-        let files = [("before.svg", format!("{what}, {BEFORE}")), ("after.svg", format!("{what}, {}", self.after()))];
+        let files = [("before.svg", format!("{what}, {BASELINE}")), ("after.svg", format!("{what}, {}", self.after()))];
         let figure = |((file, title), mut series): ((&'static str, String), Vec<Series>)| {
             series.push(Series::new("", extent.clone(), Mark::Unseen));
             (file, self.chart(&title, "x (m)", "y (m)", Scale::Equal, series))
@@ -401,11 +405,11 @@ impl Design {
     fn tables(&self, rod: &Rod) -> Result<Vec<Table>> {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_string()).collect::<Vec<_>>();
         let mut tables = vec![self.joints(rod)];
-        let value = if self.table.is_searched() { objective_label(self.table.goal) } else { "rms distance (m)" };
+        let value = if self.table.is_searched() { self.table.goal.label() } else { "rms distance (m)" };
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
             let row = |other: &Compared| {
-                let gain = design.zip(other.objective).map(|(design, other)| gain_percent(&self.table, design, other));
+                let gain = design.zip(other.objective).map(|(design, other)| self.table.gain_percent(design, other));
                 vec![json!(other.name), json!(other.objective), json!(gain)]
             };
             tables.push(Table {
@@ -416,7 +420,7 @@ impl Design {
             });
         }
         if !self.evidence.checks.is_empty() {
-            let row = |check: &super::report::Check| {
+            let row = |check: &super::robustness::Check| {
                 vec![json!(check.simulation), json!(check.before), json!(check.designed), json!(check.gain_percent)]
             };
             tables.push(Table {
@@ -510,7 +514,7 @@ impl Design {
                 let scene = format!("{}-front-{}.toml", self.scene.name, i + 1);
                 vec![json!(point.second), json!(point.first), json!(point.best), json!(point.converged), json!(scene)]
             };
-            let second = self.table.front.as_ref().map_or("", |front| objective_label(front.goal));
+            let second = self.table.front.as_ref().map_or("", |front| front.goal.label());
             tables.push(Table {
                 file: "front.csv",
                 title: "Designs between two goals",
@@ -522,8 +526,8 @@ impl Design {
         tables.push(Table {
             file: "body.csv",
             title: "The body along its length, as in body.stl",
-            columns: names(&outline::COLUMNS),
-            rows: outline::sections(&body, &self.stiffness),
+            columns: names(&stl::COLUMNS),
+            rows: stl::sections(&body, &self.stiffness),
         });
         if let Answer::Found(found) = &self.answer {
             let row = |(start, value): (usize, &f64)| {
@@ -614,7 +618,7 @@ impl Design {
             };
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
-        let shown = format!("In grey: the same with {BEFORE}.");
+        let shown = format!("In grey: the same with {BASELINE}.");
         Some((Motion::of(&frames(after)).beside("", &frames(before)), shown))
     }
 }
@@ -655,7 +659,7 @@ fn caption(file: &str) -> &'static str {
 /// A goal as an axis names it, with its unit.
 fn axis_label(goal: Goal) -> String {
     let Some(measure) = MEASURES.into_iter().find(|measure| goal == Goal::Cycle(measure.key)) else {
-        return objective_label(goal).to_string();
+        return goal.label().to_string();
     };
     let words = measure.words();
     if measure.unit == "1" { words } else { format!("{words} ({})", measure.unit) }

@@ -5,10 +5,11 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
-use super::memory::Memory;
-use super::search::{Found, Iteration, Objective, Search};
+use super::checkpoint::Memory;
+use super::design_vector::Profile;
+use super::objective::Objective;
+use super::search::{Found, Iteration, Search};
 use super::table::Table;
-use super::unknowns::Profile;
 use crate::error::Result;
 use crate::sensitivity::Problem;
 

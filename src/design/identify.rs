@@ -11,10 +11,11 @@
 use nalgebra::{DMatrix, Vector2};
 use serde::Serialize;
 
+use super::basis::{Basis, second_differences};
 use super::markers::{Markers, Motion};
 use super::qp::{Constraint, Quadratic};
 use super::refit::Refit;
-use super::table::{Basis, Table};
+use super::table::Table;
 use crate::error::{Error, Result};
 use crate::fluid::force::{OnEdge, OnTip};
 use crate::model::Dynamics;
@@ -452,14 +453,6 @@ pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constr
     constraints
 }
 
-/// The second differences D₂ of the joints' values, as rows of the unknowns.
-pub fn second_differences(basis: &Basis) -> impl Iterator<Item = Vec<(usize, f64)>> {
-    basis.rows.windows(3).map(|rows| {
-        let parts = rows.iter().zip([1.0, -2.0, 1.0]);
-        parts.flat_map(|(part, factor)| part.iter().map(move |(i, w)| (*i, factor * w))).collect()
-    })
-}
-
 /// Adds λ‖D₂x‖² over the joints.
 pub fn smooth(programme: &mut Quadratic, basis: &Basis, weight: f64) {
     for row in second_differences(basis).filter(|_| weight > 0.0) {
@@ -486,7 +479,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
         return Err(Error::Design { reason: "actuation_gain is asked for where nothing is actuated".to_string() });
     }
     let (gain, at_edge) = if table.actuation_gain { best_gain(&all) } else { (1.0, false) };
-    let basis = table.basis(rod);
+    let basis = Basis::of(table, rod);
     let demands = constraints(table, &basis, true);
     let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
     let mut stiffness = own.clone();

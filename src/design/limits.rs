@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::search::Objective;
+use super::design_vector::Profile;
+use super::objective::Objective;
 use super::table::{Goal, Table};
-use super::unknowns::Profile;
 use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;

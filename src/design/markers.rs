@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 
 use crate::error::{Error, Result};
 use crate::rod::Rod;
+use crate::sensitivity::Trajectory;
 use crate::words::number;
 
 /// Fewest samples that a motion can be made of.
@@ -413,4 +414,24 @@ fn weights(times: &[f64], time: f64) -> Option<Vec<[f64; 3]>> {
             .map(|j| [inverse[(0, j)], inverse[(1, j)] / scale, 2.0 * inverse[(2, j)] / (scale * scale)])
             .collect(),
     )
+}
+
+/// Root mean square.
+pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
+    let count = values.len() as f64;
+    (values.map(|x| x * x).sum::<f64>() / count).sqrt()
+}
+
+/// Root mean square distance (m) of every `finer`-th node from the markers at each of their times; none where the simulation
+/// is shorter.
+pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize) -> Option<Vec<f64>> {
+    let rows = markers.times.iter().zip(&markers.positions);
+    rows.map(|(time, row)| {
+        let q = trajectory.at(*time)?;
+        let nodes = row.as_chunks::<2>().0;
+        let square =
+            |(k, [x, y]): (usize, &[f64; 2])| (q[2 * k * finer] - x).powi(2) + (q[2 * k * finer + 1] - y).powi(2);
+        Some((nodes.iter().enumerate().map(square).sum::<f64>() / nodes.len() as f64).sqrt())
+    })
+    .collect()
 }

@@ -8,8 +8,8 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
+use super::design_vector::Profile;
 use super::markers::Markers;
-use super::unknowns::Profile;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};

@@ -16,32 +16,27 @@
 use std::ops::ControlFlow;
 
 use nalgebra::{DMatrix, DVector};
+use serde::Serialize;
 use serde::de::DeserializeOwned;
-use serde::{Deserialize, Serialize};
 
-use super::cases::{Case, each};
+use super::checkpoint::Memory;
+use super::design_vector::Profile;
 use super::identify::Verdict;
 use super::limits::{Limited, Limits, Priced, Used, beyond};
-use super::markers::Markers;
-use super::memory::Memory;
+use super::objective::{MET, Objective, Value};
 use super::qp::{Constraint, Quadratic};
 use super::refit::allowed;
-use super::table::{Goal, Robust, Table, Variable};
-use super::trust::{Tolerance, tolerance};
-use super::unknowns::{FIXED, NOTHING, Profile, Unknowns};
-use crate::cycle::{MEASURES, Measure};
+use super::scenarios::{Case, each};
+use super::table::{Goal, Table, Variable};
+use super::tolerance::{Tolerance, tolerance};
+use super::unknowns::{FIXED, NOTHING, Unknowns};
 use crate::error::{Error, Result};
-use crate::scene::Document;
-use crate::sensitivity::number::{Number, moved};
-use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
+use crate::sensitivity::{Parameter, Problem};
 
 /// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
 /// residuals and of their derivatives (the cosine between them, as in MINPACK). A search goes on to the first and has converged
 /// with the second, which it stops at where the next step promises less than [`LITTLE`].
 const STATIONARY: [f64; 2] = [1e-7, 1e-6];
-
-/// A tip that is met to this part of the length is met.
-const MET: f64 = 1e-9;
 
 /// A target is uncertain by this part of the length at least.
 const UNCERTAIN: f64 = 1e-6;
@@ -114,300 +109,6 @@ const TRUST: &str = "trust region";
 
 /// How the constraint of a case begins that is among the worst.
 pub(super) const CASE: &str = "as bad as any: ";
-
-/// What a dynamic goal measures.
-#[derive(Debug)]
-pub struct Objective {
-    goal: Goal,
-    /// Of what is to be large: -1 where it is to be small, or the way along -x counts.
-    sign: f64,
-    /// Samples that are to be met: steps, and the coordinates of the tip or of all nodes (m).
-    target: Vec<(usize, Vec<f64>)>,
-    /// Standard deviation of these positions about smooth paths, m, where there are enough.
-    noise: Option<f64>,
-    /// All of them are at multiples of this number of steps.
-    every: usize,
-    outputs: Vec<Output>,
-    length: f64,
-    /// True where it is a distance from given positions, which is to be small.
-    fits: bool,
-    /// True where it is the root of an efficiency, with its sign.
-    rooted: bool,
-    smaller_is_better: bool,
-    /// The scene, where numbers of it are unknown.
-    document: Option<Document>,
-    numbers: Vec<Number>,
-}
-
-/// The objective at one profile.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub(super) struct Value {
-    /// What is made small.
-    pub f: f64,
-    /// Its derivatives by the parameters, later by the unknowns.
-    pub by: Vec<f64>,
-    /// Residuals and the rows of their derivatives, where it is half a sum of squares.
-    residuals: Option<(Vec<f64>, Vec<Vec<f64>>)>,
-    /// Of the worst of several cases: all of them, with their derivatives.
-    cases: Vec<(f64, Vec<f64>)>,
-}
-
-impl Value {
-    /// What counts of the values in several cases.
-    fn of(robust: Robust, each: &[Self]) -> Self {
-        let sum = |weight: &dyn Fn(usize) -> f64| {
-            let mut sum = Self { by: vec![0.0; each[0].by.len()], ..Self::default() };
-            for (i, value) in each.iter().enumerate() {
-                sum.f += weight(i) * value.f;
-                sum.by.iter_mut().zip(&value.by).for_each(|(sum, by)| *sum += weight(i) * by);
-            }
-            sum
-        };
-        match robust {
-            Robust::Mean => sum(&|_| 1.0 / each.len() as f64),
-            Robust::Worst => {
-                let worst = (0..each.len()).max_by(|a, b| each[*a].f.total_cmp(&each[*b].f));
-                let cases = each.iter().map(|value| (value.f, value.by.clone())).collect();
-                Self { cases, ..sum(&|i| f64::from(u8::from(worst == Some(i)))) }
-            }
-        }
-    }
-
-    /// Its derivatives by `n` unknowns without those that each case has for itself: zero where there are cases.
-    fn common(&self, n: usize) -> DVector<f64> {
-        if self.cases.is_empty() { DVector::from_column_slice(&self.by) } else { DVector::zeros(n) }
-    }
-}
-
-impl Objective {
-    /// The objective of a scene's design; `target` are the positions that are to be met.
-    ///
-    /// # Errors
-    /// [`Error::Design`] where the target's times are not those of steps, and for the way of a head that is held.
-    pub fn new(table: &Table, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
-        let nodes = problem.model().rod.nodes;
-        let held = problem.model().head.is_some();
-        let backwards = table.direction.as_deref() == Some("-x") || table.better.as_deref() == Some("smaller");
-        let sign = if backwards { -1.0 } else { 1.0 };
-        let along = Output::from(Quantity::CentreOfMass(0)).since_start();
-        let fits = table.fits_positions();
-        if held && matches!(table.goal, Goal::Distance | Goal::Efficiency) {
-            let reason = "a held head goes nowhere: distance and efficiency need a free one".to_string();
-            return Err(Error::Design { reason });
-        }
-        let outputs = match table.goal {
-            Goal::TrackTip => [0, 1].map(|axis| Quantity::Position(nodes - 1, axis).into()).into(),
-            Goal::Identify => (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect(),
-            Goal::Distance => vec![along],
-            Goal::Cycle(_) => Vec::new(),
-            _ => vec![along, Work::Actuation.into()],
-        };
-        let times = problem.times();
-        let step = |time: f64| {
-            let n = times.partition_point(|t| *t < time - 1e-9 * times[times.len() - 1]);
-            times.get(n).filter(|t| (**t - time).abs() <= 1e-6 * times[1]).map(|_| n)
-        };
-        let width = outputs.len();
-        let identifies = target.filter(|_| table.goal == Goal::Identify);
-        let noise = identifies.and_then(|markers| Some(markers.smooth(None).ok()?.noise));
-        let target = match target {
-            Some(markers) if fits => {
-                let rows = markers.times.iter().zip(&markers.positions);
-                let sample = |(time, row): (&f64, &Vec<f64>)| {
-                    let off = || Error::Design {
-                        reason: format!(
-                            "the sample at t = {time} s is at no step of the scene, which are {} s long; try a solver.time_step_s \
-                             that divides the times of all samples",
-                            times[1]
-                        ),
-                    };
-                    Ok((step(*time).ok_or_else(off)?, row[row.len() - width..].to_vec()))
-                };
-                rows.map(sample).collect::<Result<Vec<_>>>()?
-            }
-            _ => Vec::new(),
-        };
-        let every = target.iter().fold(0, |all, (n, _)| gcd(all, *n)).max(1);
-        let length = problem.model().rod.length;
-        Ok(Self {
-            goal: table.goal,
-            sign,
-            target,
-            noise,
-            every,
-            outputs,
-            length,
-            fits,
-            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.counted() == Robust::Worst),
-            smaller_is_better: table.smaller_is_better(),
-            document: None,
-            numbers: table.numbers.clone(),
-        })
-    }
-
-    /// The measure whose mean over the cycles it is.
-    fn measured(&self) -> Option<Measure> {
-        let Goal::Cycle(key) = self.goal else { return None };
-        MEASURES.into_iter().find(|measure| measure.key == key)
-    }
-
-    /// Refuses a mean over cycles that the scene has not.
-    ///
-    /// # Errors
-    /// [`Error::Design`]; those of the simulation.
-    pub fn check(&self, problem: &mut Problem) -> Result<()> {
-        let Some(measure) = self.measured() else { return Ok(()) };
-        if problem.cycle_mean(&measure, &[])?.is_some() {
-            return Ok(());
-        }
-        let why = problem.no_cycle()?.unwrap_or_else(|| {
-            "this scene's motion has no such mean; is its head held where it needs a free one?".into()
-        });
-        Err(Error::Design { reason: format!("no {}: {why}", measure.key) })
-    }
-
-    /// The same for a scene of which numbers are unknown.
-    pub fn of_document(self, document: &Document) -> Self {
-        Self { document: Some(document.clone()), ..self }
-    }
-
-    /// The same for the scene that `other` is of.
-    pub(super) fn like(self, other: &Self) -> Self {
-        Self { document: other.document.clone(), ..self }
-    }
-
-    /// True where a smaller value is better.
-    pub fn smaller_is_better(&self) -> bool {
-        self.smaller_is_better
-    }
-
-    /// Its goal.
-    pub fn name(&self) -> &'static str {
-        self.goal.into()
-    }
-
-    /// What residuals are multiplied by, so that the sum of their squares is the mean square distance of a node.
-    fn scale(&self) -> f64 {
-        (2.0 / (self.target.len() * self.outputs.len()) as f64).sqrt()
-    }
-
-    /// Half the mean square distance of the tip, or of all nodes, from the target.
-    fn tracked(&self, found: &Sensitivities) -> Value {
-        let scale = self.scale();
-        let (mut residuals, mut rows) = (Vec::new(), Vec::new());
-        for (n, positions) in &self.target {
-            let n = n / self.every;
-            for (o, x) in positions.iter().enumerate() {
-                residuals.push(scale * (found.value(n, o) - x));
-                rows.push(found.row(n, o).iter().map(|d| scale * d).collect::<Vec<f64>>());
-            }
-        }
-        let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
-        let width = rows.first().map_or(0, Vec::len);
-        let by = (0..width).map(|j| residuals.iter().zip(&rows).map(|(r, row)| r * row[j]).sum()).collect();
-        Value { f, by, residuals: Some((residuals, rows)), ..Value::default() }
-    }
-
-    /// The objective of a way along x and, for efficiency, a work, and its derivatives by them.
-    fn scalar(&self, found: &[f64]) -> (f64, Vec<f64>) {
-        let moved = self.sign * found[0];
-        match found.get(1) {
-            None => (-moved, vec![-self.sign]),
-            // D|D|/W, as efficiency is a constant times D²/W. Its root D/√W, which rises with it, has a slope where the rod gets
-            // nowhere too, so that a search finds its way from designs that swim the wrong way; a mean over cases has no root.
-            Some(work) if self.rooted => {
-                let f = -moved / work.sqrt();
-                (f, vec![-self.sign / work.sqrt(), -0.5 * f / work])
-            }
-            Some(work) => {
-                let f = -moved * moved.abs() / work;
-                (f, vec![-2.0 * self.sign * moved.abs() / work, -f / work])
-            }
-        }
-    }
-
-    /// Gives `problem` a profile.
-    pub(super) fn set(&self, problem: &mut Problem, profile: &Profile) -> Result<()> {
-        self.set_with(problem, profile, &[])
-    }
-
-    /// The same, ready to be differentiated by `parameters`.
-    pub(super) fn set_with(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Result<()> {
-        if let Some(document) = &self.document {
-            *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
-            if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
-                problem.moved = moved(document, &self.numbers, &profile.values())?;
-            }
-        }
-        if !profile.stiffness_n_m2.is_empty() {
-            problem.set_stiffness(&profile.stiffness_n_m2)?;
-        }
-        problem.set_actuation(&profile.amplitude, &profile.phase_rad)
-    }
-
-    /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
-    /// simulation fails.
-    pub(super) fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
-        self.set_with(problem, profile, parameters).ok()?;
-        let value = if self.fits {
-            self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
-        } else if let Some(measure) = self.measured() {
-            let (mean, mut by) = problem.cycle_mean(&measure, parameters).ok()??;
-            by.iter_mut().for_each(|by| *by *= -self.sign);
-            Value { f: -self.sign * mean, by, ..Value::default() }
-        } else {
-            let mut trajectory = Trajectory::default();
-            let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
-            let (f, slopes) = self.scalar(&found.values[found.values.len() - self.outputs.len()..]);
-            let mut by = Vec::new();
-            if !parameters.is_empty() {
-                let mut weights = vec![0.0; self.outputs.len() * trajectory.times.len()];
-                let last = weights.len() - slopes.len();
-                weights[last..].copy_from_slice(&slopes);
-                by = problem.adjoint(parameters, &self.outputs, &weights, &trajectory).ok()?;
-            }
-            Value { f, by, ..Value::default() }
-        };
-        (value.f.is_finite() && value.by.iter().all(|x| x.is_finite())).then_some(value)
-    }
-
-    /// What is reported of a value of the objective: tip rms (m), distance (m), or D²/W (m²/J).
-    pub fn shown(&self, f: f64) -> f64 {
-        match self.goal {
-            _ if self.fits => (2.0 * f).sqrt(),
-            Goal::Cycle(_) => -self.sign * f,
-            _ if self.rooted => -f * f.abs(),
-            _ => -f,
-        }
-    }
-
-    /// The shown objective of a profile; none where the simulation fails.
-    pub fn measure(&self, problem: &mut Problem, profile: &Profile) -> Option<f64> {
-        self.at(problem, profile, &[]).map(|value| self.shown(value.f))
-    }
-
-    /// The shown objective of a profile and its derivatives by `parameters`; none where the simulation fails.
-    pub fn derivatives(
-        &self,
-        problem: &mut Problem,
-        profile: &Profile,
-        parameters: &[Parameter],
-    ) -> Option<(f64, Vec<f64>)> {
-        let value = self.at(problem, profile, parameters)?;
-        let shown = self.shown(value.f);
-        let slope = match self.goal {
-            Goal::TrackTip => 1.0 / shown,
-            Goal::Cycle(_) => -self.sign,
-            _ if self.rooted => -2.0 * value.f.abs(),
-            _ => -1.0,
-        };
-        Some((shown, value.by.iter().map(|by| slope * by).collect()))
-    }
-
-    fn is_met(&self, f: f64) -> bool {
-        self.fits && self.shown(f) < MET * self.length
-    }
-}
 
 /// One iteration, for progress and figures.
 #[derive(Debug, Clone, Serialize)]
@@ -1178,10 +879,6 @@ fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
         }
         all
     })
-}
-
-fn gcd(a: usize, b: usize) -> usize {
-    if b == 0 { a } else { gcd(b, a % b) }
 }
 
 /// Groups of unknowns, by `names`, that only a change of all of them together leaves the data as they are, to within their noise:

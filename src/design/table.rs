@@ -5,14 +5,15 @@ use std::collections::BTreeMap;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
-use super::unknowns::WIDE;
 use crate::cycle::slopes;
 use crate::error::nearest;
 use crate::fluid::DENSITY;
-use crate::rod::Rod;
 use crate::scene::{Fault, HeadKind, Scene};
 use crate::sensitivity::Parameter;
 use crate::sensitivity::number::{self, Number, Numbers};
+
+/// Bounds of what has none, over the scene's.
+pub const WIDE: [f64; 2] = [0.01, 100.0];
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -77,6 +78,17 @@ impl Goal {
     /// True where it is searched for by simulation.
     pub fn is_dynamic(self) -> bool {
         matches!(self, Self::TrackTip | Self::Distance | Self::Efficiency | Self::Cycle(_))
+    }
+
+    /// The name and unit of its objective.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::TrackTip => "rms distance of the tip from its target (m)",
+            Self::Identify => "rms distance of the rod from the markers (m)",
+            Self::Distance => "distance (m)",
+            Self::Cycle(key) => key,
+            _ => "distance² over work (m²/J)",
+        }
     }
 }
 
@@ -491,6 +503,12 @@ impl Table {
         matches!(self.goal, Goal::Identify | Goal::TrackTip) || self.better.as_deref() == Some("smaller")
     }
 
+    /// How much better `value` is than `other`, %.
+    pub fn gain_percent(&self, value: f64, other: f64) -> f64 {
+        let better = if self.smaller_is_better() { other - value } else { value - other };
+        100.0 * better / other.abs()
+    }
+
     /// True where a simulation is to come close to given positions.
     pub fn fits_positions(&self) -> bool {
         self.is_searched() && matches!(self.goal, Goal::Identify | Goal::TrackTip)
@@ -628,42 +646,5 @@ impl Table {
             return Err(("design.amplitude_mean", format!("found {mean}; allowed: a positive number")));
         }
         Ok(())
-    }
-
-    /// The stiffness of every joint of `rod` as weights of the unknowns: all of one, or of the knots about it.
-    pub fn basis(&self, rod: &Rod) -> Basis {
-        let joints = rod.joints();
-        let Some(knots) = &self.knots else {
-            return Basis { unknowns: joints.len(), rows: (0..joints.len()).map(|i| vec![(i, 1.0)]).collect() };
-        };
-        let row = |k: usize| {
-            let xi = rod.xi(k);
-            let after = knots.partition_point(|knot| *knot <= xi);
-            match (after.checked_sub(1), after < knots.len()) {
-                (Some(i), true) => {
-                    let part = (xi - knots[i]) / (knots[after] - knots[i]);
-                    vec![(i, 1.0 - part), (after, part)]
-                }
-                (Some(i), false) => vec![(i, 1.0)],
-                (None, _) => vec![(0, 1.0)],
-            }
-        };
-        Basis { unknowns: knots.len(), rows: joints.map(row).collect() }
-    }
-}
-
-/// How the stiffness of joints follows from the unknowns.
-#[derive(Debug, Clone)]
-pub struct Basis {
-    /// Number of unknowns.
-    pub unknowns: usize,
-    /// Weights of the unknowns, one row per joint.
-    pub rows: Vec<Vec<(usize, f64)>>,
-}
-
-impl Basis {
-    /// The joints' values.
-    pub fn joints(&self, unknowns: &[f64]) -> Vec<f64> {
-        self.rows.iter().map(|row| row.iter().map(|(i, w)| w * unknowns[*i]).sum()).collect()
     }
 }

@@ -4,70 +4,17 @@
 use std::f64::consts::PI;
 
 use nalgebra::DMatrix;
-use serde::{Deserialize, Serialize};
 
-use super::identify::second_differences;
+use super::basis::{Basis, second_differences};
+use super::design_vector::Profile;
 use super::qp::{Constraint, Quadratic};
-use super::table::{Basis, Goal, Table, Variable};
-use crate::error::Result;
+use super::table::{Goal, Table, Variable};
 use crate::model::Model;
-use crate::scene::{Document, Scene};
 use crate::sensitivity::Parameter;
-use crate::sensitivity::number::{Number, keys_with};
-
-/// What a search changes: joint by joint, and numbers of the scene.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Profile {
-    /// EI, N m²; empty where it follows from the scene.
-    pub stiffness_n_m2: Vec<f64>,
-    /// Amplitude of the actuation over the scene's.
-    pub amplitude: Vec<f64>,
-    /// Phase subtracted inside the actuation's function of phase, beside the scene's, rad.
-    pub phase_rad: Vec<f64>,
-    /// Numbers of the scene by their names, in SI units, in the order of the table; all others are the scene's.
-    pub numbers: Vec<(String, f64)>,
-}
-
-impl Profile {
-    /// Of this stiffness (N m²), with the scene's actuation and numbers.
-    pub fn of(stiffness: Vec<f64>) -> Self {
-        let (amplitude, phase_rad) = (vec![1.0; stiffness.len()], vec![0.0; stiffness.len()]);
-        Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
-    }
-
-    /// What a design of `table` is compared with: the scene as it is, whose joints have the stiffness `own` (N m²).
-    pub fn before(table: &Table, own: &[f64]) -> Self {
-        let mut before = Self { numbers: table.own_numbers(), ..Self::of(own.to_vec()) };
-        if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
-            before.stiffness_n_m2.clear(); // it follows from the scene
-        }
-        before
-    }
-
-    /// The values of its numbers.
-    pub fn values(&self) -> Vec<f64> {
-        self.numbers.iter().map(|(_, value)| *value).collect()
-    }
-
-    /// The scene of `document` with these `numbers`.
-    ///
-    /// # Errors
-    /// Those of [`Document::scene`].
-    pub fn numbers_in(&self, document: &Document, numbers: &[Number]) -> Result<Scene> {
-        let mut document = document.clone();
-        document.begin_layer();
-        for (key, value) in keys_with(numbers, &self.values()) {
-            document.put("the design", &key, &value);
-        }
-        document.scene()
-    }
-}
+use crate::sensitivity::number::Number;
 
 /// The name of the constraint of an unknown whose bounds are the same, which is no demand.
 pub const FIXED: &str = "fixed";
-
-/// Bounds of what has none, over the scene's.
-pub const WIDE: [f64; 2] = [0.01, 100.0];
 
 /// A singular value below this part of the largest is rounding.
 pub const NOTHING: f64 = 1e-12;
@@ -204,7 +151,7 @@ impl Unknowns {
                 bounds,
                 mean,
                 first,
-                basis: table.basis(rod),
+                basis: Basis::of(table, rod),
                 own: None,
                 xi: xi.clone(),
                 places: places.clone(),

@@ -8,7 +8,7 @@ use zip::{CompressionMethod, DateTime, ZipWriter};
 
 use super::{Catalogue, Standard, description, document, terminals, token};
 use crate::error::{Error, Result};
-use crate::report::tables::{write_by, write_error};
+use crate::files::{write_atomically, write_error};
 use crate::scene::parameter::Parameter;
 use crate::scene::{Document, Scene};
 use crate::stepper::Stepper;
@@ -172,7 +172,7 @@ impl<'a> Fmu<'a> {
         files.extend(document::files(self).into_iter().map(|(name, text)| (name, text.into_bytes())));
         files.extend(self.document.packed()?.into_iter().map(|(name, bytes)| (format!("resources/{name}"), bytes)));
         let failed = |error: std::io::Error| write_error(path, &error);
-        write_by(path, |file| {
+        write_atomically(path, |file| {
             let mut archive = ZipWriter::new(BufWriter::new(file));
             for (name, bytes) in files {
                 let options = SimpleFileOptions::default()

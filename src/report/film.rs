@@ -11,8 +11,8 @@ use gif::{Encoder, Frame, Repeat};
 
 use super::chart::{Chart, Mark, Scale, Series};
 use super::picture::Painter;
-use super::tables::{write_by, write_error};
 use crate::error::{Error, Result};
+use crate::files::{write_atomically, write_error};
 
 /// How a film is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,7 +131,7 @@ impl Film {
             stopped = watch(n / count);
             stopped.is_continue().then(|| draw(n))
         });
-        write_by(path, |file| match is_gif {
+        write_atomically(path, |file| match is_gif {
             true => self.gif(path, file.path(), &mut frames),
             false => self.mp4(path, file.path(), &mut frames),
         })?;

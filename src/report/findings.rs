@@ -6,8 +6,8 @@ use serde_json::{Map, Value, json};
 use super::chart::Figure;
 use super::folder::Folder;
 use super::page::{Motion, Script, render};
-use super::tables::Kept;
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 use crate::scene::Document;
 use crate::words::number;
 
@@ -60,7 +60,7 @@ impl Findings {
     ///
     /// # Errors
     /// [`Error::Page`].
-    pub fn write(&self, folder: &mut Folder, name: &str, document: &Document) -> Result<Kept> {
+    pub fn write(&self, folder: &mut Folder, name: &str, document: &Document) -> Result<WrittenFiles> {
         let summary = json!({
             "name": name,
             "caudal_version": env!("CARGO_PKG_VERSION"),

@@ -12,8 +12,9 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
-use super::tables::{Csv, Kept, Made, PARTIAL, beside, file_of, put_in_place, write_error};
+use super::tables::Csv;
 use crate::error::{Error, Result};
+use crate::files::{CreatedFolders, PARTIAL, WrittenFiles, partial_file, partial_file_with, persist, write_error};
 use crate::jobs::{BUILD, Journal};
 use crate::scene::Scene;
 
@@ -146,7 +147,7 @@ pub struct Folder {
     manifest: Manifest,
     /// True where the manifest was made by this claim.
     new: bool,
-    made: Made,
+    made: CreatedFolders,
 }
 
 impl Folder {
@@ -180,7 +181,7 @@ impl Folder {
                 folder.manifest = Manifest { owner: Some(folder.owner.clone()), ..Manifest::default() };
             }
         } else {
-            beside(&folder.path.join(MANIFEST))?; // so that what cannot be written is known before the work
+            partial_file(&folder.path.join(MANIFEST))?; // so that what cannot be written is known before the work
         }
         Ok(folder)
     }
@@ -197,7 +198,7 @@ impl Folder {
 
     /// Makes and locks it, and reads its manifest.
     fn hold(path: &Path, owner: Owner, claim: Claim, patience: Duration) -> Result<Self> {
-        let (made, manifest) = (Made::at(path)?, Manifest::default());
+        let (made, manifest) = (CreatedFolders::at(path)?, Manifest::default());
         let mut folder = Self { path: path.to_path_buf(), lock: None, owner, claim, manifest, new: false, made };
         folder.lock(patience)?;
         folder.read()?;
@@ -217,7 +218,7 @@ impl Folder {
                     continue;
                 }
                 Err(TryLockError::WouldBlock) => {
-                    self.made = Made::default(); // it is the other program's
+                    self.made = CreatedFolders::default(); // it is the other program's
                     return Err(Error::Busy { path: self.path.clone() });
                 }
                 Ok(()) | Err(TryLockError::Error(_)) => {}
@@ -313,7 +314,7 @@ impl Folder {
         }
         for (name, content) in files {
             let path = self.path.join(name);
-            put_in_place(file_of(&path, content)?, path)?;
+            persist(partial_file_with(&path, content)?, path)?;
         }
         Ok(())
     }
@@ -380,12 +381,12 @@ impl Folder {
 
     /// Begins to write its results.
     pub fn results(&mut self) -> Writing<'_> {
-        Writing { folder: self, kept: Kept::default(), exports: false, earlier: BTreeSet::new() }
+        Writing { folder: self, kept: WrittenFiles::default(), exports: false, earlier: BTreeSet::new() }
     }
 
     /// Begins to write files that are made of results.
     pub fn exports(&mut self) -> Writing<'_> {
-        Writing { folder: self, kept: Kept::default(), exports: true, earlier: BTreeSet::new() }
+        Writing { folder: self, kept: WrittenFiles::default(), exports: true, earlier: BTreeSet::new() }
     }
 
     fn remove<'a>(&self, names: impl Iterator<Item = &'a String>) {
@@ -413,7 +414,7 @@ impl Folder {
         self.manifest.caudal_build = BUILD.to_string();
         let path = self.path.join(MANIFEST);
         let text = serde_json::to_string_pretty(&self.manifest).map_err(|e| Error::Page { reason: e.to_string() })?;
-        put_in_place(file_of(&path, text + "\n")?, path).map(drop)
+        persist(partial_file_with(&path, text + "\n")?, path).map(drop)
     }
 }
 
@@ -432,7 +433,7 @@ impl Drop for Folder {
 #[derive(Debug)]
 pub struct Writing<'a> {
     folder: &'a mut Folder,
-    kept: Kept,
+    kept: WrittenFiles,
     exports: bool,
     /// Those of an earlier result of the same content that could not be replaced.
     earlier: BTreeSet<String>,
@@ -471,7 +472,7 @@ impl Writing<'_> {
             });
             return;
         }
-        match file.and_then(|file| put_in_place(file, path.clone())) {
+        match file.and_then(|file| persist(file, path.clone())) {
             Ok(path) => self.kept.files.push(path),
             Err(error) => {
                 self.kept.lost.push(error);
@@ -501,13 +502,13 @@ impl Writing<'_> {
 
     /// The same for a file with `content`.
     pub fn put_file(&mut self, name: &str, content: Result<impl AsRef<[u8]>>) {
-        let file = content.and_then(|content| file_of(&self.folder.path.join(name), content));
+        let file = content.and_then(|content| partial_file_with(&self.folder.path.join(name), content));
         self.put(name, file);
     }
 
     /// Puts files, names and texts, in place one after the other, so that those that come first are there whatever happens to the
     /// others.
-    pub fn all(mut self, files: &[(String, String)]) -> Kept {
+    pub fn all(mut self, files: &[(String, String)]) -> WrittenFiles {
         self.list(files.iter().map(|(name, _)| name.as_str()));
         for (name, text) in files {
             self.put_file(name, Ok(text));
@@ -521,7 +522,7 @@ impl Writing<'_> {
     }
 
     /// Removes the files of earlier results that these have not, and says so in the manifest.
-    pub fn finish(self) -> Kept {
+    pub fn finish(self) -> WrittenFiles {
         let Self { folder, kept, exports, earlier } = self;
         if !exports {
             let name = |path: &PathBuf| path.file_name().map(|name| name.to_string_lossy().into_owned());

@@ -17,8 +17,9 @@ pub mod parquet;
 #[cfg(feature = "pictures")]
 pub mod picture;
 mod record;
+mod summary;
 mod svg;
-pub(crate) mod tables;
+pub mod tables;
 pub mod trajectory;
 pub mod vtk;
 
@@ -28,4 +29,4 @@ pub use folder::{Claim, Folder, JOURNAL, MANIFEST, Owner, Writing};
 pub use output::Output;
 pub use page::Motion;
 pub use record::Frame;
-pub use tables::{Kept, room, write_file};
+pub use summary::{FluidError, Summary};

@@ -5,17 +5,18 @@ use std::path::Path;
 
 use tempfile::NamedTempFile;
 
+use super::Summary;
 use super::chart::Figure;
 use super::figures;
 use super::page::Page;
 #[cfg(feature = "parquet")]
 use super::parquet::Parquet;
 use super::record::{Record, Times};
-use super::tables::{Csv, Kept, file_of, room};
+use super::tables::Csv;
 use super::{Claim, Folder, Owner, Writing};
-use crate::check::recorded;
+use crate::assessment::recorded;
 use crate::error::{Error, Result};
-use crate::run::Summary;
+use crate::files::{WrittenFiles, free_space, partial_file_with};
 use crate::scene::{Document, NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::system::State;
@@ -44,7 +45,7 @@ impl Output {
     /// # Errors
     /// [`Error::Room`] where they do not.
     pub fn fits(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<()> {
-        match (recorded(scene, stepper), room(folder)) {
+        match (recorded(scene, stepper), free_space(folder)) {
             (Some((rows, needed)), Some(free)) if needed > free as f64 => {
                 let what = format!(
                     "{rows:.3e} rows of trajectory.csv and the table of nodes (record.every, record.interval_s)"
@@ -72,7 +73,8 @@ impl Output {
         opened.results().list(certain.iter().copied().chain(figures::FILES));
         let nodes = stepper.model().rod.nodes;
         let [numbers, position, most] = SUMMARY;
-        let reserve = file_of(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
+        let reserve =
+            partial_file_with(&folder.join("summary.json"), " ".repeat((numbers + position * nodes).min(most)))?;
         let columns: Vec<_> = stepper.variables().iter().copied().filter(|v| v.recorded).collect();
         let header = columns.iter().map(|v| v.name.to_string());
         let trajectory = Csv::create(folder.join("trajectory.csv"), header)?;
@@ -121,7 +123,13 @@ impl Output {
 
     /// Completes every file with the state at the end and puts it in place: first the summary, then tables, figures, and the
     /// page, each of them whatever happens to those after it.
-    pub fn finish(mut self, stepper: &Stepper, summary: &Summary, document: &Document, notes: &[String]) -> Kept {
+    pub fn finish(
+        mut self,
+        stepper: &Stepper,
+        summary: &Summary,
+        document: &Document,
+        notes: &[String],
+    ) -> WrittenFiles {
         let last = match self.trajectory.last == Some(stepper.time()) {
             true => Ok(()),
             false => self.row(&stepper.view()),

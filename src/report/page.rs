@@ -5,10 +5,10 @@ use minijinja::{AutoEscape, Environment};
 use serde::ser::Error as _;
 use serde::{Serialize, Serializer};
 
+use super::Summary;
 use super::chart::Figure;
 use super::record::Frame;
 use crate::error::{Error, Result};
-use crate::run::Summary;
 use crate::words::number;
 
 /// Everything the page shows.
@@ -50,14 +50,14 @@ pub struct Motion {
     #[serde(skip_serializing_if = "Option::is_none")]
     body: Option<Vec<[f64; 3]>>,
     /// Other rods at the same times, by their names.
-    beside: Vec<Beside>,
+    beside: Vec<Companion>,
     /// The media behind the rod, where there are several.
     media: Option<Media>,
 }
 
 /// A rod beside the one that is played.
 #[derive(Debug, Clone, Serialize)]
-struct Beside {
+struct Companion {
     name: String,
     points: Vec<Vec<f64>>,
 }
@@ -196,7 +196,7 @@ impl Motion {
     /// The same with another rod, whose frames are at the same times: in the background, or with a colour of its own where it
     /// has a name.
     pub fn beside(mut self, name: &str, frames: &[Frame]) -> Self {
-        self.beside.push(Beside { name: name.to_string(), points: Self::of(frames).points });
+        self.beside.push(Companion { name: name.to_string(), points: Self::of(frames).points });
         self
     }
 }

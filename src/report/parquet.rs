@@ -13,8 +13,9 @@ use parquet::schema::types::Type as SchemaType;
 use serde_json::Value;
 use tempfile::NamedTempFile;
 
-use super::tables::{ColumnType, beside, write_error};
+use super::tables::ColumnType;
 use crate::error::{Error, Result};
+use crate::files::{partial_file, write_error};
 
 /// Rows of a Parquet file that are kept in memory before they are written as one group.
 const GROUP: usize = 1 << 17;
@@ -98,7 +99,7 @@ impl Parquet {
 /// Begins a Parquet file beside `path`.
 fn parquet_writer(path: &Path, schema: SchemaType) -> Result<SerializedFileWriter<BufWriter<NamedTempFile>>> {
     let properties = WriterProperties::builder().set_compression(Compression::SNAPPY).build();
-    let file = BufWriter::new(beside(path)?);
+    let file = BufWriter::new(partial_file(path)?);
     SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(|e| parquet_error(path, &e))
 }
 

@@ -6,8 +6,8 @@ use resvg::tiny_skia::{Pixmap, Transform};
 use resvg::usvg::{Options, Tree, WriteOptions};
 
 use super::folder::{Claim, Folder, Owner};
-use super::tables::Kept;
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 
 /// Families that have no serifs, of which most systems have one.
 const FAMILIES: [&str; 6] = ["Inter", "Noto Sans", "DejaVu Sans", "Liberation Sans", "Arial", "Helvetica"];
@@ -100,7 +100,13 @@ impl Default for Painter {
 ///
 /// # Errors
 /// [`Error::Read`] where there is no such figure; those of [`Folder::export`]; what cannot be written is in the result.
-pub fn convert(folder: &Path, names: Option<&[String]>, formats: &[Format], out: &Path, claim: Claim) -> Result<Kept> {
+pub fn convert(
+    folder: &Path,
+    names: Option<&[String]>,
+    formats: &[Format],
+    out: &Path,
+    claim: Claim,
+) -> Result<WrittenFiles> {
     let read = |path: &Path, reason: String| Error::Read { path: path.to_path_buf(), reason };
     let files: Vec<PathBuf> = match names {
         Some(names) => names.iter().map(|name| folder.join(Path::new(name).with_extension("svg"))).collect(),

@@ -4,10 +4,10 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
+use super::Summary;
 use super::page::{Motion, Script, render};
 use super::record::{Record, Times};
 use crate::error::Result;
-use crate::run::Summary;
 use crate::scene::{NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::variable::{Size, Variable, View};

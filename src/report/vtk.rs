@@ -4,9 +4,9 @@ use std::collections::HashMap;
 use std::fmt::Write;
 
 use super::folder::Folder;
-use super::tables::Kept;
 use super::trajectory::Column;
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 use crate::rod::Rod;
 use crate::stepper::Stepper;
 use crate::variable::Size;
@@ -28,7 +28,7 @@ pub fn fields(stepper: &Stepper) -> Vec<String> {
 ///
 /// # Errors
 /// [`Error::UnknownVariable`] without positions or times.
-pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> Result<Kept> {
+pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> Result<WrittenFiles> {
     let find = |name: &'static str| {
         let found = columns.iter().find(|column| column.variable.name == name);
         found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None, needs: None })

@@ -10,7 +10,6 @@ mod head;
 pub mod layers;
 mod loads;
 pub mod parameter;
-mod parcel;
 mod record;
 mod rod;
 #[cfg(feature = "schema")]
@@ -36,7 +35,6 @@ pub use fluid::{DragTable, MediumTable, ReactiveTable};
 pub use head::{HeadKind, HeadTable};
 pub use layers::{LayerTable, ShearTable};
 pub use loads::{LoadsTable, PointLoad};
-pub use parcel::Parcel;
 pub use record::{NodesTable, RecordTable};
 pub use rod::RodTable;
 pub(crate) use solver::whole_steps;

@@ -404,9 +404,10 @@ impl Simulation {
     /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::check::Assessment).
     #[cfg(feature = "faer")]
     pub fn notes(&mut self) -> Result<Vec<String>> {
-        let warnings = crate::check::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
+        let warnings =
+            crate::assessment::Assessment::of(&self.scene, &crate::stepper::Stepper::of(&self.scene)?)?.warnings;
         let (meter, end) = self.problem.measured()?;
-        Ok(crate::run::notes(&self.scene, self.problem.model(), &meter, &end, self.scene.pace(), &warnings))
+        Ok(crate::diagnostics::notes(&self.scene, self.problem.model(), &meter, &end, self.scene.pace(), &warnings))
     }
 
     /// What is named.

@@ -8,6 +8,8 @@
 
 use faer::{Mat, c64};
 
+use super::root_search::first_crossing;
+
 /// Modes.
 const MODES: usize = 12;
 
@@ -98,7 +100,7 @@ impl Beam {
     /// The least u up to `most` from which the beam does not stay straight.
     pub(super) fn critical(&self, beta: f64, shedding: f64, most: f64) -> Option<f64> {
         let growth = |u: f64| self.leading(beta, u, shedding).map_or(f64::NEG_INFINITY, |[growth, _]| growth - GROWS);
-        super::flutter::first(0.0, most, growth)
+        first_crossing(0.0, most, growth)
     }
 }
 

@@ -8,8 +8,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use super::beam::Beam;
-use super::stability::{Stability, spread};
-use super::{Desk, Studied};
+use super::root_search::{SAMPLES, first_rise};
+use super::runner::{StudyOutcome, StudyRunner};
+use super::stability::{Stability, geometric_sequence};
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::linear_stability::{SteadyState, Unsteady, grows};
@@ -36,76 +37,6 @@ const FOLLOWED: usize = 5;
 
 /// Speeds at which they are, for every one of the map.
 const FINER: usize = 4;
-
-/// Intervals in which a first speed is looked for, and halvings of the one where it is.
-const LOOKS: usize = 60;
-const HALVINGS: usize = 30;
-
-/// Looks for the top of a narrow peak between samples.
-const CLIMBS: usize = 24;
-
-/// The golden section.
-const GOLDEN: f64 = 0.618_033_988_749_895;
-
-/// Two neighbours between which `f` first rises above zero, after `samples` (x, f(x)) with rising x: where it peaks between samples
-/// below zero, the top of the peak is looked for.
-fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
-    for i in 0..samples.len() {
-        let (x, here) = samples[i];
-        if here > 0.0 {
-            return Some([if i == 0 { x } else { samples[i - 1].0 }, x]);
-        }
-        let Some(((from, before), (to, after))) = i.checked_sub(1).map(|i| samples[i]).zip(samples.get(i + 1).copied())
-        else {
-            continue;
-        };
-        if after > 0.0 || here <= before || here < after {
-            continue;
-        }
-        // The golden section: the inner one of two places that is higher stays inside.
-        let (mut low, mut high) = (from, to);
-        let mut places = [high - GOLDEN * (high - low), low + GOLDEN * (high - low)];
-        let mut heights = places.map(&mut f);
-        for _ in 0..CLIMBS {
-            if let Some(top) = (0..2).find(|i| heights[*i] > 0.0) {
-                return Some([from, places[top]]);
-            }
-            if heights[0] > heights[1] {
-                high = places[1];
-                places = [high - GOLDEN * (high - low), places[0]];
-                heights = [f(places[0]), heights[0]];
-            } else {
-                low = places[0];
-                places = [places[1], low + GOLDEN * (high - low)];
-                heights = [heights[1], f(places[1])];
-            }
-        }
-    }
-    None
-}
-
-/// The first x between `low` and `high` from which `f` is above zero.
-pub(super) fn first(low: f64, high: f64, mut f: impl FnMut(f64) -> f64) -> Option<f64> {
-    let at = |i: usize| low + (high - low) * i as f64 / LOOKS as f64;
-    let mut samples = Vec::with_capacity(LOOKS);
-    // Beyond the first place that is above it there is nothing to look for.
-    for x in (1..=LOOKS).map(at) {
-        let here = f(x);
-        samples.push((x, here));
-        if here > 0.0 {
-            break;
-        }
-    }
-    let [mut below, mut above] = first_rise(&samples, &mut f)?;
-    if below == above {
-        below = low;
-    }
-    for _ in 0..HALVINGS {
-        let middle = 0.5 * (below + above);
-        if f(middle) > 0.0 { above = middle } else { below = middle }
-    }
-    Some(0.5 * (below + above))
-}
 
 /// What becomes of the rest.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -248,7 +179,7 @@ fn point(scene: &Scene, tail: &Tail, factor: f64, speed: f64) -> Point {
 }
 
 /// Maps flutter and divergence of the tail of `scene`.
-pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn flutter(scene: &Scene, asked: &Stability, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let refused =
         |Unsteady { key, problem }: Unsteady| Error::Scene { place: scene.name.clone(), key: key.to_string(), problem };
     if scene.head.kind == HeadKind::Free {
@@ -265,7 +196,7 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
     let mut steady = SteadyState::of(model).map_err(refused)?;
     let tail = tail(&coarse, &mut steady).map_err(refused)?;
     let range = asked.range.unwrap_or(SPEEDS.map(|speed| speed * tail.unit));
-    let speeds = spread(range, asked.points);
+    let speeds = geometric_sequence(range, asked.points);
     let even = |[low, high]: [f64; 2], count: usize| {
         let last = count.max(2) - 1;
         (0..=last).map(move |i| low + (high - low) * i as f64 / last as f64)
@@ -279,7 +210,7 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
         let at = |speed: f64| point(&coarse, &tail, factor, speed);
         let points: Vec<Point> = case.speeds.iter().map(|speed| at(*speed)).collect();
         // Between speeds that are far apart, others are looked at, up to the first that leaves the rest.
-        let between = LOOKS.div_ceil(case.speeds.len());
+        let between = SAMPLES.div_ceil(case.speeds.len());
         let mut samples: Vec<(f64, f64)> = Vec::new();
         for (i, point) in points.iter().enumerate().filter(|_| case.critical) {
             let (before, here) = (case.speeds[i.saturating_sub(1)], case.speeds[i]);
@@ -313,13 +244,13 @@ pub(super) fn flutter(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Resul
         });
         Some(Column { points, critical })
     };
-    let columns = match desk.work("flutter", scene, &cases, jobs::cores(), run)? {
+    let columns = match runner.run_all("flutter", scene, &cases, jobs::cores(), run)? {
         Ok(columns) => columns,
         Err(interrupted) => return Ok(interrupted),
     };
     let own = (own_speed > 0.0).then(|| (own_speed, point(&coarse, &tail, 1.0, own_speed)));
     let report = Report { scene, tail: &tail, own, nodes: coarse.rod.nodes.get(), cases: &cases, columns };
-    Ok(Studied::Complete(report.findings()))
+    Ok(StudyOutcome::Complete(report.findings()))
 }
 
 struct Report<'a> {

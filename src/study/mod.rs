@@ -1,31 +1,33 @@
-//! Studies of a scene: what a user asks before trusting a run. Each makes [`Findings`].
+//! Studies of a scene: accuracy, stability, scaling, natural modes, and a comparison of fluid models. Each produces [`Findings`].
 //!
-//! A study is a list of independent runs and what follows from their results. The runs are kept in a journal in its folder
-//! until all are there, so that a study goes on where it was interrupted. [`Runs`] hands them to programs elsewhere.
+//! A study is a list of independent runs and an evaluation of their results. Finished runs are stored in a journal in its folder, so
+//! that an interrupted study resumes. [`DistributedStudy`] lets workers run them.
 
 mod accuracy;
 mod beam;
-mod desk;
+mod distributed;
 mod fluid;
 mod flutter;
 mod modes;
-mod runs;
+mod root_search;
+mod runner;
 mod scaling;
 mod stability;
-mod trial;
+mod study_run;
 
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::report::{Claim, Findings, Folder, Kept, Owner};
+use crate::files::WrittenFiles;
+use crate::report::{Claim, Findings, Folder, Owner};
 use crate::scene::{Document, NODES, Scene};
 pub use accuracy::Accuracy;
-pub use desk::Desk;
+pub use distributed::{DistributedStudy, make_runs};
 pub use fluid::Fluid;
 pub use modes::Spectrum;
-pub use runs::{Runs, make_runs};
+pub use runner::{StudyOutcome, StudyRunner};
 pub use scaling::Scaling;
 pub use stability::{Stability, Vary};
 
@@ -71,21 +73,22 @@ impl Study {
         Folder::claim(folder, Owner::of(&kind, scene), claim, &["summary.json", "report.html"])
     }
 
-    /// Makes it on `scene`.
+    /// Runs the study on `scene`.
     ///
     /// # Errors
     /// [`Error::Study`] for what is not allowed, [`Error::Scene`] where the scene has not what is studied; those of
     /// [`Scene::model`], [`Error::Write`], [`Error::Journal`].
-    pub fn make(&self, scene: &Scene, desk: Desk<'_>) -> Result<Studied> {
+    pub fn run(&self, scene: &Scene, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
         if let Some(problem) = self.refused() {
             return Err(Error::Study { problem });
         }
         match self {
-            Self::Modes(asked) => modes::modes(scene, asked.count).map(Studied::Complete),
-            Self::Scaling(asked) => scaling::scaling(scene, asked, desk),
-            Self::Accuracy(asked) => accuracy::accuracy(scene, asked, desk),
-            Self::Stability(asked) => stability::stability(scene, asked, desk),
-            Self::Fluid(asked) => fluid::fluid(scene, asked, desk),
+            Self::Modes(asked) => modes::modes(scene, asked.count).map(StudyOutcome::Complete),
+            Self::Scaling(asked) => scaling::scaling(scene, asked, runner),
+            Self::Accuracy(asked) => accuracy::accuracy(scene, asked, runner),
+            Self::Stability(asked) if asked.vary == Vary::Flow => flutter::flutter(scene, asked, runner),
+            Self::Stability(asked) => stability::stability(scene, asked, runner),
+            Self::Fluid(asked) => fluid::fluid(scene, asked, runner),
         }
     }
 
@@ -134,34 +137,19 @@ fn not_rising(name: &str, numbers: Option<[f64; 2]>) -> Option<String> {
         .or_else(|| (low >= high).then(|| format!("{name}: found {low},{high}; allowed: the smaller number first")))
 }
 
-/// How a study ended.
-#[derive(Debug)]
-pub enum Studied {
-    /// With these findings.
-    Complete(Findings),
-    /// Interrupted, with this many runs of so many kept.
-    Interrupted(usize, usize),
-}
-
 /// Writes what the study of scene `name` found to its `folder`, and forgets the runs that it keeps there once all is written.
 ///
 /// # Errors
 /// Those of [`Findings::write`].
-pub fn keep(findings: &Findings, folder: &mut Folder, name: &str, document: &Document) -> Result<Kept> {
+pub fn write_findings(
+    findings: &Findings,
+    folder: &mut Folder,
+    name: &str,
+    document: &Document,
+) -> Result<WrittenFiles> {
     let kept = findings.write(folder, name, document)?;
     if kept.lost.is_empty() {
         folder.forget_journals();
     }
     Ok(kept)
-}
-
-/// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.
-fn power_law(points: &[(f64, f64)]) -> Option<[f64; 2]> {
-    let logs: Vec<_> = points.iter().filter(|p| p.0 > 0.0 && p.1 > 0.0).map(|p| (p.0.ln(), p.1.ln())).collect();
-    let count = logs.len() as f64;
-    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;
-    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
-    let across: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
-    let along: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
-    (logs.len() > 1 && along > 0.0).then(|| [across / along, (y - across / along * x).exp()])
 }

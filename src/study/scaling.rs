@@ -5,8 +5,8 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Deserializer, Serialize};
 use serde_json::{Value, json};
 
-use super::{Desk, Studied, power_law};
-use crate::check::contracts;
+use super::runner::{StudyOutcome, StudyRunner};
+use crate::assessment::contracts;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::model::chain;
@@ -85,7 +85,7 @@ fn both_or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<[f64; 
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
-pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<Studied> {
+pub(super) fn scaling(scene: &Scene, asked: &Scaling, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let mut nodes = asked.nodes.clone();
     if nodes.is_empty() {
         nodes.extend((4..=20).map(|k| (1 << k) + 1));
@@ -112,15 +112,15 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, desk: Desk<'_>) -> Result<
         cases.push(Case { nodes, form: Form::Chain, step, steps });
     }
     // One after the other: they share the memory's speed, and memory is counted for the whole program.
-    let runs = match desk.work("scaling", scene, &cases, 1, |case| run(scene, case, desk))? {
+    let runs = match runner.run_all("scaling", scene, &cases, 1, |case| run(scene, case, runner))? {
         Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
     };
     let made: Vec<_> = cases.iter().zip(&runs).collect();
-    Ok(Studied::Complete(report(scene, &nodes, &used, &made)?))
+    Ok(StudyOutcome::Complete(report(scene, &nodes, &used, &made)?))
 }
 
-fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
+fn run(scene: &Scene, case: &Case, runner: StudyRunner<'_>) -> Option<Run> {
     let before = memory::reset();
     let step = case.step;
     let mut scene = scene.with_pace(Pace::Fixed(step)).with_nodes(case.nodes);
@@ -149,7 +149,7 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
             stepper.restore(&start).ok()?; // its own: it fits
         }
         for _ in 0..case.steps {
-            if desk.interrupted() {
+            if runner.interrupted() {
                 return None;
             }
             let (clock, before) = (Instant::now(), stepper.work().newton_iterations);
@@ -182,6 +182,17 @@ fn run(scene: &Scene, case: &Case, desk: Desk<'_>) -> Option<Run> {
         tip: [q[2 * last], q[2 * last + 1]],
         curvature: (1..PARTS).map(|i| at(i as f64 / PARTS as f64)).collect(),
     })
+}
+
+/// The exponent p and factor c of the least-squares fit y ≈ c xᵖ; `None` for fewer than two different x.
+fn power_law(points: &[(f64, f64)]) -> Option<[f64; 2]> {
+    let logs: Vec<_> = points.iter().filter(|p| p.0 > 0.0 && p.1 > 0.0).map(|p| (p.0.ln(), p.1.ln())).collect();
+    let count = logs.len() as f64;
+    let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;
+    let (x, y) = (mean(|p| p.0), mean(|p| p.1));
+    let across: f64 = logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum();
+    let along: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
+    (logs.len() > 1 && along > 0.0).then(|| [across / along, (y - across / along * x).exp()])
 }
 
 /// Largest difference of two lists.

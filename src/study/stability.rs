@@ -6,8 +6,8 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
-use super::trial::{Failure, Manner, Recipe, Trial};
-use super::{Desk, Studied};
+use super::runner::{StudyOutcome, StudyRunner};
+use super::study_run::{Failure, RunOptions, SimulationMethod, StudyRun};
 use crate::error::{Error, Result};
 use crate::integrator::{Pace, stability_limit};
 use crate::jobs;
@@ -152,7 +152,7 @@ impl Outcome {
         Category { label, colour }
     }
 
-    fn of(trial: &Trial, reference: Option<&Trial>, accurate: f64) -> Self {
+    fn of(trial: &StudyRun, reference: Option<&StudyRun>, accurate: f64) -> Self {
         if grows(trial) {
             return Self::Growing;
         }
@@ -170,7 +170,7 @@ impl Outcome {
 }
 
 /// True if the method makes energy: so much that the run was given up or failed by it, or more and more up to the end.
-fn grows(trial: &Trial) -> bool {
+fn grows(trial: &StudyRun) -> bool {
     let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     let (middle, last) = (trial.created.len() / 2, trial.created.len() * 3 / 4);
     if trial.failure.is_some() || trial.tip.len() <= SAMPLES {
@@ -181,21 +181,21 @@ fn grows(trial: &Trial) -> bool {
 }
 
 /// Largest distance of two tips over how far the second goes.
-fn apart(trial: &Trial, reference: &Trial) -> f64 {
+fn apart(trial: &StudyRun, reference: &StudyRun) -> f64 {
     let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     trial.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
 }
 
 #[derive(Debug)]
 struct Case {
-    recipe: Recipe,
+    recipe: SimulationMethod,
     value: f64,
     step: f64,
     halving: bool,
 }
 
 /// `count` values from `low` to `high` at equal ratios.
-pub(super) fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
+pub(super) fn geometric_sequence([low, high]: [f64; 2], count: usize) -> Vec<f64> {
     let last = count.max(2) - 1;
     (0..=last).map(|i| low * (high / low).powf(i as f64 / last as f64)).collect()
 }
@@ -205,26 +205,24 @@ pub(super) fn spread([low, high]: [f64; 2], count: usize) -> Vec<f64> {
 /// # Errors
 /// [`Error::Scene`] where the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
 /// [`Error::Journal`].
-pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Result<Studied> {
-    if asked.vary == Vary::Flow {
-        return super::flutter::flutter(scene, asked, desk);
-    }
+pub(super) fn stability(scene: &Scene, asked: &Stability, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     if let Some((key, problem)) = asked.vary.refused(scene) {
         return Err(Error::Scene { place: scene.name.clone(), key: key.into(), problem: problem.into() });
     }
-    let mut values = spread(asked.range.unwrap_or_else(|| asked.vary.range(scene)), asked.points);
+    let mut values = geometric_sequence(asked.range.unwrap_or_else(|| asked.vary.range(scene)), asked.points);
     if asked.vary == Vary::Nodes {
         values.iter_mut().for_each(|value| *value = value.round().clamp(NODES[0] as f64, NODES[1] as f64));
         values.dedup();
     }
     let typical = scene.typical_step();
-    let steps = spread(asked.steps.unwrap_or([0.01 * typical, 4.0 * typical]), asked.points);
-    let recipes = Recipe::all(scene);
-    let references: Vec<_> = ["esdirk3", "generalized-alpha"].into_iter().filter_map(Recipe::named).collect();
+    let steps = geometric_sequence(asked.steps.unwrap_or([0.01 * typical, 4.0 * typical]), asked.points);
+    let recipes = SimulationMethod::all(scene);
+    let references: Vec<_> = ["esdirk3", "generalized-alpha"].into_iter().filter_map(SimulationMethod::named).collect();
     let finest = FINER * steps.first().copied().unwrap_or(typical);
     let mut cases = Vec::new();
     for value in &values {
-        let reference = |recipe: &Recipe| Case { recipe: recipe.clone(), value: *value, step: finest, halving: true };
+        let reference =
+            |recipe: &SimulationMethod| Case { recipe: recipe.clone(), value: *value, step: finest, halving: true };
         cases.extend(references.iter().map(reference));
     }
     for recipe in &recipes {
@@ -235,10 +233,10 @@ pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Res
     }
     let run = |case: &Case| {
         let scene = case.recipe.of(&asked.vary.set(scene, case.value)).with_pace(Pace::Fixed(case.step));
-        let manner = Manner { samples: SAMPLES, push: None, halving: case.halving, timed: false };
-        Trial::of(&scene, manner, desk.interrupted)
+        let manner = RunOptions { samples: SAMPLES, push: None, halving: case.halving, timed: false };
+        StudyRun::of(&scene, manner, runner.interrupted)
     };
-    let trials = match desk.work("runs", scene, &cases, jobs::cores(), run)? {
+    let trials = match runner.run_all("runs", scene, &cases, jobs::cores(), run)? {
         Ok(trials) => trials,
         Err(interrupted) => return Ok(interrupted),
     };
@@ -258,7 +256,7 @@ pub(super) fn stability(scene: &Scene, asked: &Stability, desk: Desk<'_>) -> Res
     let cases = &cases[pairs.len()..];
     let report =
         Report { scene, asked, values: &values, steps: &steps, recipes: &recipes, cases, trials, outcomes: &outcomes };
-    Ok(Studied::Complete(report.findings()?))
+    Ok(StudyOutcome::Complete(report.findings()?))
 }
 
 struct Report<'a> {
@@ -266,9 +264,9 @@ struct Report<'a> {
     asked: &'a Stability,
     values: &'a [f64],
     steps: &'a [f64],
-    recipes: &'a [Recipe],
+    recipes: &'a [SimulationMethod],
     cases: &'a [Case],
-    trials: &'a [Trial],
+    trials: &'a [StudyRun],
     outcomes: &'a [Outcome],
 }
 
@@ -280,7 +278,7 @@ impl Report<'_> {
     }
 
     /// The largest step that theory allows a method at every value, where it limits it and the modes are computed.
-    fn boundary(&self, recipe: &Recipe) -> Result<Vec<(f64, f64)>> {
+    fn boundary(&self, recipe: &SimulationMethod) -> Result<Vec<(f64, f64)>> {
         let method = (recipe.method.build)(&recipe.values);
         let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
         let mut points = Vec::new();
@@ -330,7 +328,7 @@ impl Report<'_> {
     }
 
     /// What a method does from small to large steps, over all values.
-    fn in_words(&self, recipe: usize, name: &Recipe, boundary: &[(f64, f64)]) -> String {
+    fn in_words(&self, recipe: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
         let columns: Vec<_> = self.of(recipe).collect();
         // Largest step up to which the predicate holds, at every value.
         let up_to = |holds: &dyn Fn(Outcome) -> bool| {

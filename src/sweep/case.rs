@@ -10,12 +10,13 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::Sweep;
+use crate::assessment::Assessment;
 use crate::batch::{Batch, WIDTH};
-use crate::check::Assessment;
 use crate::error::{Error, Result};
 use crate::jobs::{self, Journal};
 use crate::report::Frame;
-use crate::run::{Beside, Ending, Summary, run_beside};
+use crate::report::Summary;
+use crate::run::{BatchedRun, Ending, run_batched};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
@@ -107,11 +108,11 @@ fn rows_of(
             own.push(case);
         }
     }
-    let outcomes = run_beside(&mut runs, |i, stepper| {
+    let outcomes = run_batched(&mut runs, |i, stepper| {
         own[i].keep(stepper)?;
         Ok(if interrupted.load(Ordering::Relaxed) { ControlFlow::Break(()) } else { ControlFlow::Continue(()) })
     });
-    for ((case, Beside { scene, stepper }), outcome) in own.into_iter().zip(&runs).zip(&outcomes) {
+    for ((case, BatchedRun { scene, stepper }), outcome) in own.into_iter().zip(&runs).zip(&outcomes) {
         if outcome.ending != Ending::Interrupted {
             case.row.quantities = quantities(&Summary::of(scene, stepper, outcome, &case.warnings));
         }
@@ -151,13 +152,13 @@ impl<'a> Case<'a> {
     }
 
     /// Its run at the start, whose stepper may be `made` already; where there is none the row says why.
-    fn begin(&mut self, made: Option<Stepper>) -> Option<Beside<'a>> {
+    fn begin(&mut self, made: Option<Stepper>) -> Option<BatchedRun<'a>> {
         let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
             self.row.scene_hash = hash.to_string();
             let mut stepper = made.map_or_else(|| Stepper::of(scene), Ok)?;
             self.warnings = Assessment::of(scene, &stepper)?.warnings;
             self.keep(&mut stepper)?;
-            Ok(Beside { scene, stepper })
+            Ok(BatchedRun { scene, stepper })
         });
         start.map_err(|error| self.fail(&error)).ok()
     }

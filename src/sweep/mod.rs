@@ -5,7 +5,7 @@
 
 mod axis;
 mod case;
-mod parcel;
+mod distributed;
 mod results;
 
 use std::collections::{BTreeSet, HashMap, HashSet};
@@ -16,13 +16,14 @@ use serde::Deserialize;
 use toml::Value;
 
 use crate::error::{Error, Result, bytes, did_you_mean, nearest};
+use crate::files::free_space;
 use crate::jobs::{self, Job, Journal};
-use crate::report::{Claim, Folder, Frame, Owner, room};
+use crate::report::{Claim, Folder, Frame, Owner};
 use crate::scene::{Document, Fault, Files, Scene, rivals};
 
 pub use axis::{Axis, Kind, Samples};
 pub use case::{Row, rows, run};
-pub use parcel::Unpacked;
+pub use distributed::SweepWorker;
 pub use results::{Fresh, Results, Written};
 
 /// Most cases of a sweep.
@@ -395,7 +396,7 @@ impl Sweep {
         let rows = cases as f64 * self.record.traces as f64;
         let played = cases.min(self.record.played) as f64;
         let needed = cases as f64 * ROW + 2.0 * rows * 3.0 * COORDINATE + 2.0 * played * self.motion_bytes();
-        match room(folder) {
+        match free_space(folder) {
             Some(free) if needed > free as f64 => {
                 let what = format!(
                     "the rows of {cases} cases, {rows:.3e} rows of traces (record.traces) and {played} motions (record.frames)"
@@ -572,8 +573,8 @@ impl Sweep {
         let path =
             &path.canonicalize().map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
         let name = path.file_name().unwrap_or_default().to_string_lossy();
-        let beside = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
-        let mut new = Journal::open(&beside, job)?;
+        let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
+        let mut new = Journal::open(&partial, job)?;
         for (index, hash) in hashes.iter().enumerate() {
             let Some(mut row) = known.get(hash).map(|at| old.get::<Row>(*at)).transpose()?.flatten() else { continue };
             if !self.plays(index) {
@@ -584,7 +585,8 @@ impl Sweep {
             new.add(index, &row)?;
         }
         new.sync()?;
-        std::fs::rename(&beside, path).map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
+        std::fs::rename(&partial, path)
+            .map_err(|e| Error::Write { path: path.to_path_buf(), reason: e.to_string() })?;
         Ok(true)
     }
 

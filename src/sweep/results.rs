@@ -10,12 +10,13 @@ use serde_json::Value;
 
 use super::{Row, Sweep};
 use crate::error::{Error, Result};
+use crate::files::WrittenFiles;
 use crate::jobs::{self, Job, Journal};
 use crate::report::cases::{Axis, Cases};
 #[cfg(feature = "parquet")]
 use crate::report::parquet::parquet_of;
 use crate::report::tables::{ColumnType, Mixed};
-use crate::report::{Figure, Folder, Kept};
+use crate::report::{Figure, Folder};
 
 /// From this number of cases on the table is there as Parquet too.
 #[cfg(feature = "parquet")]
@@ -238,7 +239,7 @@ impl<'a> Results<'a> {
 #[derive(Debug)]
 pub struct Written {
     /// The files.
-    pub kept: Kept,
+    pub kept: WrittenFiles,
     /// How the cases ended that did not reach their end.
     pub failed: BTreeMap<usize, String>,
 }

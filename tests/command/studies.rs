@@ -7,14 +7,14 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use caudal::report::Findings;
 use caudal::scene::Scene;
-use caudal::study::{Desk, Scaling, Stability, Studied, Study, Vary};
+use caudal::study::{Scaling, Stability, Study, StudyOutcome, StudyRunner, Vary};
 use common::{DRAG, GLYCEROL, SILICONE, WAVE, claimed, scene, scene_of};
 
 const SMALL: Stability =
     Stability { vary: Vary::Modulus, range: Some([1e6, 1e8]), steps: Some([1e-4, 1e-2]), points: 3, accurate: 0.05 };
 
 /// A study in `folder`, interrupted after so many runs.
-fn small(folder: &Path, most: usize) -> Studied {
+fn small(folder: &Path, most: usize) -> StudyOutcome {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
     let scene = scene(&[SILICONE, WAVE, DRAG, GLYCEROL, "solver.duration_s=0.2"]);
@@ -27,20 +27,20 @@ fn made_in(
     scene: &Scene,
     interrupted: &AtomicBool,
     progress: &(dyn Fn(usize, usize) + Sync),
-) -> Studied {
+) -> StudyOutcome {
     let held = claimed(study, scene, folder);
-    study.make(scene, Desk::new(&held, interrupted, progress)).unwrap()
+    study.run(scene, StudyRunner::new(&held, interrupted, progress)).unwrap()
 }
 
 /// A study in a folder of its own.
-fn made(study: &Study, scene: &Scene) -> Studied {
+fn made(study: &Study, scene: &Scene) -> StudyOutcome {
     made_in(tempfile::tempdir().unwrap().path(), study, scene, &AtomicBool::new(false), &|_, _| ())
 }
 
-fn complete(studied: Studied) -> Findings {
+fn complete(studied: StudyOutcome) -> Findings {
     match studied {
-        Studied::Complete(findings) => findings,
-        Studied::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
+        StudyOutcome::Complete(findings) => findings,
+        StudyOutcome::Interrupted(done, of) => panic!("interrupted at {done} of {of}"),
     }
 }
 
@@ -48,7 +48,7 @@ fn complete(studied: Studied) -> Findings {
 fn an_interrupted_study_goes_on_to_the_same_end() {
     let [whole, parts] = [0, 1].map(|_| tempfile::tempdir().unwrap());
     let wanted = complete(small(whole.path(), usize::MAX));
-    let Studied::Interrupted(done, of) = small(parts.path(), 5) else { panic!("not interrupted") };
+    let StudyOutcome::Interrupted(done, of) = small(parts.path(), 5) else { panic!("not interrupted") };
     assert!(done >= 5 && done < of, "{done} of {of}");
     let found = complete(small(parts.path(), usize::MAX));
     assert_eq!((&found.answers, &found.figures), (&wanted.answers, &wanted.figures));

@@ -6,9 +6,10 @@ use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
 use caudal::integrator::{METHODS, Pace};
-use caudal::run::{Ending, Outcome, Summary};
+use caudal::report::Summary;
+use caudal::run::{Ending, Outcome};
 use caudal::scene::Scene;
-use caudal::study::{Accuracy, Desk, Studied, Study};
+use caudal::study::{Accuracy, Study, StudyOutcome, StudyRunner};
 use common::{DRAG, STUDY, WAVE, all_scene_files, distance, run, scene, scene_of};
 
 /// The study's tail in a medium, its actuation grown over 0.25 s, by a method with steps of 0.5 s/`parts` and Newton's
@@ -110,9 +111,9 @@ fn study(text: &str, overrides: &[&str], asked: &Accuracy) -> caudal::report::Fi
     let (interrupted, progress) = (AtomicBool::new(false), |_, _| ());
     let (study, scene) = (Study::Accuracy(asked.clone()), scene_of(text, overrides));
     let held = common::claimed(&study, &scene, folder.path());
-    match study.make(&scene, Desk::new(&held, &interrupted, &progress)).unwrap() {
-        Studied::Complete(findings) => findings,
-        Studied::Interrupted(..) => panic!("nobody did"),
+    match study.run(&scene, StudyRunner::new(&held, &interrupted, &progress)).unwrap() {
+        StudyOutcome::Complete(findings) => findings,
+        StudyOutcome::Interrupted(..) => panic!("nobody did"),
     }
 }
 

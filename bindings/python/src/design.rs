@@ -4,13 +4,13 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use caudal::design::{Design, Elsewhere, Iteration, simulate};
+use caudal::design::{Design, DistributedDesign, Iteration, simulate};
 use caudal::report::Claim;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
+use crate::distributed::{JobHandle, lines};
 use crate::error::OrRaise;
-use crate::parts::{PartsAtWork, lines};
 use crate::scene::Scene;
 
 /// Designs what a scene's `[design]` asks for and writes its files: the content of design.json with the folder.
@@ -64,17 +64,17 @@ pub fn parts(
     out: Option<PathBuf>,
     force: bool,
     progress: Option<Py<PyAny>>,
-) -> PyResult<Option<PartsAtWork>> {
+) -> PyResult<Option<JobHandle>> {
     let Scene { scene, document, .. } = scene.get();
     let folder = out.unwrap_or_else(|| Design::folder(scene));
     drop(Design::claim(scene, &folder, Claim::forced(force)).or_raise(py)?); // what is replaced goes
     let (mut failure, mut tell) = (None, telling(progress));
-    let next = py.detach(|| Elsewhere::next(document, &folder, |iteration| tell(iteration, &mut failure)));
+    let next = py.detach(|| DistributedDesign::next(document, &folder, |iteration| tell(iteration, &mut failure)));
     match (next.or_raise(py)?, failure) {
         (_, Some(failure)) => Err(failure),
         (next, None) => Ok(next.map(|next| {
             let noun = next.noun();
-            PartsAtWork::new(next, noun, "_simulate", folder)
+            JobHandle::new(next, noun, "_simulate", folder)
         })),
     }
 }

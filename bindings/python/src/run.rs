@@ -4,13 +4,14 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 
 use caudal::Error;
-use caudal::check::Assessment;
+use caudal::assessment::Assessment;
+use caudal::report::Summary;
 use caudal::report::film::{Film, Motion};
 use caudal::report::picture::{self, Format};
 use caudal::report::trajectory::{Column, Trajectory};
 use caudal::report::vtk;
 use caudal::report::{Claim, Folder, Output, Owner};
-use caudal::run::{Ending, Summary};
+use caudal::run::Ending;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn};
 use pyo3::exceptions::{PyRuntimeError, PyValueError};

@@ -2,18 +2,18 @@
 
 use serde_json::{Value, json};
 
+use super::explanations::{AccuracyReport, Row};
 use super::reference::Results;
-use super::words::{Report, Row};
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
-use crate::study::trial::{SHOWN, Trial};
+use crate::study::study_run::{SHOWN, StudyRun};
 
 /// An error is shown down to this multiple of the reference's own.
 const TRUSTED: f64 = 2.0;
 
-impl Report<'_> {
+impl AccuracyReport<'_> {
     pub(super) fn charts(
         &self,
         rows: &[Row<'_>],
@@ -22,7 +22,7 @@ impl Report<'_> {
     ) -> Result<()> {
         let nodes = self.nodes();
         let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
-        type Cost = fn(&Trial) -> f64;
+        type Cost = fn(&StudyRun) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
             ("time", "processor time (s)", |trial| trial.processor_s),
             ("work", "linear solves", |trial| trial.factorisations as f64),
@@ -141,7 +141,7 @@ impl Report<'_> {
         let errors = |kind: &str| self.quantities().map(|quantity| format!("{kind}_error_{}", quantity.key));
         let columns: Vec<String> = ["model", "integrator", "time_step_s", "tolerance", "nodes"]
             .into_iter()
-            .chain(Trial::COSTS)
+            .chain(StudyRun::COSTS)
             .chain(first.columns.iter().chain(energy.columns).copied())
             .chain(SHOWN.map(|measure| measure.key))
             .map(str::to_string)

@@ -1,7 +1,12 @@
 //! Results of runs, their errors, and the references that errors are measured against.
 
-use super::{MANNER, SAMPLES};
-use crate::study::trial::Trial;
+use crate::study::study_run::{RunOptions, StudyRun};
+
+/// Samples of the tip's path.
+pub const SAMPLES: usize = 500;
+
+/// Options of the study's runs.
+pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, halving: true, timed: true };
 
 /// The part of the mean modulus of a force that errors of its mean are relative to where the mean is smaller.
 const MEAN: f64 = 1e-3;
@@ -9,7 +14,7 @@ const MEAN: f64 = 1e-3;
 /// The part of the tip's path that errors of a displacement are relative to where the displacement is smaller.
 const PATH: f64 = 1e-5;
 
-/// What runs are compared by, see [`quantities`](super::quantities).
+/// What runs are compared by, see [`quantities`](super::quantities::quantities).
 #[derive(Debug, Clone)]
 pub struct Results {
     /// Net displacement (m) along x and nothing, or mean force (N) on a held head along x and y.
@@ -25,7 +30,7 @@ pub struct Results {
 }
 
 impl Results {
-    pub fn of(trial: &Trial) -> Self {
+    pub fn of(trial: &StudyRun) -> Self {
         Self {
             first: trial.head_force.map_or([trial.displacement[0], 0.0], |(mean, _)| mean),
             least: trial.head_force.map_or(PATH * trial.travel(), |(_, modulus)| MEAN * modulus),
@@ -83,9 +88,9 @@ pub struct Reference {
 
 impl Reference {
     /// From runs of both methods with two steps each; `None` where one of them failed.
-    pub fn of(trials: &[Trial]) -> Option<Self> {
+    pub fn of(trials: &[StudyRun]) -> Option<Self> {
         let [first, second, coarse, fine] = trials else { return None };
-        if !trials.iter().all(|trial| trial.is_complete(MANNER)) {
+        if !trials.iter().all(|trial| trial.is_complete(RUN_OPTIONS)) {
             return None;
         }
         let [first, second, coarse, fine] = [first, second, coarse, fine].map(Results::of);

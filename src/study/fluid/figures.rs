@@ -1,7 +1,7 @@
 //! Error against cost, forces by what they come from, and the swimmers side by side.
 
+use super::explanations::{FluidReport, Row};
 use super::swim::{PHASES, Part};
-use super::words::{Report, Row};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Frame, Motion};
 use crate::words::percent;
@@ -10,14 +10,14 @@ use crate::words::percent;
 const LANE: f64 = 1.15;
 const NARROWEST: f64 = 0.2;
 
-impl Report<'_> {
+impl FluidReport<'_> {
     pub(super) fn charts(&self, rows: &[Row<'_>], findings: &mut Findings) {
         let Some(reference) = rows.iter().find(|row| row.is_reference) else { return };
-        let uncertain = reference.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
+        let uncertain = reference.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         for (i, what) in [self.motion(), "power"].into_iter().enumerate() {
             let shown = rows.iter().filter_map(|row| {
                 let error = row.differences?[i].abs();
-                (!row.is_reference && error > 0.0).then(|| (row.rung.to_string(), row.swim.trial.processor_s, error))
+                (!row.is_reference && error > 0.0).then(|| (row.model.to_string(), row.swim.trial.processor_s, error))
             });
             let mut series: Vec<Series> =
                 shown.map(|(name, cost, error)| Series::new(name, vec![(cost, error)], Mark::Dots)).collect();
@@ -28,7 +28,7 @@ impl Report<'_> {
                 let costs = || rows.iter().map(|row| row.swim.trial.processor_s).filter(|cost| *cost > 0.0);
                 let (low, high) = (0.7 * costs().fold(f64::INFINITY, f64::min), 1.4 * costs().fold(0.0, f64::max));
                 series.push(Series::new(
-                    reference.rung.to_string(),
+                    reference.model.to_string(),
                     vec![(reference.swim.trial.processor_s, level)],
                     Mark::Dots,
                 ));
@@ -45,11 +45,11 @@ impl Report<'_> {
             );
             let caption = format!(
                 "Difference of the {what} from {} against the time that the run takes, one dot per law; {} itself stands at what it is uncertain by. Dots below the level differ by less than that.",
-                reference.rung, reference.rung
+                reference.model, reference.model
             );
             findings.figures.push(Figure::new(format!("{what}-time.svg"), caption, chart.svg()));
         }
-        let own = rows.iter().find(|row| row.rung.own && !row.is_reference && !row.swim.parts.is_empty());
+        let own = rows.iter().find(|row| row.model.own && !row.is_reference && !row.swim.parts.is_empty());
         for (row, file) in [(Some(reference), "reference"), (own, "own")] {
             let Some(row) = row else { continue };
             self.forces(row, file, findings);
@@ -58,7 +58,7 @@ impl Report<'_> {
 
     /// Forces of a row by what they come from.
     fn forces(&self, row: &Row<'_>, file: &str, findings: &mut Findings) {
-        let whose = if row.rung.own { format!("{}, the scene's own", row.rung) } else { row.rung.to_string() };
+        let whose = if row.model.own { format!("{}, the scene's own", row.model) } else { row.model.to_string() };
         let mut figure =
             |name: &str, title: &str, x: &str, y: &str, caption: &str, of: &dyn Fn(&Part) -> Vec<(f64, f64)>| {
                 let mut series: Vec<Series> =
@@ -125,7 +125,7 @@ impl Report<'_> {
             }
             frames
         };
-        let names: Vec<String> = swam.iter().map(|row| row.rung.to_string()).collect();
+        let names: Vec<String> = swam.iter().map(|row| row.model.to_string()).collect();
         let motion = Motion::of(&on_lane(0, swam[0]));
         let motion =
             swam.iter().enumerate().skip(1).fold(motion, |motion, (i, row)| motion.beside(&names[i], &on_lane(i, row)));

@@ -15,7 +15,7 @@ use crate::rod::{Edge, Rod, node};
 use crate::scene::Scene;
 use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
-use crate::study::trial::{Manner, Trial};
+use crate::study::study_run::{RunOptions, StudyRun};
 use crate::variable::View;
 
 /// Phases of the last period at which forces are looked at.
@@ -27,7 +27,7 @@ const FRAMES: f64 = 30.0;
 const POINTS: usize = 40;
 
 /// A short run is repeated for its time.
-const MANNER: Manner = Manner { samples: 8, push: None, halving: true, timed: true };
+const RUN_OPTIONS: RunOptions = RunOptions { samples: 8, push: None, halving: true, timed: true };
 
 /// What one cause does to the rod, along the way in which its head looks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -46,7 +46,7 @@ pub struct Part {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct Swim {
     /// Its cost, and how it failed.
-    pub trial: Trial,
+    pub trial: StudyRun,
     /// Motion and power.
     pub means: Option<Means>,
     /// Mean power of the actuation (W) and efficiency.
@@ -79,20 +79,20 @@ impl Times {
 impl Swim {
     /// Runs `scene`; `None` if it was interrupted.
     pub fn of(scene: &Scene, interrupted: &AtomicBool) -> Option<Self> {
-        let trial = Trial::of(scene, MANNER, interrupted)?;
+        let trial = StudyRun::of(scene, RUN_OPTIONS, interrupted)?;
         let mut swim =
             Self { trial, means: None, actuation_power: None, efficiency: None, parts: Vec::new(), frames: Vec::new() };
         if swim.is_complete()
             && let Err(error) = swim.follow(scene, interrupted)
         {
-            swim.trial.failure = Some((crate::study::trial::Failure::Step, 0.0, error.to_string()));
+            swim.trial.failure = Some((crate::study::study_run::Failure::Step, 0.0, error.to_string()));
         }
         (!interrupted.load(Ordering::Relaxed)).then_some(swim)
     }
 
     /// True if it reached its end.
     pub fn is_complete(&self) -> bool {
-        self.trial.is_complete(MANNER)
+        self.trial.is_complete(RUN_OPTIONS)
     }
 
     fn follow(&mut self, scene: &Scene, interrupted: &AtomicBool) -> Result<()> {

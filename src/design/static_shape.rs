@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use super::basis::Basis;
 use super::identify::{constraints, series, smooth};
 use super::markers::{Markers, Motion, Sample};
 use super::qp::Quadratic;
@@ -83,7 +84,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result
     let motion = Motion { samples: vec![sample], ..Motion::default() };
     let (all, _) = series(dynamics, &markers, &motion)?;
     let rod = &dynamics.model.rod;
-    let (reference, basis) = (rod.ei, table.basis(rod));
+    let (reference, basis) = (rod.ei, Basis::of(table, rod));
     let pairs: Vec<[f64; 2]> = all.iter().map(|series| [series.curvature(1.0)[0], series.moment[0]]).collect();
     let largest = pairs.iter().fold([0.0_f64; 2], |max, pair| [0, 1].map(|i| max[i].max(pair[i].abs())));
     let is_none = |pair: &[f64; 2], i: usize| pair[i].abs() <= NONE * largest[i];

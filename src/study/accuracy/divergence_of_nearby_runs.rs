@@ -1,14 +1,14 @@
-//! What there is to say where no reference exists: how fast two runs part that begin almost together.
+//! Chaos: if no reference solution exists, how fast two runs that start almost together diverge.
 
 use serde_json::json;
 
-use super::reference::Reference;
-use super::{SAMPLES, in_words, quantities};
+use super::quantities::{describe_errors, quantities};
+use super::reference::{Reference, SAMPLES};
 use crate::error::Result;
 use crate::report::Findings;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::scene::Scene;
-use crate::study::trial::Trial;
+use crate::study::study_run::StudyRun;
 
 /// Part of the length that two runs start apart to see whether they separate.
 pub const PUSH: f64 = 1e-9;
@@ -29,14 +29,14 @@ pub fn without_reference(
     scene: &Scene,
     nodes: u64,
     step: f64,
-    four: &[Trial],
+    four: &[StudyRun],
     reference: Option<&Reference>,
-    pairs: &[Trial],
+    pairs: &[StudyRun],
 ) -> Result<Findings> {
     let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
     let why = match reference {
         Some(Reference { errors, .. }) => {
-            let errors = in_words(quantities(scene), errors.map(|e| format!("{:.1} %", 100.0 * e)));
+            let errors = describe_errors(quantities(scene), errors.map(|e| format!("{:.1} %", 100.0 * e)));
             format!(
                 "two references that have only the equations in common, ESDIRK3 and generalized-α extrapolated, with steps from {step:e} s down, differ by {errors}"
             )
@@ -53,7 +53,7 @@ pub fn without_reference(
     findings.answers.push(format!("No trajectory reference exists on {nodes} nodes: {why}."));
     findings.numbers.insert("reference_exists".into(), json!(false));
     let (duration, length) = (scene.solver.duration_s.get(), scene.rod.length_m.get());
-    let distances = |(pair, part): (&[Trial], f64)| -> Vec<(f64, f64)> {
+    let distances = |(pair, part): (&[StudyRun], f64)| -> Vec<(f64, f64)> {
         let apart = pair[0].tip.iter().zip(&pair[1].tip).map(|(a, b)| (a[0] - b[0]).hypot(a[1] - b[1]));
         apart.enumerate().map(|(i, d)| (part * duration * i as f64 / SAMPLES as f64, d)).skip(1).collect()
     };

@@ -4,11 +4,13 @@
 use std::ops::ControlFlow;
 use std::sync::Mutex;
 
+use serde::Serialize;
+
+use super::design_vector::Profile;
+use super::designed_scene::pinned;
 use super::limits::{Limited, Limits};
-use super::report::{aim, pinned};
-use super::search::{Objective, Value};
+use super::objective::{Objective, Value, aim};
 use super::table::{Table, Variable};
-use super::unknowns::Profile;
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::rod::Rod;
@@ -36,6 +38,18 @@ pub(super) struct Case {
     stiffer: Vec<f64>,
     /// EI of its joints as its scene has it, N m².
     own_stiffness: Vec<f64>,
+}
+
+/// The design in one of the scenes that it is for.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct InCase {
+    pub case: String,
+    /// Of the design; none where the simulation fails.
+    pub designed: Option<f64>,
+    /// Of what was before.
+    pub before: Option<f64>,
+    /// Gain over it, %.
+    pub gain_percent: Option<f64>,
 }
 
 /// The cases that `table` asks for, of `document` with `scene`; none where it is for this scene alone.

@@ -6,22 +6,23 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::cases::cases;
-use super::checks::Checks;
-use super::memory::{JOURNAL, Memory, Simulated};
-use super::report::{aim, pinned};
+use super::checkpoint::{JOURNAL, Memory, Simulated};
+use super::design_vector::Profile;
+use super::designed_scene::pinned;
+use super::objective::aim;
+use super::robustness::Checks;
+use super::scenarios::cases;
 use super::search::{Iteration, Search};
 use super::table::Table;
-use super::unknowns::Profile;
+use crate::distributed::{Bundle, DistributableJob};
 use crate::error::{Error, Result};
 use crate::jobs;
-use crate::parts::Parts;
-use crate::scene::{Document, Parcel};
+use crate::scene::Document;
 use crate::sweep::Sweep;
 
 /// The parts of a design that come next, and what is known of them in its folder.
 #[derive(Debug)]
-pub struct Elsewhere {
+pub struct DistributedDesign {
     document: Document,
     table: Table,
     memory: Memory,
@@ -41,7 +42,7 @@ enum Task {
     Checks(Profile),
 }
 
-impl Elsewhere {
+impl DistributedDesign {
     /// What comes next of the design that `document` asks for, whose files go to `folder`: the searches from several starts; then the
     /// checks of the profile that the search, of which `tell` sees every iteration, comes to. `None` where nothing is left that parts
     /// elsewhere could do, or the search is stopped.
@@ -92,12 +93,12 @@ impl Elsewhere {
     }
 }
 
-impl Parts for Elsewhere {
+impl DistributableJob for DistributedDesign {
     fn count(&self) -> usize {
         self.parts.len()
     }
 
-    fn todo(&self) -> Vec<usize> {
+    fn pending(&self) -> Vec<usize> {
         (0..self.count()).filter(|index| !self.memory.has(&self.parts[*index].1)).collect()
     }
 
@@ -105,7 +106,7 @@ impl Parts for Elsewhere {
         self.parts.get(index).map(|(words, _)| words.clone()).unwrap_or_default()
     }
 
-    fn parcel(&self) -> Result<Vec<u8>> {
+    fn bundle(&self) -> Result<Vec<u8>> {
         let scene = self.document.scene()?;
         let mut files = Vec::new();
         if let Some(file) = &self.table.over {
@@ -116,11 +117,11 @@ impl Parts for Elsewhere {
             }
             files.push(file);
         }
-        Parcel::of_scene(&self.document, files, &self.task)?.bytes()
+        Bundle::of_scene(&self.document, files, &self.task)?.bytes()
     }
 
-    fn keep(&mut self, line: &[u8]) -> Result<bool> {
-        let damaged = || Error::Parcel { problem: format!("a {} that came back is damaged", self.noun()) };
+    fn store(&mut self, line: &[u8]) -> Result<bool> {
+        let damaged = || Error::Bundle { problem: format!("a {} that came back is damaged", self.noun()) };
         let (index, simulated) = jobs::read_line::<Vec<Simulated>>(line).ok_or_else(damaged)?;
         let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
         let new = self.memory.keep_part(asked, simulated);
@@ -132,16 +133,16 @@ impl Parts for Elsewhere {
     }
 }
 
-/// Does part `index` of a design that came as bytes; what it simulated, as a line for [`Elsewhere`].
+/// Does part `index` of a design that came as bytes; what it simulated, as a line for [`DistributedDesign`].
 ///
 /// # Errors
-/// Those of [`Parcel::read`] and of [`Design::of`](super::Design::of).
-pub fn simulate(parcel: &[u8], index: usize) -> Result<Vec<u8>> {
-    let (asked, task) = Parcel::read(parcel)?.scene()?;
+/// Those of [`Bundle::read`] and of [`Design::of`](super::Design::of).
+pub fn simulate(bundle: &[u8], index: usize) -> Result<Vec<u8>> {
+    let (asked, task) = Bundle::read(bundle)?.scene()?;
     let scene = asked.scene()?;
     let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
     let document = pinned(&asked, &scene);
-    let refused = |what: &str| Error::Parcel { problem: format!("{what} {index}") };
+    let refused = |what: &str| Error::Bundle { problem: format!("{what} {index}") };
     let mut memory = Memory::recorded();
     match task {
         Task::Starts => {

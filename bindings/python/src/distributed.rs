@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use caudal::parts::Parts;
+use caudal::distributed::DistributableJob;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
@@ -13,7 +13,7 @@ use crate::locks::lock;
 
 /// A job at work, with what is known of its parts in its folder.
 #[pyclass(module = "caudal._caudal", name = "_Parts", frozen)]
-pub struct PartsAtWork {
+pub struct JobHandle {
     /// Where what comes back is kept.
     #[pyo3(get)]
     folder: PathBuf,
@@ -27,16 +27,21 @@ pub struct PartsAtWork {
     #[pyo3(get)]
     size: usize,
     /// None once it is closed.
-    parts: Mutex<Option<Box<dyn Parts>>>,
+    parts: Mutex<Option<Box<dyn DistributableJob>>>,
 }
 
-impl PartsAtWork {
+impl JobHandle {
     /// `parts`, each called `noun`, that `worker` does and that are kept in `folder`.
-    pub fn new(parts: impl Parts + 'static, noun: &'static str, worker: &'static str, folder: PathBuf) -> Self {
+    pub fn new(
+        parts: impl DistributableJob + 'static,
+        noun: &'static str,
+        worker: &'static str,
+        folder: PathBuf,
+    ) -> Self {
         Self { folder, noun, worker, size: parts.count(), parts: Mutex::new(Some(Box::new(parts))) }
     }
 
-    fn with<T>(&self, act: impl FnOnce(&mut dyn Parts) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
+    fn with<T>(&self, act: impl FnOnce(&mut dyn DistributableJob) -> caudal::Result<T>, py: Python<'_>) -> PyResult<T> {
         let mut parts = lock(py, &self.parts);
         match parts.as_mut() {
             Some(parts) => act(parts.as_mut()).or_raise(py),
@@ -46,10 +51,10 @@ impl PartsAtWork {
 }
 
 #[pymethods]
-impl PartsAtWork {
+impl JobHandle {
     /// Parts that are worth handing out.
     fn todo(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
-        self.with(|parts| Ok(parts.todo()), py)
+        self.with(|parts| Ok(parts.pending()), py)
     }
 
     /// A part in words.
@@ -59,12 +64,12 @@ impl PartsAtWork {
 
     /// All that a worker elsewhere needs.
     fn parcel<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        self.with(|parts| parts.parcel(), py).map(|bytes| PyBytes::new(py, &bytes))
+        self.with(|parts| parts.bundle(), py).map(|bytes| PyBytes::new(py, &bytes))
     }
 
     /// Keeps what parts elsewhere came to; how many of them are new.
     fn keep(&self, py: Python<'_>, lines: Vec<Vec<u8>>) -> PyResult<usize> {
-        self.with(|parts| lines.iter().try_fold(0, |new, line| Ok(new + usize::from(parts.keep(line)?))), py)
+        self.with(|parts| lines.iter().try_fold(0, |new, line| Ok(new + usize::from(parts.store(line)?))), py)
     }
 
     /// Closes its journal, so that the job may go on with it.

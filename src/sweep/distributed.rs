@@ -4,14 +4,15 @@ use std::sync::atomic::AtomicBool;
 
 use super::{Row, Sweep, rows};
 use crate::batch::WIDTH;
+use crate::distributed::Bundle;
 use crate::error::{Error, Result};
 use crate::jobs;
+use crate::scene::Files;
 use crate::scene::files::Contents;
-use crate::scene::{Files, Parcel};
 
-/// A sweep that came in a [`Parcel`].
+/// A sweep that came in a [`Bundle`].
 #[derive(Debug)]
-pub struct Unpacked {
+pub struct SweepWorker {
     sweep: Sweep,
 }
 
@@ -20,24 +21,24 @@ impl Sweep {
     ///
     /// # Errors
     /// [`Error::Read`] for a file that is no longer there.
-    pub fn parcel(&self) -> Result<Parcel> {
+    pub fn bundle(&self) -> Result<Bundle> {
         let tables = self.checked.get().into_iter().flat_map(|checked| &checked.tables);
         let mut files = Contents::new();
         for path in self.own.iter().chain(tables) {
             files.insert(path.clone(), self.files.read(path)?);
         }
         let [path, _] = &self.own;
-        Ok(Parcel::of(path.clone(), self.set.clone(), files, ()))
+        Ok(Bundle::of(path.clone(), self.set.clone(), files, ()))
     }
 }
 
-impl Unpacked {
-    /// The sweep of a [`Parcel`] as bytes.
+impl SweepWorker {
+    /// The sweep of a [`Bundle`] as bytes.
     ///
     /// # Errors
-    /// Those of [`Parcel::read`] and [`Sweep::read`].
+    /// Those of [`Bundle::read`] and [`Sweep::read`].
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let Parcel { path, set, files, task: (), .. } = Parcel::read(bytes)?;
+        let Bundle { path, set, files, task: (), .. } = Bundle::read(bytes)?;
         let sweep = Sweep::read_from(&Files::of(files), &path, &set)?;
         Ok(Self { sweep })
     }
@@ -46,9 +47,9 @@ impl Unpacked {
     /// the parcel, and the time that it took, s. A case that fails is a line too.
     ///
     /// # Errors
-    /// [`Error::Parcel`] for a case that the sweep has not.
+    /// [`Error::Bundle`] for a case that the sweep has not.
     pub fn lines(&self, indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
-        let refused = |index: usize| Error::Parcel { problem: format!("it has no case {index}") };
+        let refused = |index: usize| Error::Bundle { problem: format!("it has no case {index}") };
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
             return Err(refused(*unknown));
         }

@@ -1,30 +1,30 @@
-//! What the runs say, in words and numbers.
+//! The answers of the study in sentences and numbers: which fluid model the scene needs.
 
 use serde_json::{Value, json};
 
+use super::fluid_models::{FluidModel, FluidModels};
 use super::swim::Swim;
-use super::{Ladder, Rung};
 use crate::cycle::Means;
 use crate::fluid::laws::Reach;
 use crate::report::{Findings, Table};
 use crate::scene::Scene;
-use crate::study::trial::Trial;
+use crate::study::study_run::StudyRun;
 use crate::words::{percent, two_digits};
 
 /// All that is known when every run is made.
-pub struct Report<'a> {
+pub struct FluidReport<'a> {
     pub scene: &'a Scene,
-    pub ladder: &'a Ladder,
+    pub models: &'a FluidModels,
     pub swims: &'a [Swim],
-    /// The rung that differences are against.
+    /// The model that differences are against.
     pub reference: Option<usize>,
     pub held: bool,
 }
 
-/// A rung with its run.
+/// A model with its run.
 #[derive(Clone, Copy)]
 pub struct Row<'a> {
-    pub rung: &'a Rung,
+    pub model: &'a FluidModel,
     pub swim: &'a Swim,
     /// Differences of motion and power from the reference, relative.
     pub differences: Option<[f64; 2]>,
@@ -35,7 +35,7 @@ fn signed(part: f64) -> String {
     if part < 0.0 { format!("−{}", percent(-part)) } else { format!("+{}", percent(part)) }
 }
 
-impl<'a> Report<'a> {
+impl<'a> FluidReport<'a> {
     /// What is compared beside the power.
     pub fn motion(&self) -> &'static str {
         if self.held { "thrust" } else { "speed" }
@@ -44,10 +44,10 @@ impl<'a> Report<'a> {
     pub fn rows(&self) -> Vec<Row<'a>> {
         let truth = self.reference.and_then(|i| self.swims[i].means);
         let against = |means: Means| truth.map(|truth| means.differences(&truth));
-        let rungs = self.ladder.rungs.iter().zip(self.swims).enumerate();
-        rungs
-            .map(|(i, (rung, swim))| Row {
-                rung,
+        let models = self.models.models.iter().zip(self.swims).enumerate();
+        models
+            .map(|(i, (model, swim))| Row {
+                model,
                 swim,
                 differences: swim.means.and_then(against),
                 is_reference: Some(i) == self.reference,
@@ -66,7 +66,7 @@ impl<'a> Report<'a> {
     }
 
     fn words(&self, rows: &[Row<'_>], findings: &mut Findings) {
-        let (motion, reynolds) = (self.motion(), self.ladder.reynolds);
+        let (motion, reynolds) = (self.motion(), self.models.reynolds);
         let mut say = |text: String| findings.answers.push(text);
         findings.numbers.insert("reynolds_number".into(), json!(reynolds));
         let Some(reference) = rows.iter().find(|row| row.is_reference) else {
@@ -76,16 +76,16 @@ impl<'a> Report<'a> {
             ));
             return;
         };
-        let name = reference.rung.to_string();
+        let name = reference.model.to_string();
         findings.numbers.insert("reference".into(), json!(name));
-        let uncertain = reference.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
+        let uncertain = reference.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         say(match uncertain {
             Some([of_motion, of_power]) => format!(
                 "Re_d = {} by the scene's own motion. The highest law that holds is {name}; by what is published it is itself good to ±{} in {motion} and ±{} in power ({}).",
                 two_digits(reynolds),
                 percent(of_motion),
                 percent(of_power),
-                reference.rung.law.published.source
+                reference.model.law.published.source
             ),
             None => format!(
                 "Re_d = {} by the scene's own motion. No law with a published uncertainty holds there; differences are from the scene's own, {name}.",
@@ -97,19 +97,19 @@ impl<'a> Report<'a> {
         }
         let seconds = reference.swim.trial.processor_s;
         for row in rows.iter().filter(|row| !row.is_reference) {
-            let own = if row.rung.own { ", the scene's own," } else { "" };
-            let range = if row.rung.holds { "" } else { ", out of its range" };
+            let own = if row.model.own { ", the scene's own," } else { "" };
+            let range = if row.model.holds { "" } else { ", out of its range" };
             findings.answers.push(match row.differences {
                 Some([of_motion, of_power]) => format!(
                     "{}{own} {} in {motion}, {} in power, at {} times the processor time{range}.",
-                    row.rung,
+                    row.model,
                     signed(of_motion),
                     signed(of_power),
                     two_digits(row.swim.trial.processor_s / seconds)
                 ),
                 None => format!(
                     "{}{own} fails{range}: {}",
-                    row.rung,
+                    row.model,
                     row.swim.trial.failure.as_ref().map_or("no number came out", |(_, _, reason)| reason)
                 ),
             });
@@ -121,27 +121,27 @@ impl<'a> Report<'a> {
         }
     }
 
-    /// Which rung the scene needs: the simplest one whose differences are within what the reference is uncertain by.
+    /// Which model the scene needs: the simplest one whose differences are within what the reference is uncertain by.
     fn verdict(&self, rows: &[Row<'_>], reference: &Row<'_>, limits: [f64; 2]) -> (String, String) {
-        let keeps_water = self.ladder.water_decides && reference.rung.reactive;
+        let keeps_water = self.models.water_decides && reference.model.reactive;
         let within = |row: &&Row<'_>| {
-            (row.rung.reactive || !keeps_water)
-                && row.rung.dropped == reference.rung.dropped
+            (row.model.reactive || !keeps_water)
+                && row.model.dropped == reference.model.dropped
                 && row.differences.is_some_and(|both| both.iter().zip(limits).all(|(x, limit)| x.abs() <= limit))
         };
         let uncertain =
-            |row: &Row<'_>| row.rung.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
+            |row: &Row<'_>| row.model.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
         // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
         // others the simplest: one whose drag is linear in the velocity, then that of the narrowest range, then the surest.
         let order = |a: &&Row<'_>, b: &&Row<'_>| {
-            let dense = |row: &Row<'_>| matches!(row.rung.law.reach, Reach::Rod { .. });
-            let curved = |row: &Row<'_>| row.rung.law.resistance.is_none();
-            (dense(a), a.rung.reactive, curved(a))
-                .cmp(&(dense(b), b.rung.reactive, curved(b)))
-                .then(a.rung.law.reynolds.total_cmp(&b.rung.law.reynolds))
+            let dense = |row: &Row<'_>| matches!(row.model.law.reach, Reach::Rod { .. });
+            let curved = |row: &Row<'_>| row.model.law.resistance.is_none();
+            (dense(a), a.model.reactive, curved(a))
+                .cmp(&(dense(b), b.model.reactive, curved(b)))
+                .then(a.model.law.reynolds.total_cmp(&b.model.law.reynolds))
                 .then(uncertain(a).total_cmp(&uncertain(b)))
         };
-        let taken = rows.iter().filter(|row| row.rung.holds).filter(within).min_by(order).unwrap_or(reference);
+        let taken = rows.iter().filter(|row| row.model.holds).filter(within).min_by(order).unwrap_or(reference);
         let motion = self.motion();
         let water = if keeps_water {
             " The water's inertia decides whether the rod is stable, which a motion from rest need not show: laws without it are left out."
@@ -151,15 +151,15 @@ impl<'a> Report<'a> {
         let text = match taken.differences {
             Some([of_motion, of_power]) if !taken.is_reference => format!(
                 "Verdict: {} is good to {} in {motion} and {} in power here, within what {} itself is uncertain by; more than that this scene does not need.{water}",
-                taken.rung,
+                taken.model,
                 percent(of_motion.abs()),
                 percent(of_power.abs()),
-                reference.rung
+                reference.model
             ),
             _ => {
                 let nearest = rows
                     .iter()
-                    .filter(|row| !row.is_reference && row.rung.holds && (row.rung.reactive || !keeps_water))
+                    .filter(|row| !row.is_reference && row.model.holds && (row.model.reactive || !keeps_water))
                     .filter_map(|row| Some((row, row.differences?)));
                 let excess =
                     |both: &[f64; 2]| both.iter().zip(limits).map(|(x, limit)| x.abs() / limit).fold(0.0, f64::max);
@@ -167,15 +167,15 @@ impl<'a> Report<'a> {
                 let why = nearest.map_or("no other law holds".to_string(), |(row, [of_motion, of_power])| {
                     format!(
                         "the nearest below, {}, is off by {} in {motion} and {} in power",
-                        row.rung,
+                        row.model,
                         percent(of_motion.abs()),
                         percent(of_power.abs())
                     )
                 });
-                format!("Verdict: {} is needed here: {why}.{water}", reference.rung)
+                format!("Verdict: {} is needed here: {why}.{water}", reference.model)
             }
         };
-        (text, taken.rung.to_string())
+        (text, taken.model.to_string())
     }
 
     fn table(&self, rows: &[Row<'_>]) -> Table {
@@ -196,15 +196,15 @@ impl<'a> Report<'a> {
             if self.held { "published_uncertainty_thrust" } else { "published_uncertainty_speed" },
             "published_uncertainty_power",
         ])
-        .chain(Trial::COSTS)
+        .chain(StudyRun::COSTS)
         .chain(["failure"]);
         let line = |row: &Row<'_>| {
             let (trial, means) = (&row.swim.trial, row.swim.means);
-            let published = row.rung.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
+            let published = row.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
             let mut line = vec![
-                json!(row.rung.law.name),
-                json!(row.rung.reactive),
-                json!(row.rung.own),
+                json!(row.model.law.name),
+                json!(row.model.reactive),
+                json!(row.model.own),
                 json!(row.is_reference),
                 json!(means.map(|means| means.motion)),
                 json!(means.map(|means| means.power)),
@@ -232,7 +232,7 @@ impl<'a> Report<'a> {
             file: "left-out.csv",
             title: "Laws that cannot hold here",
             columns: ["law", "reason"].map(str::to_string).to_vec(),
-            rows: self.ladder.refused.iter().map(|(law, reason)| vec![json!(law), json!(reason)]).collect(),
+            rows: self.models.refused.iter().map(|(law, reason)| vec![json!(law), json!(reason)]).collect(),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Where the runs of a study are made and kept.
+//! Executes the runs of a study, on threads or for another program as a worker, and caches their results in the study's journal.
 
 use std::collections::BTreeMap;
 use std::fmt::Debug;
@@ -10,106 +10,114 @@ use std::time::Instant;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::Studied;
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
-use crate::report::{Folder, JOURNAL};
+use crate::report::{Findings, Folder, JOURNAL};
 use crate::scene::Scene;
 
-/// What is known of a study while it goes on, and where its results are kept.
+/// How a study ended.
+#[derive(Debug)]
+pub enum StudyOutcome {
+    /// All runs are evaluated.
+    Complete(Findings),
+    /// Interrupted, with this many runs of so many stored.
+    Interrupted(usize, usize),
+}
+
+/// Executes the runs that a study asks for and caches their results in its output folder.
 #[derive(Clone, Copy)]
-pub struct Desk<'a> {
-    /// None where the runs are made for another program.
+pub struct StudyRunner<'a> {
+    /// `None` on a worker.
     folder: Option<&'a Mutex<Folder>>,
     pub(super) interrupted: &'a AtomicBool,
     progress: &'a (dyn Fn(usize, usize) + Sync),
-    makers: Makers<'a>,
+    executor: Executor<'a>,
 }
 
-/// Who makes the runs.
+/// Where the runs are executed.
 #[derive(Clone, Copy)]
-enum Makers<'a> {
-    /// Threads of this program.
+enum Executor<'a> {
+    /// On threads of this program.
     Threads,
-    /// Programs elsewhere: the study ends at the first runs that lack.
-    Others(&'a Mutex<Plan>),
-    /// This program, for another one.
-    This(&'a Errand),
+    /// On workers: the study stops at the first missing runs and leaves them in the plan.
+    Deferred(&'a Mutex<Plan>),
+    /// In this program, which is a worker of another one.
+    Worker(&'a RunRequest),
 }
 
-/// How far a study gets with the runs that its folder has.
+/// How far a study gets with the cached runs.
 #[derive(Debug, Default)]
 pub(super) struct Plan {
-    /// The results of the runs before, as JSON, by their name.
-    pub known: Known,
-    /// The runs that come next.
-    pub next: Option<Next>,
+    /// The results of earlier runs.
+    pub known: CachedResults,
+    /// The runs that are needed next.
+    pub next: Option<PendingRuns>,
 }
 
-/// Results of a study's runs, as JSON, by the runs' name.
-pub(super) type Known = BTreeMap<String, String>;
+/// Results of a study's earlier runs as JSON, by the name of each list of runs.
+pub(super) type CachedResults = BTreeMap<String, String>;
 
-/// Runs some of which lack.
+/// A list of runs of which some are missing.
 #[derive(Debug)]
-pub(super) struct Next {
+pub(super) struct PendingRuns {
     pub journal: Journal,
-    /// Each in words.
-    pub words: Vec<String>,
+    /// A description of each.
+    pub descriptions: Vec<String>,
 }
 
-/// Some runs of a study for another program.
+/// What a worker is asked for: some runs of a study.
 #[derive(Debug, Default)]
-pub(super) struct Errand {
-    /// The results of the runs before.
-    pub known: Known,
+pub(super) struct RunRequest {
+    /// The results of earlier runs.
+    pub known: CachedResults,
     pub indices: Vec<usize>,
-    /// Their lines, and the time that each took, s.
+    /// Their journal lines, and the wall-clock time of each, s.
     pub made: Mutex<Vec<(Vec<u8>, f64)>>,
 }
 
-impl<'a> Desk<'a> {
-    /// A study's folder ([`Study::claim`](super::Study::claim)); `interrupted`, raised from outside, interrupts it; `progress` is told
-    /// how many runs of how many are there.
+impl<'a> StudyRunner<'a> {
+    /// A runner for a study's folder ([`Study::claim`](super::Study::claim)). Setting `interrupted` interrupts it; `progress` receives
+    /// the numbers of finished and of all runs.
     pub fn new(
         folder: &'a Mutex<Folder>,
         interrupted: &'a AtomicBool,
         progress: &'a (dyn Fn(usize, usize) + Sync),
     ) -> Self {
-        Self { folder: Some(folder), interrupted, progress, makers: Makers::Threads }
+        Self { folder: Some(folder), interrupted, progress, executor: Executor::Threads }
     }
 
-    /// The same for runs that are made elsewhere.
-    pub(super) fn planning(self, plan: &'a Mutex<Plan>) -> Self {
-        Self { makers: Makers::Others(plan), ..self }
+    /// The same runner, which leaves missing runs to workers.
+    pub(super) fn deferred(self, plan: &'a Mutex<Plan>) -> Self {
+        Self { executor: Executor::Deferred(plan), ..self }
     }
 
-    /// One without a folder, for runs that another program asks for.
-    pub(super) fn serving(
-        errand: &'a Errand,
+    /// A runner without a folder, for the runs that another program requests.
+    pub(super) fn for_request(
+        request: &'a RunRequest,
         interrupted: &'a AtomicBool,
         progress: &'a (dyn Fn(usize, usize) + Sync),
     ) -> Self {
-        Self { folder: None, interrupted, progress, makers: Makers::This(errand) }
+        Self { folder: None, interrupted, progress, executor: Executor::Worker(request) }
     }
 
-    /// Makes every run of `runs`, called `name`, of `scene`, on `threads` threads, or takes it from the journal;
-    /// results in the order of `runs`. A run that is interrupted returns `None`.
+    /// Executes `runs` of `scene` on `threads` threads, or takes them from the journal `name`; returns results in the order of
+    /// `runs`. `run` returns `None` if it was interrupted.
     ///
     /// # Errors
     /// [`Error::Write`], [`Error::Journal`].
-    pub(super) fn work<R: Debug + Sync, T: Serialize + DeserializeOwned + Send>(
+    pub(super) fn run_all<R: Debug + Sync, T: Serialize + DeserializeOwned + Send>(
         &self,
         name: &str,
         scene: &Scene,
         runs: &[R],
         threads: usize,
         run: impl Fn(&R) -> Option<T> + Sync,
-    ) -> Result<std::result::Result<Vec<T>, Studied>> {
-        if let Makers::This(errand) = self.makers {
-            return errand.work(name, runs, run);
+    ) -> Result<std::result::Result<Vec<T>, StudyOutcome>> {
+        if let Executor::Worker(request) = self.executor {
+            return request.run_all(name, runs, run);
         }
         let Some(folder) = self.folder else {
-            return Err(Error::Parcel { problem: "it has no folder for its runs".to_string() });
+            return Err(Error::Bundle { problem: "it has no folder for its runs".to_string() });
         };
         let path = locked(folder).journal(&format!("{name}{JOURNAL}"))?;
         let failed = |e: std::io::Error| Error::Write { path: path.clone(), reason: e.to_string() };
@@ -121,12 +129,12 @@ impl<'a> Desk<'a> {
         let todo: Vec<usize> = (0..runs.len()).filter(|index| !journal.has(*index)).collect();
         let mut done = runs.len() - todo.len();
         (self.progress)(done, runs.len());
-        if let Makers::Others(plan) = self.makers
+        if let Executor::Deferred(plan) = self.executor
             && !todo.is_empty()
         {
-            let words = runs.iter().map(|run| format!("{run:?}")).collect();
-            locked(plan).next = Some(Next { journal, words });
-            return Ok(Err(Studied::Interrupted(done, runs.len())));
+            let descriptions = runs.iter().map(|run| format!("{run:?}")).collect();
+            locked(plan).next = Some(PendingRuns { journal, descriptions });
+            return Ok(Err(StudyOutcome::Interrupted(done, runs.len())));
         }
         jobs::run(
             &todo,
@@ -144,10 +152,10 @@ impl<'a> Desk<'a> {
         )?;
         let results = (0..runs.len()).filter_map(|index| journal.get(index).transpose()).collect::<Result<Vec<T>>>()?;
         if results.len() < runs.len() {
-            return Ok(Err(Studied::Interrupted(results.len(), runs.len())));
+            return Ok(Err(StudyOutcome::Interrupted(results.len(), runs.len())));
         }
-        if let Makers::Others(plan) = self.makers {
-            let told = serde_json::to_string(&results).map_err(|e| Error::Parcel { problem: e.to_string() })?;
+        if let Executor::Deferred(plan) = self.executor {
+            let told = serde_json::to_string(&results).map_err(|e| Error::Bundle { problem: e.to_string() })?;
             locked(plan).known.insert(name.to_string(), told);
         }
         Ok(Ok(results))
@@ -158,15 +166,15 @@ impl<'a> Desk<'a> {
     }
 }
 
-impl Errand {
-    /// The results of `runs` where they are known; else makes those that are asked for, and the study ends.
-    fn work<R, T: Serialize + DeserializeOwned>(
+impl RunRequest {
+    /// The cached results of `runs`; otherwise executes the requested ones and ends the study.
+    fn run_all<R, T: Serialize + DeserializeOwned>(
         &self,
         name: &str,
         runs: &[R],
         run: impl Fn(&R) -> Option<T>,
-    ) -> Result<std::result::Result<Vec<T>, Studied>> {
-        let refused = |problem: String| Error::Parcel { problem };
+    ) -> Result<std::result::Result<Vec<T>, StudyOutcome>> {
+        let refused = |problem: String| Error::Bundle { problem };
         if let Some(known) = self.known.get(name) {
             return serde_json::from_str(known).map(Ok).map_err(|e| refused(e.to_string()));
         }
@@ -177,11 +185,11 @@ impl Errand {
             let line = line.ok_or_else(|| refused(format!("run {index} cannot be told")))?;
             locked(&self.made).push((line, begun.elapsed().as_secs_f64()));
         }
-        Ok(Err(Studied::Interrupted(0, runs.len())))
+        Ok(Err(StudyOutcome::Interrupted(0, runs.len())))
     }
 }
 
-/// What is in a lock, whatever became of others who had it.
+/// The content of a lock, even if another thread panicked while holding it.
 pub(super) fn locked<T>(lock: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     lock.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,16 +1,18 @@
-//! The answer in other simulations: with half the step, by another method, on a finer mesh, by a higher law of the fluid. Each of them,
-//! of the design or of what was before, in each of the scenes that it is for, is a simulation of its own, wherever it is run.
+//! Robustness of a design: does its gain survive with half the step, another method, a finer mesh, a higher law of the fluid? Each check,
+//! of the design or of the baseline, in each scenario, is an independent simulation, which a worker can run.
 
 use std::ops::ControlFlow;
 
-use super::cases::Case;
+use serde::Serialize;
+
+use super::checkpoint::Memory;
+use super::design_vector::Profile;
+use super::designed_scene::{changed, simulations};
 use super::markers::Markers;
-use super::memory::Memory;
-use super::report::{Check, changed, gain_percent, simulations};
-use super::search::Objective;
+use super::objective::Objective;
+use super::scenarios::Case;
 use super::table::Table;
-use super::trust::higher_fluids;
-use super::unknowns::Profile;
+use crate::fluid::laws::{CREEPING, DragLaw, LAWS, Reach, cross_flow};
 use crate::jobs;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
@@ -124,9 +126,96 @@ impl<'a> Checks<'a> {
         };
         let check = |(simulation, _): &(String, Vec<String>)| {
             let (designed, before) = (measured(), measured());
-            let gain_percent = designed.zip(before).map(|(value, before)| gain_percent(self.table, value, before));
+            let gain_percent = designed.zip(before).map(|(value, before)| self.table.gain_percent(value, before));
             Check { simulation: simulation.clone(), designed, before, gain_percent }
         };
         self.simulations.iter().map(check).collect()
     }
+}
+
+/// The answer in another simulation. It is the objective of a dynamic goal, and the root mean square distance of the rod from
+/// the markers (m) in identification.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Check {
+    pub simulation: String,
+    /// Of the design; none where the simulation fails.
+    pub designed: Option<f64>,
+    /// Of what was before, the scene's own.
+    pub before: Option<f64>,
+    /// Gain over it, %.
+    pub gain_percent: Option<f64>,
+}
+
+/// What a gain is once other simulations have been asked.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Trust {
+    /// As designed, %.
+    pub gain_percent: Option<f64>,
+    /// The least in any simulation, %; none where one fails.
+    pub least_percent: Option<f64>,
+    /// The simulation that has the least.
+    pub least_in: String,
+    /// True where the design is better in all of them.
+    pub survives: bool,
+}
+
+impl Trust {
+    /// Of the `checks`, the first of which is the simulation that it was designed in.
+    pub(super) fn of(checks: &[Check]) -> Option<Self> {
+        let (first, others) = checks.split_first()?;
+        let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
+        let size = |check: &Check| gain(check).unwrap_or(f64::NEG_INFINITY);
+        let least = others.iter().min_by(|a, b| size(a).total_cmp(&size(b)))?;
+        Some(Self {
+            gain_percent: gain(first),
+            least_percent: gain(least),
+            least_in: least.simulation.clone(),
+            survives: [first, least].into_iter().all(|check| size(check) > 0.0),
+        })
+    }
+
+    /// It in a sentence.
+    pub(super) fn words(&self) -> String {
+        let gain = self.gain_percent.unwrap_or(f64::NAN);
+        match (self.survives, self.least_percent) {
+            (true, Some(least)) => {
+                format!("the gain of {gain:.2} % survives: it is {least:.2} % at least, with {}", self.least_in)
+            }
+            (_, Some(_)) if gain <= 0.0 => "no gain: the design is no better than what was before".to_string(),
+            (_, Some(least)) => {
+                format!("no gain: of {gain:+.2} % as designed {least:+.2} % is left with {}", self.least_in)
+            }
+            (_, None) => format!("no gain: {gain:+.2} % as designed, but the simulation with {} fails", self.least_in),
+        }
+    }
+}
+
+/// Higher rungs of the fluid, in words and as changes of the scene; the first that the scene allows is its next. Above a law of
+/// creeping flow drag for each edge by itself: where the flow does creep and the mesh is not too dear, drag of the whole rod, else
+/// drag with the fluid's inertia. Above that the water that the rod accelerates. None above these, and above laws whose coefficients the
+/// scene gives, or which a plane decides.
+pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
+    let rod = scene.model().map(|model| model.rod);
+    let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime().ok()?)));
+    let Some((law, regime)) = of.filter(|_| scene.medium.is_some()) else { return Vec::new() };
+    if law == &cross_flow::LAW {
+        let water = ("the water that it accelerates".to_string(), vec!["reactive={}".to_string()]);
+        return if scene.reactive.is_none() { vec![water] } else { Vec::new() };
+    }
+    if law.reynolds > CREEPING || !law.needs.is_empty() || law.is_whole() {
+        return Vec::new();
+    }
+    let cheap = |law: &&DragLaw| match law.reach {
+        Reach::Rod { most_nodes, .. } => regime.reynolds <= law.reynolds && 2 * scene.rod.nodes.get() <= most_nodes,
+        Reach::Edge => false,
+    };
+    let whole = LAWS
+        .iter()
+        .copied()
+        .find(cheap)
+        .map(|law| (format!("the law {}", law.name), vec![format!("drag.law={}", law.name)]));
+    let name = cross_flow::LAW.name;
+    let viscous = law.resistance.map(|_| format!("drag.viscous={}", law.name));
+    let changes = std::iter::once(format!("drag.law={name}")).chain(viscous).collect();
+    whole.into_iter().chain([(format!("the law {name}"), changes)]).collect()
 }

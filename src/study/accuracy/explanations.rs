@@ -1,14 +1,15 @@
-//! What the runs say, in words and numbers.
+//! The answers of the study in sentences and numbers: references, recommended settings, cheaper models, mesh convergence.
 
 use serde_json::json;
 
-use super::reference::{Reference, Results};
-use super::{Case, MANNER, Quantity, in_words, quantities};
+use super::plan::PlannedRun;
+use super::quantities::{Quantity, describe_errors, quantities};
+use super::reference::{RUN_OPTIONS, Reference, Results};
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::Findings;
 use crate::scene::{HeadKind, Scene};
-use crate::study::trial::{Recipe, Trial};
+use crate::study::study_run::{SimulationMethod, StudyRun};
 use crate::words::{percent, two_digits};
 
 /// From this error on, relative, a cheaper model computes another motion.
@@ -21,20 +22,20 @@ const SETTLED: f64 = 1.1;
 const TARGETS: [f64; 2] = [1e-2, 1e-4];
 
 /// All that is known when every run is made.
-pub struct Report<'a> {
+pub struct AccuracyReport<'a> {
     pub scene: &'a Scene,
     pub meshes: &'a [u64],
     pub references: &'a [Reference],
-    pub cases: &'a [Case],
-    pub trials: &'a [Trial],
+    pub cases: &'a [PlannedRun],
+    pub trials: &'a [StudyRun],
     /// Which methods are left out, and why.
     pub left_out: &'a [String],
 }
 
 /// A run with its errors.
 pub struct Row<'a> {
-    pub case: &'a Case,
-    pub trial: &'a Trial,
+    pub case: &'a PlannedRun,
+    pub trial: &'a StudyRun,
     /// Against the reference on its own mesh: what the steps do. `None` where the run failed.
     pub time: Option<[f64; 3]>,
     /// Against the limit of fine meshes.
@@ -76,7 +77,7 @@ fn milliseconds(seconds: f64) -> String {
     if ms < 10.0 { format!("{ms:.2} ms") } else { format!("{ms:.0} ms") }
 }
 
-impl Report<'_> {
+impl AccuracyReport<'_> {
     /// What is compared.
     pub fn quantities(&self) -> [&'static Quantity; 3] {
         quantities(self.scene)
@@ -125,8 +126,8 @@ impl Report<'_> {
         Some((limit, added.map(|e| 0.5 * e), order))
     }
 
-    fn row<'r>(&self, case: &'r Case, trial: &'r Trial, limit: Option<&(Results, [f64; 3], f64)>) -> Row<'r> {
-        let result = trial.is_complete(MANNER).then(|| Results::of(trial));
+    fn row<'r>(&self, case: &'r PlannedRun, trial: &'r StudyRun, limit: Option<&(Results, [f64; 3], f64)>) -> Row<'r> {
+        let result = trial.is_complete(RUN_OPTIONS).then(|| Results::of(trial));
         let mesh = self.meshes.iter().position(|nodes| *nodes == case.nodes);
         let reference = mesh.and_then(|mesh| self.references.get(mesh));
         Row {
@@ -144,7 +145,7 @@ impl Report<'_> {
                 "Reference on {nodes} nodes: {}, energy put in {:.6e} J; two independent references agree to {}.",
                 reference.result.first_in_words(self.is_held()),
                 reference.result.work,
-                in_words(self.quantities(), errors.map(|e| format!("{e:.1e}")))
+                describe_errors(self.quantities(), errors.map(|e| format!("{e:.1e}")))
             ));
             let mut numbers = json!({ "energy_put_in_j": reference.result.work });
             for (column, value) in self.quantities()[0].columns.iter().zip(reference.result.first) {
@@ -163,14 +164,14 @@ impl Report<'_> {
     }
 
     fn own_setting(&self, rows: &[Row<'_>], findings: &mut Findings) {
-        let Some(own) = Recipe::own(self.scene) else { return };
+        let Some(own) = SimulationMethod::own(self.scene) else { return };
         let (pace, nodes) = (self.scene.pace(), self.nodes());
         let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
         if let Some((row, errors)) = row.and_then(|row| Some((row, row.time?))) {
             findings.answers.push(format!(
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
                 row.setting(),
-                in_words(self.quantities(), errors.map(|e| format!("{:.2} %", 100.0 * e))),
+                describe_errors(self.quantities(), errors.map(|e| format!("{:.2} %", 100.0 * e))),
                 milliseconds(row.trial.processor_s)
             ));
         }
@@ -197,7 +198,7 @@ impl Report<'_> {
             self.quantities()[0].within,
             percent(energy)
         );
-        let own = Recipe::own(self.scene).and_then(|own| {
+        let own = SimulationMethod::own(self.scene).and_then(|own| {
             let (pace, nodes) = (self.scene.pace(), self.nodes());
             self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace)?.time
         });
@@ -235,7 +236,7 @@ impl Report<'_> {
         let on_mesh = || self.on(rows, self.nodes());
         let first = |row: &Row<'_>| row.time.map(|e| e[0]);
         let what = self.quantities()[0];
-        let own_method = self.scene.method().ok().map(|(method, values)| Recipe::whole(method, values));
+        let own_method = self.scene.method().ok().map(|(method, values)| SimulationMethod::whole(method, values));
         for (finest, errors) in self.settled(rows) {
             let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
             let Some(row) = self.cheapest(model, first, SETTLED * errors[0]) else { continue };
@@ -253,7 +254,7 @@ impl Report<'_> {
             }
             text += &format!(
                 " errs by {}, which no step removes, and takes {}.",
-                in_words(self.quantities(), errors.map(percent)),
+                describe_errors(self.quantities(), errors.map(percent)),
                 milliseconds(seconds)
             );
             // The scene's own method with steps that still err more, so that it is not made dearer than it is.
@@ -349,7 +350,7 @@ impl Report<'_> {
             let needed = |target: f64| 1.0 + (nodes - 1) as f64 * (errors[0] / target).powf(1.0 / order);
             findings.answers.push(format!(
                 "The mesh of {nodes} nodes makes an error of {}; 1 % would take about {:.0} nodes, 0.01 % about {:.0}.",
-                in_words(self.quantities(), errors.map(|e| format!("{:.3} %", 100.0 * e))),
+                describe_errors(self.quantities(), errors.map(|e| format!("{:.3} %", 100.0 * e))),
                 needed(1e-2),
                 needed(1e-4)
             ));

@@ -9,11 +9,11 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::cycle::{self, Measure};
+use crate::diagnostics::rounding_energy;
 use crate::error::{Error, Result};
 use crate::integrator::{METHODS, Method};
 use crate::metrics::Power;
 use crate::reduced::{FULL, RUNGS, Rung};
-use crate::run::rounding;
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
@@ -35,7 +35,7 @@ const ALSO: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 
 /// A model, and the method with its parameters that solves the whole one.
 #[derive(Clone, PartialEq)]
-pub struct Recipe {
+pub struct SimulationMethod {
     /// The rung of the ladder of models.
     pub rung: &'static Rung,
     /// The method; a cheaper model has its own.
@@ -56,7 +56,7 @@ impl PartialEq for Rung {
     }
 }
 
-impl fmt::Display for Recipe {
+impl fmt::Display for SimulationMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if !self.is_whole() {
             return f.write_str(self.rung.name);
@@ -67,13 +67,13 @@ impl fmt::Display for Recipe {
     }
 }
 
-impl fmt::Debug for Recipe {
+impl fmt::Debug for SimulationMethod {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         fmt::Display::fmt(self, f)
     }
 }
 
-impl Recipe {
+impl SimulationMethod {
     /// The whole model by a method.
     pub fn whole(method: &'static Method, values: Vec<f64>) -> Self {
         Self { rung: &FULL, method, values }
@@ -156,7 +156,7 @@ impl Failure {
 
 /// What came of a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Trial {
+pub struct StudyRun {
     /// How it failed, when (s), and in which words.
     pub failure: Option<(Failure, f64, String)>,
     /// Steps made.
@@ -193,7 +193,7 @@ pub struct Trial {
 
 /// What to do in a run.
 #[derive(Debug, Clone, Copy)]
-pub struct Manner {
+pub struct RunOptions {
     /// Equal parts of the duration at whose ends tip and energy are noted.
     pub samples: usize,
     /// The part of the length by which the tip is pushed at the start, if it is; zero for a run to compare with, which has
@@ -205,7 +205,7 @@ pub struct Manner {
     pub timed: bool,
 }
 
-impl Trial {
+impl StudyRun {
     /// What a trial cost, as tables of studies have it.
     pub const COSTS: [&'static str; 6] =
         ["steps", "newton_iterations", "linear_solves", "step_halvings", "wall_s", "processor_s"];
@@ -218,7 +218,7 @@ impl Trial {
     }
 
     /// Runs `scene`; `None` if it was interrupted.
-    pub fn of(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
+    pub fn of(scene: &Scene, manner: RunOptions, interrupted: &AtomicBool) -> Option<Self> {
         let mut trial = Self::once(scene, manner, interrupted)?;
         let (mut total, mut repetitions) = (trial.processor_s, 1);
         while manner.timed && total < LONG_ENOUGH.as_secs_f64() && repetitions < REPETITIONS {
@@ -230,7 +230,7 @@ impl Trial {
         Some(trial)
     }
 
-    fn once(scene: &Scene, manner: Manner, interrupted: &AtomicBool) -> Option<Self> {
+    fn once(scene: &Scene, manner: RunOptions, interrupted: &AtomicBool) -> Option<Self> {
         let mut trial = Self {
             failure: None,
             steps: 0,
@@ -285,7 +285,7 @@ impl Trial {
         &mut self,
         scene: &Scene,
         stepper: &mut Stepper,
-        manner: Manner,
+        manner: RunOptions,
         interrupted: &AtomicBool,
     ) -> Result<ControlFlow<()>> {
         let duration = scene.solver.duration_s.get();
@@ -293,8 +293,10 @@ impl Trial {
         self.tip.push(tip(&stepper.state().q));
         self.created.push(0.0);
         // Of a rod at rest there is nothing but rounding.
-        let (mut scale, mut largest) =
-            (stepper.meter().first_energy.max(NOISE * rounding(&stepper.model().rod, &stepper.state().q)), 0.0_f64);
+        let (mut scale, mut largest) = (
+            stepper.meter().first_energy.max(NOISE * rounding_energy(&stepper.model().rod, &stepper.state().q)),
+            0.0_f64,
+        );
         if let Some(part) = manner.push {
             push(stepper, scene, part)?;
         }
@@ -364,7 +366,7 @@ impl Trial {
     }
 
     /// True if it reached its end.
-    pub fn is_complete(&self, manner: Manner) -> bool {
+    pub fn is_complete(&self, manner: RunOptions) -> bool {
         self.failure.is_none() && self.tip.len() > manner.samples
     }
 }
