@@ -20,7 +20,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use caudal::assessment::Assessment;
 use caudal::error::{Error, Result};
 use caudal::files::WrittenFiles;
-use caudal::fmu::Choice;
+use caudal::fmu::FmuOptions;
 use caudal::scene::{Document, Scene};
 use caudal::stepper::Stepper;
 use clap::{Args, Parser, Subcommand};
@@ -219,7 +219,7 @@ pub fn main() -> ExitCode {
         Command::Check { scene, json } => check::check(&scene, json),
         Command::Study(study) => study::study(&study),
         Command::Fmu { scene, out, fmi, library, variables, nodes, plain } => {
-            fmu::fmu(&scene, out, fmi, library, Choice { variables, nodes, plain })
+            fmu::fmu(&scene, out, fmi, library, FmuOptions { variables, nodes, plain })
         }
         Command::Variables { scene } => variables::variables(scene.as_deref()),
         Command::New(arguments) => new::new(&arguments),

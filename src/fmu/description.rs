@@ -1,4 +1,4 @@
-//! `modelDescription.xml`, from the table of variables.
+//! `modelDescription.xml`: the FMI variables of a scene with units, start values, causality and dependencies.
 
 use std::collections::HashMap;
 use std::io::Result;
@@ -6,7 +6,8 @@ use std::io::Result;
 use quick_xml::events::{BytesDecl, Event};
 use quick_xml::writer::{ElementWriter, Writer};
 
-use super::{Catalogue, Fmu, LOG_CATEGORIES, NODES, Standard, Target};
+use super::catalogue::{Catalogue, LOG_CATEGORIES, NODES, Standard, Target};
+use super::component::Fmu;
 use crate::integrator::Pace;
 use crate::scene;
 use crate::scene::parameter::Parameter;
@@ -236,8 +237,18 @@ fn with<'a>(xml: &'a mut Xml, name: &str, attributes: &Attributes) -> ElementWri
     xml.create_element(name.to_string()).with_attributes(pairs)
 }
 
+impl Fmu<'_> {
+    /// `modelDescription.xml`.
+    ///
+    /// # Errors
+    /// [`Error::Fmu`](crate::Error::Fmu).
+    pub fn description(&self, standard: Standard) -> crate::Result<String> {
+        write(self, standard).map_err(|error| crate::Error::Fmu(format!("its description: {error}")))
+    }
+}
+
 /// The whole description.
-pub(super) fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
+fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
     let version = if standard == Standard::Fmi2 { "2.0" } else { "3.0" };

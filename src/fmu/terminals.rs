@@ -8,7 +8,7 @@ use std::io::Result;
 use quick_xml::events::{BytesDecl, Event};
 use quick_xml::writer::Writer;
 
-use super::Fmu;
+use super::component::Fmu;
 use super::description::{Xml, element, leaf};
 
 /// A terminal: its name, what it is, its kind, how its members are matched, and their names with their variables.

@@ -1,6 +1,6 @@
 //! The documentation inside an FMU: what the model computes, and the licences.
 
-use super::Fmu;
+use super::component::Fmu;
 use crate::variable::Size;
 
 /// Names and contents of its files.
