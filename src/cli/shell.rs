@@ -25,7 +25,7 @@ pub fn schema(sweep: bool) -> Result<ExitCode> {
 #[cfg(feature = "design")]
 fn scene() -> serde_json::Value {
     let mut schema = Scene::schema();
-    schema["properties"]["design"] = caudal::design::Table::schema();
+    schema["properties"]["design"] = caudal::design::DesignTable::schema();
     schema
 }
 

@@ -1,7 +1,7 @@
 //! Basis functions of a profile along the rod: the values at the joints as a linear function of the unknowns, which are values at the
 //! joints themselves or at knots, with linear interpolation between them.
 
-use super::table::Table;
+use super::table::DesignTable;
 use crate::rod::Rod;
 
 /// How the stiffness of joints follows from the unknowns.
@@ -15,7 +15,7 @@ pub struct Basis {
 
 impl Basis {
     /// The stiffness of every joint of `rod` as weights of the unknowns: all of one, or of the knots about it.
-    pub fn of(table: &Table, rod: &Rod) -> Self {
+    pub fn of(table: &DesignTable, rod: &Rod) -> Self {
         let joints = rod.joints();
         let Some(knots) = &table.knots else {
             return Self { unknowns: joints.len(), rows: (0..joints.len()).map(|i| vec![(i, 1.0)]).collect() };

@@ -8,7 +8,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::table::Table;
+use super::table::DesignTable;
 use crate::error::{Error, Result};
 use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Owner};
@@ -22,33 +22,33 @@ pub(super) const CERTAIN: [&str; 2] = ["design.json", "report.html"];
 
 /// A result, and what it is of.
 #[derive(Debug, Serialize, Deserialize)]
-pub(super) struct Known<T> {
+pub(super) struct CachedResult<T> {
     of: String,
     /// None where a simulation failed.
     value: Option<T>,
 }
 
 /// A result of any kind, and what it is of.
-pub(super) type Simulated = Known<Value>;
+pub(super) type AnyResult = CachedResult<Value>;
 
 /// What was simulated before.
 #[derive(Debug, Default)]
-pub(super) struct Memory {
+pub(super) struct Checkpoint {
     journal: Option<Journal>,
     lines: HashMap<String, usize>,
     next: usize,
     /// What is simulated, for another program.
-    recorded: Option<Vec<Simulated>>,
+    recorded: Option<Vec<AnyResult>>,
     /// The folder, which does not stay where nothing was written to it.
     _folder: Option<Folder>,
 }
 
-impl Memory {
+impl Checkpoint {
     /// That of the design of `scene` in `folder`; what another one left there is forgotten. Without room for it there is none.
     ///
     /// # Errors
     /// [`Error::Busy`] where another program is at work on it, [`Error::Occupied`]; [`Error::Read`] for the files that the design names.
-    pub fn open(folder: &Path, scene: &Scene, table: &Table) -> Result<Self> {
+    pub fn open(folder: &Path, scene: &Scene, table: &DesignTable) -> Result<Self> {
         let mut inputs = scene.fingerprint_text().into_bytes();
         for file in [&table.data, &table.over].into_iter().flatten() {
             inputs.extend(scene.read_from.read(&scene.folder.join(file))?);
@@ -71,7 +71,7 @@ impl Memory {
         };
         let mut lines = HashMap::new();
         for index in journal.indices() {
-            if let Ok(Some(known)) = journal.get::<Known<serde::de::IgnoredAny>>(index) {
+            if let Ok(Some(known)) = journal.get::<CachedResult<serde::de::IgnoredAny>>(index) {
                 lines.insert(known.of, index);
             }
         }
@@ -85,7 +85,7 @@ impl Memory {
     }
 
     /// What was simulated.
-    pub fn record(&self) -> &[Simulated] {
+    pub fn record(&self) -> &[AnyResult] {
         self.recorded.as_deref().unwrap_or_default()
     }
 
@@ -100,9 +100,9 @@ impl Memory {
     }
 
     /// Keeps all that a part which `asked` names simulated; false where it is there already.
-    pub fn keep_part(&mut self, asked: &str, simulated: Vec<Simulated>) -> bool {
+    pub fn keep_part(&mut self, asked: &str, simulated: Vec<AnyResult>) -> bool {
         let new = !self.has(asked);
-        let end = Known { of: jobs::hash(asked.as_bytes()), value: Some(Value::Bool(true)) };
+        let end = CachedResult { of: jobs::hash(asked.as_bytes()), value: Some(Value::Bool(true)) };
         for known in simulated.into_iter().chain([end]) {
             if !self.lines.contains_key(&known.of) {
                 self.keep(known);
@@ -112,7 +112,7 @@ impl Memory {
     }
 
     /// Keeps a result; on a full disk no more is kept.
-    fn keep<T: Serialize>(&mut self, known: Known<T>) -> Option<T> {
+    fn keep<T: Serialize>(&mut self, known: CachedResult<T>) -> Option<T> {
         match self.journal.as_mut().map(|journal| journal.add(self.next, &known)) {
             Some(Ok(())) => drop(self.lines.insert(known.of, self.next)),
             _ => self.journal = None,
@@ -130,15 +130,15 @@ impl Memory {
         if let Some(recorded) = &mut self.recorded {
             let value = make();
             let told = value.as_ref().map(serde_json::to_value).transpose().ok()?;
-            recorded.push(Known { of: jobs::hash(asked().as_bytes()), value: told });
+            recorded.push(CachedResult { of: jobs::hash(asked().as_bytes()), value: told });
             return value;
         }
         let Some(journal) = &mut self.journal else { return make() };
         let of = jobs::hash(asked().as_bytes());
-        let known = self.lines.get(&of).and_then(|index| journal.get::<Known<T>>(*index).ok().flatten());
+        let known = self.lines.get(&of).and_then(|index| journal.get::<CachedResult<T>>(*index).ok().flatten());
         if let Some(known) = known {
             return known.value;
         }
-        self.keep(Known { of, value: make() })
+        self.keep(CachedResult { of, value: make() })
     }
 }

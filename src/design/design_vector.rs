@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::table::{Table, Variable};
+use super::table::{DesignTable, Variable};
 use crate::error::Result;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::number::{Number, keys_with};
@@ -12,7 +12,7 @@ pub const BASELINE: &str = "the scene's own";
 
 /// What a search changes: joint by joint, and numbers of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Profile {
+pub struct DesignVector {
     /// EI, N m²; empty where it follows from the scene.
     pub stiffness_n_m2: Vec<f64>,
     /// Amplitude of the actuation over the scene's.
@@ -23,7 +23,7 @@ pub struct Profile {
     pub numbers: Vec<(String, f64)>,
 }
 
-impl Profile {
+impl DesignVector {
     /// Of this stiffness (N m²), with the scene's actuation and numbers.
     pub fn of(stiffness: Vec<f64>) -> Self {
         let (amplitude, phase_rad) = (vec![1.0; stiffness.len()], vec![0.0; stiffness.len()]);
@@ -31,7 +31,7 @@ impl Profile {
     }
 
     /// What a design of `table` is compared with: the scene as it is, whose joints have the stiffness `own` (N m²).
-    pub fn before(table: &Table, own: &[f64]) -> Self {
+    pub fn before(table: &DesignTable, own: &[f64]) -> Self {
         let mut before = Self { numbers: table.own_numbers(), ..Self::of(own.to_vec()) };
         if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
             before.stiffness_n_m2.clear(); // it follows from the scene

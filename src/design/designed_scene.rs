@@ -1,6 +1,6 @@
 //! Scenes with a design: the document of a scene with the values of a design, other time steps, methods or meshes.
 
-use super::design_vector::Profile;
+use super::design_vector::DesignVector;
 use crate::error::{Error, Result};
 use crate::integrator::Pace;
 use crate::rod;
@@ -31,7 +31,12 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
 }
 
 /// The scene of `document` with `changes` and a profile of its joints and `numbers`.
-pub(super) fn changed(document: &Document, numbers: &[Number], changes: &[String], profile: &Profile) -> Result<Scene> {
+pub(super) fn changed(
+    document: &Document,
+    numbers: &[Number],
+    changes: &[String],
+    profile: &DesignVector,
+) -> Result<Scene> {
     let keys = keys(document, numbers, profile)?;
     let mut document = document.clone();
     document.begin_layer();
@@ -61,7 +66,7 @@ pub(super) fn fixed_steps(scene: &Scene) -> Vec<String> {
 }
 
 /// The keys that make the scene of `document` have `profile`.
-fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Vec<(String, toml::Value)>> {
+fn keys(document: &Document, numbers: &[Number], profile: &DesignVector) -> Result<Vec<(String, toml::Value)>> {
     let scene = profile.numbers_in(document, numbers)?;
     let rod = scene.model()?.rod;
     let list = |values: &dyn Fn(usize, f64) -> f64| {
@@ -94,7 +99,12 @@ fn keys(document: &Document, numbers: &[Number], profile: &Profile) -> Result<Ve
 }
 
 /// The scene with the designed profile and without `[design]`; files that it names are found from anywhere.
-pub(super) fn designed(document: &Document, scene: &Scene, numbers: &[Number], profile: &Profile) -> Result<Document> {
+pub(super) fn designed(
+    document: &Document,
+    scene: &Scene,
+    numbers: &[Number],
+    profile: &DesignVector,
+) -> Result<Document> {
     let failed = |reason: String| Error::Page { reason };
     let mut document = document.clone();
     document.begin_layer();

@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::checkpoint::{JOURNAL, Memory, Simulated};
-use super::design_vector::Profile;
+use super::checkpoint::{AnyResult, Checkpoint, JOURNAL};
+use super::design_vector::DesignVector;
 use super::designed_scene::pinned;
 use super::objective::aim;
 use super::robustness::Checks;
 use super::scenarios::cases;
-use super::search::{Iteration, Search};
-use super::table::Table;
+use super::search::{Search, SearchIteration};
+use super::table::DesignTable;
 use crate::distributed::{Bundle, DistributableJob};
 use crate::error::{Error, Result};
 use crate::jobs;
@@ -24,8 +24,8 @@ use crate::sweep::Sweep;
 #[derive(Debug)]
 pub struct DistributedDesign {
     document: Document,
-    table: Table,
-    memory: Memory,
+    table: DesignTable,
+    memory: Checkpoint,
     /// Its file.
     journal: PathBuf,
     task: Task,
@@ -39,7 +39,7 @@ enum Task {
     /// Searches from the starts.
     Starts,
     /// Checks of this profile.
-    Checks(Profile),
+    Checks(DesignVector),
 }
 
 impl DistributedDesign {
@@ -52,17 +52,17 @@ impl DistributedDesign {
     pub fn next(
         document: &Document,
         folder: &Path,
-        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
     ) -> Result<Option<Self>> {
         let scene = document.scene()?;
-        let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let table = DesignTable::of(&scene).map_err(|fault| document.refuse(&fault))?;
         if !table.is_searched() || table.fits_positions() {
             return Ok(None);
         }
-        let (memory, journal) = (Memory::open(folder, &scene, &table)?, folder.join(JOURNAL));
+        let (memory, journal) = (Checkpoint::open(folder, &scene, &table)?, folder.join(JOURNAL));
         let count = table.all_starts();
-        if count > 1 && !(0..count).all(|start| memory.has(&Memory::start(start))) {
-            let parts = (0..count).map(|start| (format!("of {count}"), Memory::start(start))).collect();
+        if count > 1 && !(0..count).all(|start| memory.has(&Checkpoint::start(start))) {
+            let parts = (0..count).map(|start| (format!("of {count}"), Checkpoint::start(start))).collect();
             return Ok(Some(Self { document: document.clone(), table, memory, journal, task: Task::Starts, parts }));
         }
         let pinned = pinned(document, &scene);
@@ -122,7 +122,7 @@ impl DistributableJob for DistributedDesign {
 
     fn store(&mut self, line: &[u8]) -> Result<bool> {
         let damaged = || Error::Bundle { problem: format!("a {} that came back is damaged", self.noun()) };
-        let (index, simulated) = jobs::read_line::<Vec<Simulated>>(line).ok_or_else(damaged)?;
+        let (index, simulated) = jobs::read_line::<Vec<AnyResult>>(line).ok_or_else(damaged)?;
         let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
         let new = self.memory.keep_part(asked, simulated);
         if !self.memory.has(asked) {
@@ -140,10 +140,10 @@ impl DistributableJob for DistributedDesign {
 pub fn simulate(bundle: &[u8], index: usize) -> Result<Vec<u8>> {
     let (asked, task) = Bundle::read(bundle)?.scene()?;
     let scene = asked.scene()?;
-    let table = Table::of(&scene).map_err(|fault| asked.refuse(&fault))?;
+    let table = DesignTable::of(&scene).map_err(|fault| asked.refuse(&fault))?;
     let document = pinned(&asked, &scene);
     let refused = |what: &str| Error::Bundle { problem: format!("{what} {index}") };
-    let mut memory = Memory::recorded();
+    let mut memory = Checkpoint::recorded();
     match task {
         Task::Starts => {
             let (objective, problem) = aim(&document, &scene, &table, None)?;

@@ -1,12 +1,12 @@
 //! The results of a design in sentences: what was identified or found, binding limits, the Pareto front, tolerances.
 
-use super::front::Compromise;
-use super::identify::{Identified, Joint, Verdict};
-use super::limits::Used;
+use super::front::ParetoPoint;
+use super::identify::{Identifiability, Identification, JointEstimate};
+use super::limits::LimitUse;
 use super::refit::Refit;
-use super::scenarios::InCase;
-use super::search::{CASE, Found, FoundNumber, SAME};
-use super::table::{Goal, Table};
+use super::scenarios::ScenarioResult;
+use super::search::{CASE, EstimatedNumber, SAME, SearchResult};
+use super::table::{DesignTable, Goal};
 use super::tolerance::{LOOSE, Tolerance};
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
@@ -17,21 +17,21 @@ const PASSED: f64 = 1e-6;
 /// A tip that moves by less than this part of the length for twice the stiffness hardly feels it.
 const HARDLY: f64 = 1e-2;
 
-pub(super) fn say_identified(found: &Identified) -> Vec<String> {
-    let count = |verdict: Verdict| found.joints.iter().filter(|joint| joint.verdict == verdict).count();
+pub(super) fn say_identified(found: &Identification) -> Vec<String> {
+    let count = |verdict: Identifiability| found.joints.iter().filter(|joint| joint.verdict == verdict).count();
     let all = found.joints.len();
-    let unfit = match count(Verdict::DoesNotFit) {
+    let unfit = match count(Identifiability::DoesNotFit) {
         0 => String::new(),
         some => format!("{some} that do not fit, "),
     };
     let mut lines = vec![format!(
         "{} of {all} joints identified, {} prior-driven, {} at a bound, {}{} unobservable; noise {:.2e} m, {} samples, \
          windows of {}",
-        count(Verdict::Identified),
-        count(Verdict::PriorDriven),
-        count(Verdict::AtABound),
+        count(Identifiability::Identified),
+        count(Identifiability::PriorDriven),
+        count(Identifiability::AtABound),
         unfit,
-        count(Verdict::Unobservable),
+        count(Identifiability::Unobservable),
         found.noise_m,
         found.samples,
         2 * found.window_samples + 1,
@@ -66,8 +66,9 @@ pub(super) fn say_identified(found: &Identified) -> Vec<String> {
 }
 
 /// How many joints do not fit by their balance, and by how much.
-pub(super) fn say_unfit(found: &Identified) -> Option<String> {
-    let unfit: Vec<&Joint> = found.joints.iter().filter(|joint| joint.verdict == Verdict::DoesNotFit).collect();
+pub(super) fn say_unfit(found: &Identification) -> Option<String> {
+    let unfit: Vec<&JointEstimate> =
+        found.joints.iter().filter(|joint| joint.verdict == Identifiability::DoesNotFit).collect();
     let worst = unfit.iter().fold(0.0, |max: f64, joint| max.max(joint.residual_over_noise));
     (!unfit.is_empty()).then(|| {
         format!(
@@ -94,7 +95,7 @@ pub(super) fn say_effect(scene: &Scene) -> Option<String> {
     Some(format!("{verdict}: 1 % more of it moves the tip by at most {:.1e} m", 0.01 * moved))
 }
 
-pub(super) fn say_found(found: &Found, table: &Table) -> Vec<String> {
+pub(super) fn say_found(found: &SearchResult, table: &DesignTable) -> Vec<String> {
     let starts: Vec<String> = found.starts.iter().map(|value| format!("{value:.6e}")).collect();
     let mut lines = vec![
         format!("{}: {:.6e}", table.goal.label(), found.objective),
@@ -144,7 +145,7 @@ pub(super) fn say_found(found: &Found, table: &Table) -> Vec<String> {
             several => format!("the data do not tell {} apart: they know them only together", several.join(" and ")),
         });
     }
-    for Used { limit, used } in &found.limits {
+    for LimitUse { limit, used } in &found.limits {
         lines.push(format!("limit: {limit}: {:.2} % of it", 100.0 * used));
     }
     lines.extend(found.active.iter().map(|(name, dual)| {
@@ -170,8 +171,8 @@ pub(super) fn say_found(found: &Found, table: &Table) -> Vec<String> {
 }
 
 /// What the design is in each case, in words.
-pub(super) fn say_cases(cases: &[InCase], table: &Table) -> Vec<String> {
-    let line = |InCase { case, designed, gain_percent, .. }: &InCase| {
+pub(super) fn say_cases(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
+    let line = |ScenarioResult { case, designed, gain_percent, .. }: &ScenarioResult| {
         let value = designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
         let gain = gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
         format!("in {case}: {value}{gain}")
@@ -188,7 +189,7 @@ pub(super) fn say_cases(cases: &[InCase], table: &Table) -> Vec<String> {
 }
 
 /// The front in words.
-pub(super) fn say_front(front: &[Compromise], table: &Table) -> Option<String> {
+pub(super) fn say_front(front: &[ParetoPoint], table: &DesignTable) -> Option<String> {
     let [first, .., last] = front else { return None };
     let [one, two] = [table.goal, table.front.as_ref()?.goal].map(Goal::label);
     let best = front.iter().filter(|point| point.best).count();
@@ -221,8 +222,8 @@ pub(super) fn say_tolerances(tolerances: &[Tolerance]) -> Option<String> {
 }
 
 /// A number that was found, in words.
-pub(super) fn say_number(number: &FoundNumber) -> String {
-    let FoundNumber { key, unit, own, value, deviation, verdict } = number;
+pub(super) fn say_number(number: &EstimatedNumber) -> String {
+    let EstimatedNumber { key, unit, own, value, deviation, verdict } = number;
     let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
     let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
     let verdict = verdict.map_or(String::new(), |verdict| format!(", {}", verdict.words()));

@@ -3,11 +3,11 @@
 use serde_json::{Value, json};
 
 use super::design_vector::BASELINE;
-use super::identify::Verdict;
+use super::identify::Identifiability;
 use super::markers::distances;
-use super::scenarios::InCase;
-use super::search::FoundNumber;
-use super::solve::{Answer, Compared, Design};
+use super::scenarios::ScenarioResult;
+use super::search::EstimatedNumber;
+use super::solve::{Answer, ComparedProfile, Design};
 use super::stl;
 use super::table::{Goal, Variable};
 use crate::cycle::MEASURES;
@@ -94,11 +94,11 @@ impl Design {
         let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
         let highest = self.stiffness.iter().fold(0.0, |max: f64, ei| max.max(ei / rod.ei));
         let deviations: Vec<f64> = match &self.answer {
-            Answer::Identified(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),
-            Answer::Found(found) => {
+            Answer::Identification(found) => found.joints.iter().map(|joint| joint.deviation_n_m2 / rod.ei).collect(),
+            Answer::Search(found) => {
                 found.deviations.iter().zip(&self.stiffness).map(|(d, ei)| d * ei / rod.ei).collect()
             }
-            Answer::Resting(_) => Vec::new(),
+            Answer::StaticShape(_) => Vec::new(),
         };
         let mut series = Vec::new();
         for ((x, ei), by) in line(&self.stiffness).into_iter().zip(&deviations) {
@@ -107,7 +107,7 @@ impl Design {
         }
         series.push(Series::new(self.after(), line(&self.stiffness), Mark::Dotted));
         let others = self.evidence.profiles.iter().filter(|other| other.name != "design");
-        let others: Vec<&Compared> = others.collect();
+        let others: Vec<&ComparedProfile> = others.collect();
         series.extend(
             others.iter().map(|other| Series::new(&other.name, line(&other.profile.stiffness_n_m2), Mark::Line)),
         );
@@ -127,7 +127,7 @@ impl Design {
     /// The straight rod seen from its side before and after, as long and deep as it is, with a stroke in every joint that is as high as
     /// the joint is stiff.
     fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
-        if !matches!(self.answer, Answer::Found(_)) || self.table.fits_positions() {
+        if !matches!(self.answer, Answer::Search(_)) || self.table.fits_positions() {
             return Ok(None);
         }
         let after = self.designed.scene()?.model()?.rod;
@@ -156,7 +156,7 @@ impl Design {
     }
 
     fn actuation_figures(&self, rod: &Rod) -> Vec<Drawn> {
-        let Answer::Found(found) = &self.answer else { return Vec::new() };
+        let Answer::Search(found) = &self.answer else { return Vec::new() };
         let line = |values: &[f64]| {
             let xi = rod.joints().map(|k| rod.xi(k));
             xi.zip(values.iter().copied()).collect::<Vec<_>>()
@@ -192,11 +192,11 @@ impl Design {
 
     /// Numbers of the scene that were found, with their deviations.
     fn numbers_figure(&self) -> Option<Drawn> {
-        let Answer::Found(found) = &self.answer else { return None };
+        let Answer::Search(found) = &self.answer else { return None };
         if found.numbers.is_empty() {
             return None;
         }
-        let value = |number: &FoundNumber| number.value / number.own;
+        let value = |number: &EstimatedNumber| number.value / number.own;
         let largest = found.numbers.iter().map(value).fold(1.0, f64::max);
         let mut series = Vec::new();
         for (i, number) in found.numbers.iter().enumerate() {
@@ -237,7 +237,7 @@ impl Design {
             return None;
         }
         // Cases have no order: bars, and nothing in between.
-        let bars = |of: fn(&InCase) -> Option<f64>| {
+        let bars = |of: fn(&ScenarioResult) -> Option<f64>| {
             let values = cases.iter().enumerate().filter_map(|(i, case)| Some((i as f64, of(case)?)));
             values.collect::<Vec<_>>()
         };
@@ -353,14 +353,14 @@ impl Design {
     fn search_figures(&self) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let singular = match &self.answer {
-            Answer::Identified(found) => &found.singular_values[..],
-            Answer::Found(found) => &found.singular_values[..],
-            Answer::Resting(_) => &[],
+            Answer::Identification(found) => &found.singular_values[..],
+            Answer::Search(found) => &found.singular_values[..],
+            Answer::StaticShape(_) => &[],
         };
         if singular.first().is_some_and(|largest| *largest > 0.0) {
             let points = singular.iter().enumerate().map(|(i, s)| (1.0 + i as f64, *s)).collect();
             let series = vec![Series::new("singular values", points, Mark::Dotted)];
-            let y = if matches!(self.answer, Answer::Identified(_)) {
+            let y = if matches!(self.answer, Answer::Identification(_)) {
                 "singular value (1/standard deviation)"
             } else {
                 "singular value (m for a change by 1)"
@@ -368,7 +368,7 @@ impl Design {
             figures
                 .push(("singular_values.svg", self.chart("what the data know", "number", y, Scale::LogY(12), series)));
         }
-        let Answer::Found(found) = &self.answer else { return figures };
+        let Answer::Search(found) = &self.answer else { return figures };
         let tracked = self.table.fits_positions();
         let objective = axis_label(self.table.goal);
         for (file, title, y, scale, of) in [
@@ -377,7 +377,7 @@ impl Design {
                 "objective",
                 &*objective,
                 if tracked { Scale::LogY(10) } else { Scale::Linear },
-                (|iteration| iteration.objective) as fn(&super::Iteration) -> f64,
+                (|iteration| iteration.objective) as fn(&super::SearchIteration) -> f64,
             ),
             (
                 "convergence.svg",
@@ -408,7 +408,7 @@ impl Design {
         let value = if self.table.is_searched() { self.table.goal.label() } else { "rms distance (m)" };
         if !self.evidence.profiles.is_empty() {
             let design = self.evidence.profiles.last().and_then(|design| design.objective);
-            let row = |other: &Compared| {
+            let row = |other: &ComparedProfile| {
                 let gain = design.zip(other.objective).map(|(design, other)| self.table.gain_percent(design, other));
                 vec![json!(other.name), json!(other.objective), json!(gain)]
             };
@@ -436,9 +436,9 @@ impl Design {
             });
         }
         let active = match &self.answer {
-            Answer::Identified(found) => &found.active,
-            Answer::Resting(found) => &found.active,
-            Answer::Found(found) => &found.active,
+            Answer::Identification(found) => &found.active,
+            Answer::StaticShape(found) => &found.active,
+            Answer::Search(found) => &found.active,
         };
         if !active.is_empty() {
             tables.push(Table {
@@ -448,12 +448,12 @@ impl Design {
                 rows: active.iter().map(|(name, dual)| vec![json!(name), json!(dual)]).collect(),
             });
         }
-        if let Answer::Found(found) = &self.answer
+        if let Answer::Search(found) = &self.answer
             && !found.numbers.is_empty()
         {
-            let row = |number: &FoundNumber| {
-                let verdict = number.verdict.map(Verdict::words);
-                let FoundNumber { key, unit, own, value, deviation, .. } = number;
+            let row = |number: &EstimatedNumber| {
+                let verdict = number.verdict.map(Identifiability::words);
+                let EstimatedNumber { key, unit, own, value, deviation, .. } = number;
                 vec![
                     json!(key),
                     json!(unit),
@@ -472,7 +472,7 @@ impl Design {
                 rows: found.numbers.iter().map(row).collect(),
             });
         }
-        if let Answer::Found(found) = &self.answer
+        if let Answer::Search(found) = &self.answer
             && !found.tolerances.is_empty()
         {
             let row = |tolerance: &super::Tolerance| {
@@ -494,7 +494,7 @@ impl Design {
             });
         }
         if !self.evidence.cases.is_empty() {
-            let row = |case: &InCase| {
+            let row = |case: &ScenarioResult| {
                 vec![json!(case.case), json!(case.before), json!(case.designed), json!(case.gain_percent)]
             };
             tables.push(Table {
@@ -510,7 +510,7 @@ impl Design {
             });
         }
         if !self.evidence.front.is_empty() {
-            let row = |(i, point): (usize, &super::Compromise)| {
+            let row = |(i, point): (usize, &super::ParetoPoint)| {
                 let scene = format!("{}-front-{}.toml", self.scene.name, i + 1);
                 vec![json!(point.second), json!(point.first), json!(point.best), json!(point.converged), json!(scene)]
             };
@@ -529,7 +529,7 @@ impl Design {
             columns: names(&stl::COLUMNS),
             rows: stl::sections(&body, &self.stiffness),
         });
-        if let Answer::Found(found) = &self.answer {
+        if let Answer::Search(found) = &self.answer {
             let row = |(start, value): (usize, &f64)| {
                 let iterations = found.history.iter().filter(|iteration| iteration.start == start).count();
                 vec![json!(start + 1), json!(iterations), json!(value), json!(found.optima[start])]
@@ -547,29 +547,29 @@ impl Design {
     fn joints(&self, rod: &Rod) -> Table {
         let mut columns = vec!["node", "s/L", "EI (N m²)", "EI over the scene's"];
         match &self.answer {
-            Answer::Identified(_) => columns.extend(["standard deviation (N m²)", "signal to noise", "verdict"]),
-            Answer::Found(_) => {
+            Answer::Identification(_) => columns.extend(["standard deviation (N m²)", "signal to noise", "verdict"]),
+            Answer::Search(_) => {
                 let has = |variable| self.table.variables.contains(&variable);
                 columns.extend(has(Variable::Amplitude).then_some("amplitude over the scene's"));
                 columns.extend(has(Variable::Phase).then_some("phase subtracted (rad)"));
                 columns.extend(self.table.fits_positions().then_some("standard deviation (N m²)"));
                 columns.push("verdict");
             }
-            Answer::Resting(_) => columns.push("verdict"),
+            Answer::StaticShape(_) => columns.push("verdict"),
         }
         let row = |(i, k): (usize, usize)| {
             let (ei, factor) = (self.stiffness[i], self.stiffness[i] / rod.ei);
             let mut row = vec![json!(k), json!(rod.xi(k)), json!(ei), json!(factor)];
             let bound = self.table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
             let verdict = match &self.answer {
-                Answer::Identified(found) => {
+                Answer::Identification(found) => {
                     let joint = &found.joints[i];
                     row.extend([json!(joint.deviation_n_m2), json!(joint.signal_to_noise)]);
                     joint.verdict.words()
                 }
-                Answer::Resting(found) if found.undecided.contains(&k) => Verdict::Unobservable.words(),
-                Answer::Resting(found) if found.missed.iter().any(|(node, _)| *node == k) => "misses the shape",
-                Answer::Found(found) => {
+                Answer::StaticShape(found) if found.undecided.contains(&k) => Identifiability::Unobservable.words(),
+                Answer::StaticShape(found) if found.missed.iter().any(|(node, _)| *node == k) => "misses the shape",
+                Answer::Search(found) => {
                     let has = |variable| self.table.variables.contains(&variable);
                     row.extend(has(Variable::Amplitude).then(|| json!(found.profile.amplitude[i])));
                     row.extend(has(Variable::Phase).then(|| json!(found.profile.phase_rad[i])));
@@ -578,18 +578,18 @@ impl Design {
                     let identifies = self.table.goal == Goal::Identify;
                     let together = identifies && found.confused.iter().any(|group| group.len() > 1);
                     match deviation {
-                        _ if bound => Verdict::AtABound.words(),
-                        Some(deviation) if together && *deviation > KNOWN => Verdict::NotToldApart.words(),
-                        Some(_) if identifies && !found.converged => Verdict::NotConverged.words(),
-                        Some(_) if found.misfit.is_some() => Verdict::DoesNotFit.words(),
-                        Some(deviation) if *deviation <= KNOWN => Verdict::Identified.words(),
-                        Some(_) if identifies => Verdict::Unobservable.words(),
-                        Some(_) => Verdict::PriorDriven.words(),
+                        _ if bound => Identifiability::AtABound.words(),
+                        Some(deviation) if together && *deviation > KNOWN => Identifiability::NotToldApart.words(),
+                        Some(_) if identifies && !found.converged => Identifiability::NotConverged.words(),
+                        Some(_) if found.misfit.is_some() => Identifiability::DoesNotFit.words(),
+                        Some(deviation) if *deviation <= KNOWN => Identifiability::Identified.words(),
+                        Some(_) if identifies => Identifiability::Unobservable.words(),
+                        Some(_) => Identifiability::PriorDriven.words(),
                         None => "",
                     }
                 }
-                Answer::Resting(_) if bound => Verdict::AtABound.words(),
-                Answer::Resting(_) => "",
+                Answer::StaticShape(_) if bound => Identifiability::AtABound.words(),
+                Answer::StaticShape(_) => "",
             };
             row.push(json!(verdict));
             row

@@ -5,11 +5,11 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
-use super::checkpoint::Memory;
-use super::design_vector::Profile;
+use super::checkpoint::Checkpoint;
+use super::design_vector::DesignVector;
 use super::objective::Objective;
-use super::search::{Found, Iteration, Search};
-use super::table::Table;
+use super::search::{Search, SearchIteration, SearchResult};
+use super::table::DesignTable;
 use crate::error::Result;
 use crate::sensitivity::Problem;
 
@@ -21,13 +21,13 @@ const ALIKE: f64 = 1e-6;
 
 /// A design of the front.
 #[derive(Debug, Clone, Serialize)]
-pub struct Compromise {
+pub struct ParetoPoint {
     /// The first goal's objective.
     pub first: f64,
     /// The second's.
     pub second: f64,
     /// What it is.
-    pub profile: Profile,
+    pub profile: DesignVector,
     /// True where its search converged.
     pub converged: bool,
     /// True where no other design of the front is better in one goal and no worse in the other.
@@ -40,27 +40,27 @@ pub struct Compromise {
 /// # Errors
 /// Those of [`Search::run`].
 pub(super) fn front(
-    table: &Table,
+    table: &DesignTable,
     objective: &Objective,
-    found: &Found,
-    (problem, memory): (impl Fn() -> Result<Problem>, &mut Memory),
-    mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-) -> Result<(Vec<Compromise>, bool)> {
+    found: &SearchResult,
+    (problem, memory): (impl Fn() -> Result<Problem>, &mut Checkpoint),
+    mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+) -> Result<(Vec<ParetoPoint>, bool)> {
     let (Some(wanted), Some(other)) = (&table.front, table.second()) else { return Ok((Vec::new(), false)) };
     let second = Objective::new(&other, &problem()?, None)?.like(objective);
     second.check(&mut problem()?)?;
     let mut points = Vec::new();
-    let mut add = |found: &Found| -> Result<Option<[f64; 2]>> {
+    let mut add = |found: &SearchResult| -> Result<Option<[f64; 2]>> {
         let [a, b] = [objective, &second].map(|goal| goal.measure(&mut problem().ok()?, &found.profile));
         let both = a.zip(b).map(|(first, second)| [first, second]);
         if let Some([first, second]) = both {
             let (profile, converged) = (found.profile.clone(), found.converged);
-            points.push(Compromise { first, second, profile, converged, best: true });
+            points.push(ParetoPoint { first, second, profile, converged, best: true });
         }
         Ok(both)
     };
     let from = add(found)?;
-    let mut best = |table: &Table, objective: &Objective, from: &[f64]| -> Result<Found> {
+    let mut best = |table: &DesignTable, objective: &Objective, from: &[f64]| -> Result<SearchResult> {
         let mut search = Search::new(table, objective, problem()?);
         search.memory = std::mem::take(memory);
         let found = search.run_from(Some(from.to_vec()), &mut tell);
@@ -84,7 +84,7 @@ pub(super) fn front(
             let Some(i) = open.max_by(|a, b| gap(a).total_cmp(&gap(b))) else { break };
             let width = gap(&i);
             let floor = 0.5 * (along[i].0[1] + along[i + 1].0[1]);
-            let table = Table { floor: Some([floor, size]), ..table.clone() };
+            let table = DesignTable { floor: Some([floor, size]), ..table.clone() };
             let found = best(&table, objective, &along[i].1.clone())?;
             interrupted = found.interrupted;
             match add(&found)? {

@@ -12,10 +12,10 @@ use nalgebra::{DMatrix, Vector2};
 use serde::Serialize;
 
 use super::basis::{Basis, second_differences};
-use super::markers::{Markers, Motion};
-use super::qp::{Constraint, Quadratic};
+use super::markers::{Markers, SmoothedMotion};
+use super::qp::{Constraint, QuadraticProgram};
 use super::refit::Refit;
-use super::table::Table;
+use super::table::DesignTable;
 use crate::error::{Error, Result};
 use crate::fluid::force::{OnEdge, OnTip};
 use crate::model::Dynamics;
@@ -45,7 +45,7 @@ const PASSES: usize = 3;
 /// What can be said of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Verdict {
+pub enum Identifiability {
     /// The data say it.
     Identified,
     /// The data say little; smoothness, knots, order or mean decide.
@@ -62,7 +62,7 @@ pub enum Verdict {
     Unobservable,
 }
 
-impl Verdict {
+impl Identifiability {
     /// In words.
     pub fn words(self) -> &'static str {
         match self {
@@ -79,7 +79,7 @@ impl Verdict {
 
 /// The answer for one joint.
 #[derive(Debug, Clone, Serialize)]
-pub struct Joint {
+pub struct JointEstimate {
     /// Its node.
     pub node: usize,
     /// s/L.
@@ -93,10 +93,10 @@ pub struct Joint {
     /// Root of the mean square of EI c − m over what noise alone makes of it: about 1 where the scene is that of the data.
     pub residual_over_noise: f64,
     /// What can be said of it.
-    pub verdict: Verdict,
+    pub verdict: Identifiability,
 }
 
-impl Joint {
+impl JointEstimate {
     /// True where what it bends beyond its natural curvature drowns in noise.
     pub fn drowns(&self) -> bool {
         self.signal_to_noise <= SIGNAL
@@ -105,9 +105,9 @@ impl Joint {
 
 /// What identification finds.
 #[derive(Debug, Clone, Serialize)]
-pub struct Identified {
+pub struct Identification {
     /// The joints.
-    pub joints: Vec<Joint>,
+    pub joints: Vec<JointEstimate>,
     /// Strength of the actuation over the scene's, where it was asked for.
     pub actuation_gain: Option<f64>,
     /// True where that is at an edge of what is looked for.
@@ -136,15 +136,15 @@ pub struct Identified {
     pub left_out: Vec<String>,
 }
 
-impl Identified {
+impl Identification {
     /// Judges it by its simulation too: deviations grow by what that asks for, and where more than noise is left the scene is not that of
     /// the data, which balances of single joints may hide.
     pub fn judge(&mut self, refit: Refit) {
         for (joint, stiffer) in self.joints.iter_mut().zip(&refit.stiffer_n_m2) {
             let left = if refit.fits() { 1.0 } else { refit.residual_over_noise };
             joint.deviation_n_m2 = (left * joint.deviation_n_m2).hypot(*stiffer);
-            if joint.verdict == Verdict::Identified && !refit.fits() {
-                joint.verdict = Verdict::DoesNotFit;
+            if joint.verdict == Identifiability::Identified && !refit.fits() {
+                joint.verdict = Identifiability::DoesNotFit;
             }
         }
         self.refit = Some(refit);
@@ -158,7 +158,7 @@ const DIRECTIONS: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES,
 type Moves = Vec<(usize, [f64; 3])>;
 
 /// Curvatures and moments of one joint over all samples.
-pub(super) struct Series {
+pub(super) struct JointSeries {
     /// Parts of c that do and do not move with the actuation: c = still − gain·driven.
     still: Vec<f64>,
     driven: Vec<f64>,
@@ -169,7 +169,7 @@ pub(super) struct Series {
     by: [Vec<Moves>; 2],
 }
 
-impl Series {
+impl JointSeries {
     pub(super) fn curvature(&self, gain: f64) -> Vec<f64> {
         self.still.iter().zip(&self.driven).map(|(still, driven)| still - gain * driven).collect()
     }
@@ -188,8 +188,8 @@ fn turned(r: Vector2<f64>) -> Vector2<f64> {
 pub(super) fn series(
     dynamics: &mut Dynamics,
     markers: &Markers,
-    motion: &Motion,
-) -> Result<(Vec<Series>, Option<[f64; 3]>)> {
+    motion: &SmoothedMotion,
+) -> Result<(Vec<JointSeries>, Option<[f64; 3]>)> {
     let nodes = dynamics.nodes();
     let joints = dynamics.model.rod.joints();
     let held = dynamics.model.head.is_some();
@@ -203,9 +203,9 @@ pub(super) fn series(
             dynamics.natural.clone()
         })
         .collect();
-    let mut all: Vec<Series> = joints
+    let mut all: Vec<JointSeries> = joints
         .clone()
-        .map(|_| Series { still: vec![], driven: vec![], moment: vec![], by: [vec![], vec![]] })
+        .map(|_| JointSeries { still: vec![], driven: vec![], moment: vec![], by: [vec![], vec![]] })
         .collect();
     let (mut sums, mut parts) = ([0.0; 3], [0.0; 3]);
     let mut by_moment = [0, 1, 2].map(|_| vec![0.0; 2 * nodes]);
@@ -314,7 +314,12 @@ pub(super) fn series(
 }
 
 /// Variance of Σ_i u_i e_i by noise of variance one in every position, where e moves by `by` of a sample.
-fn variance(motion: &Motion, entries: usize, u: &[f64], by: impl Fn(usize, &mut dyn FnMut(usize, [f64; 3]))) -> f64 {
+fn variance(
+    motion: &SmoothedMotion,
+    entries: usize,
+    u: &[f64],
+    by: impl Fn(usize, &mut dyn FnMut(usize, [f64; 3])),
+) -> f64 {
     // What every position of every sample counts in the sum.
     let count = motion.samples.last().map_or(0, |sample| sample.index + motion.half + 1);
     let mut counts = vec![0.0; count * entries];
@@ -330,21 +335,28 @@ fn variance(motion: &Motion, entries: usize, u: &[f64], by: impl Fn(usize, &mut 
 }
 
 /// What is known of a joint: Σc², its share of noise, Σcm, and the variance of Σc(EI c − m).
-struct Known {
+struct JointInformation {
     square: f64,
     noise: f64,
     product: f64,
     variance: f64,
 }
 
-impl Known {
+impl JointInformation {
     /// Σc² beyond noise, over what noise alone makes of it.
     fn signal(&self) -> f64 {
         (self.square - self.noise) / self.noise.max(f64::MIN_POSITIVE)
     }
 }
 
-fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, sigma: f64) -> Known {
+fn known(
+    series: &JointSeries,
+    motion: &SmoothedMotion,
+    entries: usize,
+    gain: f64,
+    ei: f64,
+    sigma: f64,
+) -> JointInformation {
     let c = series.curvature(gain);
     let of_c = |i: usize| {
         let gain = motion.samples[i].weights.iter().map(|w| w[0] * w[0]).sum::<f64>();
@@ -368,7 +380,7 @@ fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, s
             visit(*entry, *by);
         }
     };
-    Known {
+    JointInformation {
         square: dot(&c, &c),
         noise,
         product: dot(&c, &series.moment),
@@ -377,7 +389,7 @@ fn known(series: &Series, motion: &Motion, entries: usize, gain: f64, ei: f64, s
 }
 
 /// Σ of the variances of EI c − m over the samples: what noise leaves of the balance.
-fn noise_left(series: &Series, motion: &Motion, entries: usize, ei: f64, sigma: f64) -> f64 {
+fn noise_left(series: &JointSeries, motion: &SmoothedMotion, entries: usize, ei: f64, sigma: f64) -> f64 {
     let mut moves = vec![[0.0; 3]; entries];
     let of_residual = |i: usize| {
         moves.fill([0.0; 3]);
@@ -399,9 +411,9 @@ fn noise_left(series: &Series, motion: &Motion, entries: usize, ei: f64, sigma: 
 
 /// The gain of the actuation that leaves the least of EI c − m where every joint takes its best stiffness, and whether it is at an
 /// edge of what is looked for.
-fn best_gain(all: &[Series]) -> (f64, bool) {
+fn best_gain(all: &[JointSeries]) -> (f64, bool) {
     let misfit = |gain: f64| -> f64 {
-        let of = |series: &Series| {
+        let of = |series: &JointSeries| {
             let c = series.curvature(gain);
             let (cm, mm) = (dot(&c, &series.moment), dot(&series.moment, &series.moment));
             (1.0 - cm * cm / (dot(&c, &c) * mm)).max(0.0)
@@ -421,7 +433,7 @@ fn best_gain(all: &[Series]) -> (f64, bool) {
 }
 
 /// Bounds, order and mean of the stiffness over `reference`, as constraints of the unknowns.
-pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constraint> {
+pub fn constraints(table: &DesignTable, basis: &Basis, equal_mean: bool) -> Vec<Constraint> {
     let mut constraints = Vec::new();
     let place = |i: usize| match &table.knots {
         Some(knots) => format!("knot xi = {}", knots[i]),
@@ -454,7 +466,7 @@ pub fn constraints(table: &Table, basis: &Basis, equal_mean: bool) -> Vec<Constr
 }
 
 /// Adds λ‖D₂x‖² over the joints.
-pub fn smooth(programme: &mut Quadratic, basis: &Basis, weight: f64) {
+pub fn smooth(programme: &mut QuadraticProgram, basis: &Basis, weight: f64) {
     for row in second_differences(basis).filter(|_| weight > 0.0) {
         programme.add_square(&row, 0.0, weight);
     }
@@ -464,7 +476,7 @@ pub fn smooth(programme: &mut Quadratic, basis: &Basis, weight: f64) {
 ///
 /// # Errors
 /// [`Error::Design`] where data or demands allow no answer; those of [`Dynamics::shape`].
-pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Result<Identified> {
+pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable) -> Result<Identification> {
     let step = {
         let mut steps: Vec<f64> = markers.times.windows(2).map(|pair| pair[1] - pair[0]).collect();
         steps.sort_by(f64::total_cmp);
@@ -484,12 +496,12 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     let own: Vec<f64> = rod.joints().map(|k| rod.joint_stiffness(k)).collect();
     let mut stiffness = own.clone();
     let mut found = None;
-    let mut data = Quadratic::new(0);
+    let mut data = QuadraticProgram::new(0);
     for _ in 0..PASSES {
-        let knowns: Vec<Known> = (all.iter().zip(&stiffness))
+        let knowns: Vec<JointInformation> = (all.iter().zip(&stiffness))
             .map(|(series, ei)| known(series, &motion, entries, gain, *ei, sigma))
             .collect();
-        let mut programme = Quadratic::new(basis.unknowns);
+        let mut programme = QuadraticProgram::new(basis.unknowns);
         // Information (1/variance) of EI/reference.
         let informations: Vec<f64> = knowns
             .iter()
@@ -500,7 +512,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             })
             .collect();
         let least = informations.iter().copied().filter(|i| *i > 0.0).fold(f64::INFINITY, f64::min);
-        data = Quadratic::new(basis.unknowns);
+        data = QuadraticProgram::new(basis.unknowns);
         let weak = WEAK * if least.is_finite() { least } else { 1.0 };
         for (((known, row), information), own) in knowns.iter().zip(&basis.rows).zip(&informations).zip(&own) {
             if *information > 0.0 {
@@ -541,7 +553,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
     let sum = |i: usize| left.iter().map(|left| left[i]).sum::<f64>();
     // What the scene lacks at one joint it lacks at others, where noise may hide it.
     let lacking = (sum(1) / sum(2).max(f64::MIN_POSITIVE)).sqrt();
-    let joints: Vec<Joint> = (rod.joints().zip(&stiffness).zip(knowns.iter().zip(&left)))
+    let joints: Vec<JointEstimate> = (rod.joints().zip(&stiffness).zip(knowns.iter().zip(&left)))
         .map(|((k, ei), (known, [own, beyond, _, noise]))| {
             let square = known.square - known.noise;
             let signal = known.signal();
@@ -555,19 +567,19 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             let factor = ei / reference;
             let bound = table.bounds.iter().any(|bound| (factor / bound - 1.0).abs() < 1e-6);
             let verdict = if bound {
-                Verdict::AtABound
+                Identifiability::AtABound
             } else if *beyond > 0.0 {
-                Verdict::DoesNotFit
+                Identifiability::DoesNotFit
             } else if at_edge {
-                Verdict::NotToldApart
+                Identifiability::NotToldApart
             } else if signal > SIGNAL && deviation <= IDENTIFIED * ei {
-                Verdict::Identified
+                Identifiability::Identified
             } else if prior {
-                Verdict::PriorDriven
+                Identifiability::PriorDriven
             } else {
-                Verdict::Unobservable
+                Identifiability::Unobservable
             };
-            Joint {
+            JointEstimate {
                 node: k,
                 xi: rod.xi(k),
                 stiffness_n_m2: *ei,
@@ -578,7 +590,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &Table) -> Re
             }
         })
         .collect();
-    Ok(Identified {
+    Ok(Identification {
         joints,
         actuation_gain: table.actuation_gain.then_some(gain),
         noise_m: sigma,

@@ -2,9 +2,9 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::design_vector::Profile;
+use super::design_vector::DesignVector;
 use super::objective::Objective;
-use super::table::{Goal, Table};
+use super::table::{DesignTable, Goal};
 use crate::cycle::{FORWARD_SPEED, Measure, THRUST};
 use crate::error::{Error, Result};
 use crate::model::Model;
@@ -23,7 +23,7 @@ const NONE_NEAR: usize = usize::MAX;
 
 /// A limit, at a point of the search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(super) struct Limited {
+pub(super) struct LimitValue {
     /// In words; what is limited together, one after the other, has the same.
     pub name: String,
     /// Which load, and which of its peaks. A peak has the same at other points, where it may be missing, as it is far there.
@@ -35,7 +35,7 @@ pub(super) struct Limited {
     pub by: Vec<f64>,
 }
 
-impl Limited {
+impl LimitValue {
     /// The same in `others`, at another point.
     pub fn among<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others.iter().find(|other| other.of == self.of && other.name == self.name)
@@ -44,15 +44,15 @@ impl Limited {
 
 /// What has one price for being passed: all that is limited together, or each load alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Priced {
+pub(super) enum PenaltyGroups {
     Together,
     Alone,
 }
 
-impl Priced {
+impl PenaltyGroups {
     /// The number of the price that each of `limits` has.
-    pub fn groups(self, limits: &[Limited]) -> Vec<usize> {
-        let same = |[a, b]: [&Limited; 2]| a.name == b.name && (self == Self::Together || a.of[0] == b.of[0]);
+    pub fn groups(self, limits: &[LimitValue]) -> Vec<usize> {
+        let same = |[a, b]: [&LimitValue; 2]| a.name == b.name && (self == Self::Together || a.of[0] == b.of[0]);
         let new = |i: usize| usize::from(i > 0 && !same([&limits[i], &limits[i - 1]]));
         let count = |group: &mut usize, i: usize| {
             *group += new(i);
@@ -92,7 +92,7 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
 
 /// A limit in words, and how much of it is used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Used {
+pub struct LimitUse {
     /// In words.
     pub limit: String,
     /// Value over the limit; of a value that is to be large the limit over the value.
@@ -120,7 +120,7 @@ impl Limits {
     ///
     /// # Errors
     /// [`Error::Design`] where a mean over the cycles is limited that the scene has not.
-    pub fn of(table: &Table, problem: &mut Problem, objective: &Objective) -> Result<Self> {
+    pub fn of(table: &DesignTable, problem: &mut Problem, objective: &Objective) -> Result<Self> {
         let mut body: Vec<OfBody> = Vec::new();
         if let Some(most) = table.largest_mass_kg {
             body.push((format!("total mass at most {most} kg"), Box::new(move |model| model.rod.total_mass() / most)));
@@ -172,7 +172,7 @@ impl Limits {
         ];
         for (key, least, measure) in leasts {
             let Some(least) = least else { continue };
-            let other = Table { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
+            let other = DesignTable { better: None, direction: None, ..table.with_goal(Goal::Cycle(measure.key)) };
             let mean = Objective::new(&other, problem, None)?;
             mean.check(problem).map_err(|error| match error {
                 Error::Design { reason } => {
@@ -192,7 +192,12 @@ impl Limits {
     }
 
     /// All of them at the point that `problem` was set to, a limit of several loads several times; none where a simulation fails.
-    pub fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Vec<Limited>> {
+    pub fn at(
+        &self,
+        problem: &mut Problem,
+        profile: &DesignVector,
+        parameters: &[Parameter],
+    ) -> Option<Vec<LimitValue>> {
         let mut all = Vec::new();
         for (name, used) in &self.body {
             let own = used(problem.model());
@@ -201,7 +206,7 @@ impl Limits {
                 _ => 0.0,
             });
             let by = by.collect();
-            all.push(Limited { name: name.clone(), of: [0, 0], excess: own.ln(), by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess: own.ln(), by });
         }
         self.add_loads(problem, parameters, &mut all)?;
         for (name, objective, floor, size) in &self.means {
@@ -212,13 +217,13 @@ impl Limits {
                 None => below(value / floor, 1.0 / floor),
             };
             let by = by.into_iter().map(|by| slope * by).collect();
-            all.push(Limited { name: name.clone(), of: [0, 0], excess, by });
+            all.push(LimitValue { name: name.clone(), of: [0, 0], excess, by });
         }
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
 
     /// Adds the peaks of all loads at the point that `problem` was set to.
-    fn add_loads(&self, problem: &mut Problem, parameters: &[Parameter], all: &mut Vec<Limited>) -> Option<()> {
+    fn add_loads(&self, problem: &mut Problem, parameters: &[Parameter], all: &mut Vec<LimitValue>) -> Option<()> {
         let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, ..)| outputs.iter().cloned()).collect();
         if outputs.is_empty() {
             return Some(());
@@ -245,7 +250,7 @@ impl Limits {
                         near.push((*o, n, way / (most * values[n]), all.len()));
                     }
                     let by = vec![0.0; parameters.len()];
-                    all.push(Limited { name: name.clone(), of: [load, peak], excess: values[n].ln(), by });
+                    all.push(LimitValue { name: name.clone(), of: [load, peak], excess: values[n].ln(), by });
                 }
             }
         }

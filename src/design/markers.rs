@@ -10,7 +10,7 @@ use crate::sensitivity::Trajectory;
 use crate::words::number;
 
 /// Fewest samples that a motion can be made of.
-pub const LEAST: usize = 2 * DEGREE + 1;
+pub const MIN_SAMPLES: usize = 2 * DEGREE + 1;
 
 /// Degree of the local polynomials: velocities and accelerations of a sixth-degree motion are exact.
 const DEGREE: usize = 6;
@@ -297,7 +297,7 @@ impl Markers {
     ///
     /// # Errors
     /// [`Error::Design`] where no sample has a full window.
-    pub fn smooth(&self, half: Option<usize>) -> Result<Motion> {
+    pub fn smooth(&self, half: Option<usize>) -> Result<SmoothedMotion> {
         if let Some(half) = half {
             return self.smoothed(half.max(DEGREE / 2 + 1));
         }
@@ -318,12 +318,12 @@ impl Markers {
         }
     }
 
-    fn smoothed(&self, half: usize) -> Result<Motion> {
+    fn smoothed(&self, half: usize) -> Result<SmoothedMotion> {
         let count = self.times.len();
         let mut spans: Vec<f64> = self.times.windows(2 * half + 1).map(|w| w[2 * half] - w[0]).collect();
         spans.sort_by(f64::total_cmp);
         let usual = spans.get(spans.len() / 2).copied().unwrap_or(0.0);
-        let mut motion = Motion { half, ..Motion::default() };
+        let mut motion = SmoothedMotion { half, ..SmoothedMotion::default() };
         let mut squares = Vec::new();
         let mut beside = 0;
         for i in half..count.saturating_sub(half) {
@@ -342,7 +342,7 @@ impl Markers {
             // The variance of the middle residual is σ²(1 − w) with w the middle's own weight.
             let own = (1.0 - weights[half][0]) * q.len() as f64;
             squares.push(q.iter().zip(&self.positions[i]).map(|(q, x)| (q - x).powi(2)).sum::<f64>() / own);
-            motion.samples.push(Sample { index: i, q, v, a, weights });
+            motion.samples.push(SmoothedSample { index: i, q, v, a, weights });
         }
         if motion.samples.is_empty() {
             let reason = format!("no sample has {half} others without a gap on either side of it");
@@ -370,20 +370,20 @@ impl Markers {
 
 /// The smooth motion of markers.
 #[derive(Debug, Clone, Default)]
-pub struct Motion {
+pub struct SmoothedMotion {
     /// Samples to either side that a polynomial is fitted to.
     pub half: usize,
     /// Standard deviation of the positions about the polynomials, m.
     pub noise: f64,
     /// The samples with a full window.
-    pub samples: Vec<Sample>,
+    pub samples: Vec<SmoothedSample>,
     /// How many others were left out, and why, in words.
     pub left_out: Vec<String>,
 }
 
 /// The motion at one sample.
 #[derive(Debug, Clone)]
-pub struct Sample {
+pub struct SmoothedSample {
     /// Its index among the markers' samples.
     pub index: usize,
     /// Positions, m, two entries per node.

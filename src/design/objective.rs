@@ -4,9 +4,9 @@
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 
-use super::design_vector::Profile;
+use super::design_vector::DesignVector;
 use super::markers::Markers;
-use super::table::{Goal, Robust, Table};
+use super::table::{Aggregate, DesignTable, Goal};
 use crate::cycle::{MEASURES, Measure};
 use crate::error::{Error, Result};
 use crate::scene::{Document, Scene};
@@ -42,7 +42,7 @@ pub struct Objective {
 
 /// The objective at one profile.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
-pub(super) struct Value {
+pub(super) struct ObjectiveValue {
     /// What is made small.
     pub f: f64,
     /// Its derivatives by the parameters, later by the unknowns.
@@ -53,9 +53,9 @@ pub(super) struct Value {
     pub cases: Vec<(f64, Vec<f64>)>,
 }
 
-impl Value {
+impl ObjectiveValue {
     /// What counts of the values in several cases.
-    pub fn of(robust: Robust, each: &[Self]) -> Self {
+    pub fn of(robust: Aggregate, each: &[Self]) -> Self {
         let sum = |weight: &dyn Fn(usize) -> f64| {
             let mut sum = Self { by: vec![0.0; each[0].by.len()], ..Self::default() };
             for (i, value) in each.iter().enumerate() {
@@ -65,8 +65,8 @@ impl Value {
             sum
         };
         match robust {
-            Robust::Mean => sum(&|_| 1.0 / each.len() as f64),
-            Robust::Worst => {
+            Aggregate::Mean => sum(&|_| 1.0 / each.len() as f64),
+            Aggregate::Worst => {
                 let worst = (0..each.len()).max_by(|a, b| each[*a].f.total_cmp(&each[*b].f));
                 let cases = each.iter().map(|value| (value.f, value.by.clone())).collect();
                 Self { cases, ..sum(&|i| f64::from(u8::from(worst == Some(i)))) }
@@ -85,7 +85,7 @@ impl Objective {
     ///
     /// # Errors
     /// [`Error::Design`] where the target's times are not those of steps, and for the way of a head that is held.
-    pub fn new(table: &Table, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
+    pub fn new(table: &DesignTable, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
         let nodes = problem.model().rod.nodes;
         let held = problem.model().head.is_some();
         let backwards = table.direction.as_deref() == Some("-x") || table.better.as_deref() == Some("smaller");
@@ -139,7 +139,7 @@ impl Objective {
             outputs,
             length,
             fits,
-            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.counted() == Robust::Worst),
+            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.counted() == Aggregate::Worst),
             smaller_is_better: table.smaller_is_better(),
             document: None,
             numbers: table.numbers.clone(),
@@ -193,7 +193,7 @@ impl Objective {
     }
 
     /// Half the mean square distance of the tip, or of all nodes, from the target.
-    fn tracked(&self, found: &Sensitivities) -> Value {
+    fn tracked(&self, found: &Sensitivities) -> ObjectiveValue {
         let scale = self.scale();
         let (mut residuals, mut rows) = (Vec::new(), Vec::new());
         for (n, positions) in &self.target {
@@ -206,7 +206,7 @@ impl Objective {
         let f = 0.5 * residuals.iter().map(|r| r * r).sum::<f64>();
         let width = rows.first().map_or(0, Vec::len);
         let by = (0..width).map(|j| residuals.iter().zip(&rows).map(|(r, row)| r * row[j]).sum()).collect();
-        Value { f, by, residuals: Some((residuals, rows)), ..Value::default() }
+        ObjectiveValue { f, by, residuals: Some((residuals, rows)), ..ObjectiveValue::default() }
     }
 
     /// The objective of a way along x and, for efficiency, a work, and its derivatives by them.
@@ -228,12 +228,17 @@ impl Objective {
     }
 
     /// Gives `problem` a profile.
-    pub(super) fn set(&self, problem: &mut Problem, profile: &Profile) -> Result<()> {
+    pub(super) fn set(&self, problem: &mut Problem, profile: &DesignVector) -> Result<()> {
         self.set_with(problem, profile, &[])
     }
 
     /// The same, ready to be differentiated by `parameters`.
-    pub(super) fn set_with(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Result<()> {
+    pub(super) fn set_with(
+        &self,
+        problem: &mut Problem,
+        profile: &DesignVector,
+        parameters: &[Parameter],
+    ) -> Result<()> {
         if let Some(document) = &self.document {
             *problem = Problem::of(&profile.numbers_in(document, &self.numbers)?)?;
             if parameters.iter().any(|parameter| matches!(parameter, Parameter::OfScene(_))) {
@@ -248,14 +253,19 @@ impl Objective {
 
     /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
     /// simulation fails.
-    pub(super) fn at(&self, problem: &mut Problem, profile: &Profile, parameters: &[Parameter]) -> Option<Value> {
+    pub(super) fn at(
+        &self,
+        problem: &mut Problem,
+        profile: &DesignVector,
+        parameters: &[Parameter],
+    ) -> Option<ObjectiveValue> {
         self.set_with(problem, profile, parameters).ok()?;
         let value = if self.fits {
             self.tracked(&problem.forward(parameters, &self.outputs, self.every, |_| {}).ok()?)
         } else if let Some(measure) = self.measured() {
             let (mean, mut by) = problem.cycle_mean(&measure, parameters).ok()??;
             by.iter_mut().for_each(|by| *by *= -self.sign);
-            Value { f: -self.sign * mean, by, ..Value::default() }
+            ObjectiveValue { f: -self.sign * mean, by, ..ObjectiveValue::default() }
         } else {
             let mut trajectory = Trajectory::default();
             let found = problem.forward(&[], &self.outputs, usize::MAX, |state| trajectory.push(state)).ok()?;
@@ -267,7 +277,7 @@ impl Objective {
                 weights[last..].copy_from_slice(&slopes);
                 by = problem.adjoint(parameters, &self.outputs, &weights, &trajectory).ok()?;
             }
-            Value { f, by, ..Value::default() }
+            ObjectiveValue { f, by, ..ObjectiveValue::default() }
         };
         (value.f.is_finite() && value.by.iter().all(|x| x.is_finite())).then_some(value)
     }
@@ -283,7 +293,7 @@ impl Objective {
     }
 
     /// The shown objective of a profile; none where the simulation fails.
-    pub fn measure(&self, problem: &mut Problem, profile: &Profile) -> Option<f64> {
+    pub fn measure(&self, problem: &mut Problem, profile: &DesignVector) -> Option<f64> {
         self.at(problem, profile, &[]).map(|value| self.shown(value.f))
     }
 
@@ -291,7 +301,7 @@ impl Objective {
     pub fn derivatives(
         &self,
         problem: &mut Problem,
-        profile: &Profile,
+        profile: &DesignVector,
         parameters: &[Parameter],
     ) -> Option<(f64, Vec<f64>)> {
         let value = self.at(problem, profile, parameters)?;
@@ -317,7 +327,7 @@ impl Objective {
 pub(super) fn aim(
     document: &Document,
     scene: &Scene,
-    table: &Table,
+    table: &DesignTable,
     target: Option<&Markers>,
 ) -> Result<(Objective, Problem)> {
     let mut problem = Problem::of(scene)?;

@@ -34,7 +34,7 @@ impl Constraint {
 
 /// min ½xᵀHx + gᵀx under constraints; H is symmetric and positive semidefinite, stored by rows.
 #[derive(Debug, Clone)]
-pub struct Quadratic {
+pub struct QuadraticProgram {
     /// H.
     pub hessian: Vec<f64>,
     /// g.
@@ -45,7 +45,7 @@ pub struct Quadratic {
 
 /// A solution, with one dual a constraint; that of an inequality is not negative.
 #[derive(Debug, Clone)]
-pub struct Solution {
+pub struct QpSolution {
     /// x.
     pub x: Vec<f64>,
     /// Duals, in units of the objective.
@@ -57,7 +57,7 @@ pub struct Solution {
 /// A dual, over the largest, from which on a constraint belongs to a conflict.
 const IN_CONFLICT: f64 = 1e-3;
 
-impl Quadratic {
+impl QuadraticProgram {
     /// A problem of `n` unknowns without objective.
     pub fn new(n: usize) -> Self {
         Self { hessian: vec![0.0; n * n], gradient: vec![0.0; n], constraints: Vec::new() }
@@ -75,7 +75,7 @@ impl Quadratic {
     }
 
     /// The constraints that bind, with their duals.
-    pub fn active(&self, solution: &Solution) -> Vec<(String, f64)> {
+    pub fn active(&self, solution: &QpSolution) -> Vec<(String, f64)> {
         let binds = |(constraint, dual): &(&Constraint, &f64)| {
             let slack = constraint.bound - constraint.row.iter().map(|(i, c)| c * solution.x[*i]).sum::<f64>();
             constraint.equal || (slack.abs() < 1e-6 && **dual > 0.0)
@@ -96,7 +96,7 @@ impl Quadratic {
     ///
     /// # Errors
     /// [`Error::Design`] for everything but a solution, with the constraints that are in conflict.
-    pub fn solve(&self) -> Result<Solution> {
+    pub fn solve(&self) -> Result<QpSolution> {
         let n = self.gradient.len();
         let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |max: f64, x| max.max(x.abs()));
         let mut scale = largest(&mut (0..n).map(|i| self.hessian[i * n + i]));
@@ -159,7 +159,7 @@ impl Quadratic {
         }
         let infeasible = matches!(found.status, SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible);
         if !infeasible {
-            let rough = Solution { x: found.x.clone(), duals: duals.clone(), iterations: found.iterations };
+            let rough = QpSolution { x: found.x.clone(), duals: duals.clone(), iterations: found.iterations };
             let polished = self.polished(&rough, scale);
             // What is nearly solved is a solution where the constraints that bind in it say so to rounding.
             match polished {
@@ -182,7 +182,7 @@ impl Quadratic {
     }
 
     /// The solution to rounding, from the constraints that bind in a rough one; none where they were not those.
-    fn polished(&self, rough: &Solution, scale: f64) -> Option<Solution> {
+    fn polished(&self, rough: &QpSolution, scale: f64) -> Option<QpSolution> {
         let n = self.gradient.len();
         let value = |constraint: &Constraint, x: &[f64]| -> f64 { constraint.row.iter().map(|(j, c)| c * x[*j]).sum() };
         let slack = |k: usize| self.constraints[k].bound - value(&self.constraints[k], &rough.x);
@@ -216,6 +216,6 @@ impl Quadratic {
             let tolerance = 1e-9 * (1.0 + constraint.bound.abs());
             if constraint.equal { slack.abs() <= tolerance } else { slack >= -tolerance && *dual >= -1e-9 * scale }
         });
-        feasible.then_some(Solution { x, duals, iterations: rough.iterations })
+        feasible.then_some(QpSolution { x, duals, iterations: rough.iterations })
     }
 }

@@ -8,7 +8,7 @@
 use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 
-use super::design_vector::Profile;
+use super::design_vector::DesignVector;
 use super::markers::Markers;
 use crate::error::{Error, Result};
 use crate::scene::Scene;
@@ -64,7 +64,7 @@ impl Refit {
     pub fn of(
         scene: impl Fn(f64) -> Result<Scene>,
         step: f64,
-        profile: &Profile,
+        profile: &DesignVector,
         (markers, noise): (&Markers, f64),
         (deviations, actuation_gain): (&[f64], bool),
     ) -> Result<Self> {

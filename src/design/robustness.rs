@@ -5,13 +5,13 @@ use std::ops::ControlFlow;
 
 use serde::Serialize;
 
-use super::checkpoint::Memory;
-use super::design_vector::Profile;
+use super::checkpoint::Checkpoint;
+use super::design_vector::DesignVector;
 use super::designed_scene::{changed, simulations};
 use super::markers::Markers;
 use super::objective::Objective;
-use super::scenarios::Case;
-use super::table::Table;
+use super::scenarios::Scenario;
+use super::table::DesignTable;
 use crate::fluid::laws::{CREEPING, DragLaw, LAWS, Reach, cross_flow};
 use crate::jobs;
 use crate::scene::{Document, Scene};
@@ -19,7 +19,7 @@ use crate::sensitivity::Problem;
 
 /// The simulations of a design of `table`.
 pub(super) struct Checks<'a> {
-    table: &'a Table,
+    table: &'a DesignTable,
     target: Option<&'a Markers>,
     /// Each in words, and what it changes.
     simulations: Vec<(String, Vec<String>)>,
@@ -30,26 +30,26 @@ pub(super) struct Checks<'a> {
 struct Checked {
     document: Document,
     /// The design, and what was before.
-    profiles: [Option<Profile>; 2],
+    profiles: [Option<DesignVector>; 2],
 }
 
 impl<'a> Checks<'a> {
     /// Those of `profile`, designed for the scene of `document` or for `cases`, to come close to `target` where there is one.
     pub fn of(
-        (document, cases): (&Document, &[Case]),
+        (document, cases): (&Document, &[Scenario]),
         scene: &Scene,
-        table: &'a Table,
+        table: &'a DesignTable,
         target: Option<&'a Markers>,
-        profile: &Profile,
+        profile: &DesignVector,
     ) -> Self {
-        let before = Problem::of(scene).ok().map(|problem| Profile::before(table, &problem.stiffness()));
+        let before = Problem::of(scene).ok().map(|problem| DesignVector::before(table, &problem.stiffness()));
         let allowed = |(_, changes): &(String, Vec<String>)| {
             changed(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
         };
         let fluid = higher_fluids(scene).into_iter().filter(|_| before.is_some()).find(allowed);
         let simulations = simulations(scene).into_iter().chain(fluid).collect();
         let profiles = [Some(profile.clone()), before];
-        let of = |case: &Case| Checked {
+        let of = |case: &Scenario| Checked {
             document: case.document.clone(),
             profiles: [0, 1].map(|i| profiles[i].as_ref().map(|profile| case.profile(profile))),
         };
@@ -67,7 +67,7 @@ impl<'a> Checks<'a> {
     }
 
     /// What simulation `index` changes, and in which scene it is of which profile.
-    fn at(&self, index: usize) -> (&(String, Vec<String>), &Checked, Option<&Profile>) {
+    fn at(&self, index: usize) -> (&(String, Vec<String>), &Checked, Option<&DesignVector>) {
         let (rest, scene) = (index / self.scenes.len(), &self.scenes[index % self.scenes.len()]);
         (&self.simulations[rest / 2], scene, scene.profiles[rest % 2].as_ref())
     }
@@ -93,13 +93,13 @@ impl<'a> Checks<'a> {
         let ((_, changes), Checked { document, .. }, profile) = self.at(index);
         let scene = changed(document, &self.table.numbers, changes, profile?).ok()?;
         let mut problem = Problem::followed_only(&scene, scene.model().ok()?).ok()?;
-        let own = Profile::of(problem.stiffness());
+        let own = DesignVector::of(problem.stiffness());
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
         objective.measure(&mut problem, &own).filter(|value| value.is_finite())
     }
 
     /// All of them, those that `memory` has not on all cores.
-    pub fn make(&self, memory: &mut Memory) -> Vec<Check> {
+    pub fn make(&self, memory: &mut Checkpoint) -> Vec<Check> {
         let mut found: Vec<Option<f64>> = vec![None; self.count()];
         let todo: Vec<usize> = (0..self.count()).filter(|index| !memory.has(&self.asked(*index))).collect();
         let keep = |index: usize, value| {
@@ -148,7 +148,7 @@ pub(super) struct Check {
 
 /// What a gain is once other simulations have been asked.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Trust {
+pub struct Robustness {
     /// As designed, %.
     pub gain_percent: Option<f64>,
     /// The least in any simulation, %; none where one fails.
@@ -159,7 +159,7 @@ pub struct Trust {
     pub survives: bool,
 }
 
-impl Trust {
+impl Robustness {
     /// Of the `checks`, the first of which is the simulation that it was designed in.
     pub(super) fn of(checks: &[Check]) -> Option<Self> {
         let (first, others) = checks.split_first()?;

@@ -6,11 +6,11 @@ use std::sync::Mutex;
 
 use serde::Serialize;
 
-use super::design_vector::Profile;
+use super::design_vector::DesignVector;
 use super::designed_scene::pinned;
-use super::limits::{Limited, Limits};
-use super::objective::{Objective, Value, aim};
-use super::table::{Table, Variable};
+use super::limits::{LimitValue, Limits};
+use super::objective::{Objective, ObjectiveValue, aim};
+use super::table::{DesignTable, Variable};
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::rod::Rod;
@@ -26,7 +26,7 @@ const DECIDED: [(Variable, &[&str]); 3] = [
 ];
 
 /// One of the scenes that a design is for.
-pub(super) struct Case {
+pub(super) struct Scenario {
     /// Which, in words.
     pub name: String,
     pub document: Document,
@@ -42,7 +42,7 @@ pub(super) struct Case {
 
 /// The design in one of the scenes that it is for.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct InCase {
+pub(super) struct ScenarioResult {
     pub case: String,
     /// Of the design; none where the simulation fails.
     pub designed: Option<f64>,
@@ -56,7 +56,7 @@ pub(super) struct InCase {
 ///
 /// # Errors
 /// Those of [`Sweep::read`] and of the scenes; [`Error::Scene`] where an axis moves what the design decides.
-pub(super) fn cases(document: &Document, scene: &Scene, table: &Table) -> Result<Vec<Case>> {
+pub(super) fn cases(document: &Document, scene: &Scene, table: &DesignTable) -> Result<Vec<Scenario>> {
     let Some(file) = &table.over else { return Ok(Vec::new()) };
     let sweep = Sweep::over(&scene.read_from, &scene.folder.join(file), &[], Some(document.clone()))?;
     let rod = scene.model()?.rod;
@@ -76,25 +76,26 @@ pub(super) fn cases(document: &Document, scene: &Scene, table: &Table) -> Result
             Error::Design { reason } => Error::Design { reason: format!("{reason} (in {name})") },
             other => other,
         };
-        Case::of(name.clone(), &sweep.document(&case), &rod, table).map_err(named)
+        Scenario::of(name.clone(), &sweep.document(&case), &rod, table).map_err(named)
     };
     (0..sweep.size()).map(case).collect()
 }
 
-impl Case {
+impl Scenario {
     /// The scene of `document`, in which the `table` of a scene with `rod` is to be met.
-    fn of(name: String, document: &Document, rod: &Rod, table: &Table) -> Result<Self> {
+    fn of(name: String, document: &Document, rod: &Rod, table: &DesignTable) -> Result<Self> {
         let scene = document.scene()?;
         let document = pinned(document, &scene);
-        let own = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
-        let by = |table: &Table| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
+        let own = DesignTable::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let by = |table: &DesignTable| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
         if by(&own) != by(table) {
             let problem =
                 "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
             return Err(document.refuse(&Fault { key: "design.over".into(), problem: problem.into() }));
         }
         let (objective, mut problem) = aim(&document, &scene, table, None)?;
-        let of_motion = Table { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
+        let of_motion =
+            DesignTable { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
         let limits = Limits::of(&of_motion, &mut problem, &objective)?;
         let stiffer = if table.variables.contains(&Variable::Stiffness) {
             let stiffness = |of: &Rod| of.joints().map(|k| of.section_stiffness(k)).collect::<Vec<_>>();
@@ -107,7 +108,7 @@ impl Case {
     }
 
     /// What `profile`, of the scene itself, is in it.
-    pub fn profile(&self, profile: &Profile) -> Profile {
+    pub fn profile(&self, profile: &DesignVector) -> DesignVector {
         let stiffness = profile.stiffness_n_m2.iter().zip(&self.stiffer).map(|(ei, stiffer)| ei * stiffer).collect();
         let stiffness_n_m2 = if self.stiffer.is_empty() && !profile.numbers.is_empty() {
             Vec::new()
@@ -116,12 +117,12 @@ impl Case {
         } else {
             stiffness
         };
-        Profile { stiffness_n_m2, ..profile.clone() }
+        DesignVector { stiffness_n_m2, ..profile.clone() }
     }
 
     /// The objective and the limits of the motion with their derivatives by `parameters` of the scene itself; none where a
     /// simulation fails.
-    fn at(&mut self, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
+    fn at(&mut self, profile: &DesignVector, parameters: &[Parameter]) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         let profile = self.profile(profile);
         let mut value = self.objective.at(&mut self.problem, &profile, parameters)?;
         let mut limits = self.limits.at(&mut self.problem, &profile, parameters)?;
@@ -142,13 +143,13 @@ impl Case {
 
 /// Objective and limits in each of `cases`, on all cores; none where a simulation fails.
 pub(super) fn each(
-    cases: &mut [Case],
-    profile: &Profile,
+    cases: &mut [Scenario],
+    profile: &DesignVector,
     parameters: &[Parameter],
-) -> Option<Vec<(Value, Vec<Limited>)>> {
+) -> Option<Vec<(ObjectiveValue, Vec<LimitValue>)>> {
     let all: Vec<usize> = (0..cases.len()).collect();
-    let mut found: Vec<Option<(Value, Vec<Limited>)>> = all.iter().map(|_| None).collect();
-    let cases: Vec<Mutex<&mut Case>> = cases.iter_mut().map(Mutex::new).collect();
+    let mut found: Vec<Option<(ObjectiveValue, Vec<LimitValue>)>> = all.iter().map(|_| None).collect();
+    let cases: Vec<Mutex<&mut Scenario>> = cases.iter_mut().map(Mutex::new).collect();
     let work = |i: usize| cases[i].lock().ok().and_then(|mut case| case.at(profile, parameters));
     let keep = |i: usize, value| {
         found[i] = value;

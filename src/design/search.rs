@@ -19,15 +19,15 @@ use nalgebra::{DMatrix, DVector};
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use super::checkpoint::Memory;
-use super::design_vector::Profile;
-use super::identify::Verdict;
-use super::limits::{Limited, Limits, Priced, Used, beyond};
-use super::objective::{MET, Objective, Value};
-use super::qp::{Constraint, Quadratic};
+use super::checkpoint::Checkpoint;
+use super::design_vector::DesignVector;
+use super::identify::Identifiability;
+use super::limits::{LimitUse, LimitValue, Limits, PenaltyGroups, beyond};
+use super::objective::{MET, Objective, ObjectiveValue};
+use super::qp::{Constraint, QuadraticProgram};
 use super::refit::allowed;
-use super::scenarios::{Case, each};
-use super::table::{Goal, Table, Variable};
+use super::scenarios::{Scenario, each};
+use super::table::{DesignTable, Goal, Variable};
 use super::tolerance::{Tolerance, tolerance};
 use super::unknowns::{FIXED, NOTHING, Unknowns};
 use crate::error::{Error, Result};
@@ -112,7 +112,7 @@ pub(super) const CASE: &str = "as bad as any: ";
 
 /// One iteration, for progress and figures.
 #[derive(Debug, Clone, Serialize)]
-pub struct Iteration {
+pub struct SearchIteration {
     /// Which start.
     pub start: usize,
     /// Which iteration of it.
@@ -129,10 +129,10 @@ pub struct Iteration {
 
 /// What a search finds.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
+pub struct SearchResult {
     /// The best profile.
     #[serde(flatten)]
-    pub profile: Profile,
+    pub profile: DesignVector,
     /// The objective as shown.
     pub objective: f64,
     /// Its stationarity.
@@ -148,7 +148,7 @@ pub struct Found {
     /// The optimum that each start came to, numbered from 1, the best; none where it did not converge.
     pub optima: Vec<Option<usize>>,
     /// Every iteration.
-    pub history: Vec<Iteration>,
+    pub history: Vec<SearchIteration>,
     /// Constraints that bind, with their duals over the objective.
     pub active: Vec<(String, f64)>,
     /// EI of the joints before, N m².
@@ -159,7 +159,7 @@ pub struct Found {
     /// Singular values of the tip's derivatives by the unknowns (m), falling; of a tracked tip only.
     pub singular_values: Vec<f64>,
     /// The numbers of the scene among the variables.
-    pub numbers: Vec<FoundNumber>,
+    pub numbers: Vec<EstimatedNumber>,
     /// Of identification: groups of unknowns that the data do not tell apart, or an unknown alone that they do not know.
     pub confused: Vec<Vec<String>>,
     /// Of identification: standard deviation of a coordinate of the markers, m, as given or as left.
@@ -167,7 +167,7 @@ pub struct Found {
     /// Of identification: what is left between simulation and markers over the noise of these, where it is more than that.
     pub misfit: Option<f64>,
     /// Limits that are no bounds, and how much of them is used.
-    pub limits: Vec<Used>,
+    pub limits: Vec<LimitUse>,
     /// True where it was stopped.
     pub interrupted: bool,
     /// How exactly each unknown has to be made; empty where positions were to be met, and where it was stopped.
@@ -179,7 +179,7 @@ pub struct Found {
 
 /// A number of the scene that was found.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct FoundNumber {
+pub struct EstimatedNumber {
     /// Its key.
     pub key: String,
     /// SI unit; `1` where there is none.
@@ -191,32 +191,32 @@ pub struct FoundNumber {
     /// Its standard deviation, where positions were to be met; none where it is beyond all bounds.
     pub deviation: Option<f64>,
     /// What can be said of it, where positions were to be met.
-    pub verdict: Option<Verdict>,
+    pub verdict: Option<Identifiability>,
 }
 
 /// A point of the search.
 #[derive(Clone)]
-struct Point {
+struct Iterate {
     x: DVector<f64>,
-    value: Value,
-    limits: Vec<Limited>,
+    value: ObjectiveValue,
+    limits: Vec<LimitValue>,
 }
 
-impl Point {
+impl Iterate {
     /// The sum of what is beyond the limits.
-    fn violation(&self, priced: Priced) -> f64 {
+    fn violation(&self, priced: PenaltyGroups) -> f64 {
         beyond(&priced.groups(&self.limits), |i| self.limits[i].excess)
     }
 
     /// True where it keeps its limits.
     fn is_kept(&self) -> bool {
-        self.violation(Priced::Together) <= VIOLATED
+        self.violation(PenaltyGroups::Together) <= VIOLATED
     }
 }
 
 /// Where a start has come to.
-struct End {
-    point: Point,
+struct StartResult {
+    point: Iterate,
     stationarity: f64,
     active: Vec<(String, f64)>,
     /// Why it ended, in words.
@@ -229,15 +229,15 @@ struct End {
 /// The search of a design.
 pub struct Search<'a> {
     /// What is asked for.
-    pub(super) table: &'a Table,
+    pub(super) table: &'a DesignTable,
     /// The objective.
     pub(super) objective: &'a Objective,
     /// Its problem.
     pub(super) problem: Problem,
     /// The cases that it is for; empty where it is for the scene alone.
-    pub(super) cases: Vec<Case>,
+    pub(super) cases: Vec<Scenario>,
     /// What was simulated before.
-    pub(super) memory: Memory,
+    pub(super) memory: Checkpoint,
     /// EI of the joints as the scene has it, N m², and EI before its profile.
     pub(super) own_stiffness: Vec<f64>,
     pub(super) reference: f64,
@@ -245,13 +245,18 @@ pub struct Search<'a> {
 
 impl<'a> Search<'a> {
     /// Of the scene of `problem`, as it is.
-    pub fn new(table: &'a Table, objective: &'a Objective, problem: Problem) -> Self {
+    pub fn new(table: &'a DesignTable, objective: &'a Objective, problem: Problem) -> Self {
         let (own_stiffness, reference) = (problem.stiffness(), problem.model().rod.ei);
-        Self { table, objective, problem, cases: Vec::new(), memory: Memory::default(), own_stiffness, reference }
+        Self { table, objective, problem, cases: Vec::new(), memory: Checkpoint::default(), own_stiffness, reference }
     }
 
     /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
-    fn at(&mut self, limits: &Limits, profile: &Profile, parameters: &[Parameter]) -> Option<(Value, Vec<Limited>)> {
+    fn at(
+        &mut self,
+        limits: &Limits,
+        profile: &DesignVector,
+        parameters: &[Parameter],
+    ) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         if self.objective.fits {
             return self.simulated(limits, profile, parameters); // with all derivatives of all times
         }
@@ -274,28 +279,29 @@ impl<'a> Search<'a> {
     fn simulated(
         &mut self,
         limits: &Limits,
-        profile: &Profile,
+        profile: &DesignVector,
         parameters: &[Parameter],
-    ) -> Option<(Value, Vec<Limited>)> {
+    ) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         if self.cases.is_empty() {
             let value = self.objective.at(&mut self.problem, profile, parameters)?;
             return Some((value, limits.at(&mut self.problem, profile, parameters)?));
         }
         self.objective.set_with(&mut self.problem, profile, parameters).ok()?;
         let mut all = limits.at(&mut self.problem, profile, parameters)?;
-        let (values, of_cases): (Vec<Value>, Vec<_>) = each(&mut self.cases, profile, parameters)?.into_iter().unzip();
+        let (values, of_cases): (Vec<ObjectiveValue>, Vec<_>) =
+            each(&mut self.cases, profile, parameters)?.into_iter().unzip();
         all.extend(of_cases.into_iter().flatten());
-        Some((Value::of(self.table.counted(), &values), all))
+        Some((ObjectiveValue::of(self.table.counted(), &values), all))
     }
 
     /// The objective of a profile in every case, as shown; none where a simulation fails.
-    pub(super) fn in_cases(&mut self, profile: &Profile) -> Option<Vec<f64>> {
+    pub(super) fn in_cases(&mut self, profile: &DesignVector) -> Option<Vec<f64>> {
         let all = each(&mut self.cases, profile, &[])?;
         Some(all.into_iter().map(|(value, _)| self.objective.shown(value.f)).collect())
     }
 
     /// The objective of a profile as shown; none where a simulation fails.
-    pub(super) fn value(&mut self, profile: &Profile) -> Option<f64> {
+    pub(super) fn value(&mut self, profile: &DesignVector) -> Option<f64> {
         let asked = format!("{:?} of {profile:?}", self.table.goal);
         self.remembered(asked, |search| {
             if search.cases.is_empty() {
@@ -306,7 +312,7 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Point> {
+    fn point(&mut self, unknowns: &Unknowns, limits: &Limits, x: Vec<f64>) -> Option<Iterate> {
         let (profile, parameters) = (unknowns.profile(&x), unknowns.parameters());
         let (mut value, mut limits) = self.at(limits, &profile, &parameters)?;
         limits.iter_mut().for_each(|limit| limit.by = unknowns.chain(&x, &limit.by));
@@ -315,7 +321,7 @@ impl<'a> Search<'a> {
         if let Some((_, rows)) = &mut value.residuals {
             rows.iter_mut().for_each(|row| *row = unknowns.chain(&x, row));
         }
-        Some(Point { x: x.into(), value, limits })
+        Some(Iterate { x: x.into(), value, limits })
     }
 
     /// The profile that makes the objective best, from several starts; `tell` sees every iteration and may stop the search,
@@ -323,12 +329,16 @@ impl<'a> Search<'a> {
     ///
     /// # Errors
     /// [`Error::Design`] where no start can be simulated, or a programme cannot be solved.
-    pub fn run(&mut self, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+    pub fn run(&mut self, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<SearchResult> {
         self.run_from(None, tell)
     }
 
     /// The same from start `only` alone.
-    pub(super) fn run_one(&mut self, only: usize, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Found> {
+    pub(super) fn run_one(
+        &mut self,
+        only: usize,
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<SearchResult> {
         self.run_starts(None, Some(only), tell)
     }
 
@@ -336,8 +346,8 @@ impl<'a> Search<'a> {
     pub(super) fn run_from(
         &mut self,
         from: Option<Vec<f64>>,
-        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-    ) -> Result<Found> {
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<SearchResult> {
         self.run_starts(from, None, tell)
     }
 
@@ -345,8 +355,8 @@ impl<'a> Search<'a> {
         &mut self,
         from: Option<Vec<f64>>,
         only: Option<usize>,
-        mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
-    ) -> Result<Found> {
+        mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
+    ) -> Result<SearchResult> {
         let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
         let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
@@ -357,7 +367,7 @@ impl<'a> Search<'a> {
         let starts = if from.is_some() { 1 } else { self.table.all_starts() };
         let mut roughness = None;
         let mut history = Vec::new();
-        let mut ends: Vec<End> = Vec::new();
+        let mut ends: Vec<StartResult> = Vec::new();
         for start in 0..starts {
             if only.is_some_and(|only| only < start || only > start && roughness.is_some()) {
                 continue; // the first that can be simulated decides the weight of roughness in all
@@ -369,7 +379,7 @@ impl<'a> Search<'a> {
             if only.is_some_and(|only| only != start) {
                 continue;
             }
-            let mut told = |mut iteration: Iteration| {
+            let mut told = |mut iteration: SearchIteration| {
                 iteration.start = start;
                 let told = tell(&iteration);
                 history.push(iteration);
@@ -377,7 +387,7 @@ impl<'a> Search<'a> {
             };
             // What is limited together has one price. Where that ends at a least of its largest that is beyond the limit, a price for each
             // leads another way.
-            let [together, alone] = [Priced::Together, Priced::Alone];
+            let [together, alone] = [PenaltyGroups::Together, PenaltyGroups::Alone];
             let several = together.groups(&first.limits) != alone.groups(&first.limits);
             let mut end = self.descend((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
             if !end.point.is_kept() && !end.interrupted && several {
@@ -394,13 +404,13 @@ impl<'a> Search<'a> {
         let starts: Vec<f64> = ends.iter().map(|end| self.objective.shown(end.point.value.f)).collect();
         let interrupted = ends.iter().any(|end| end.interrupted);
         let optima = self.optima(&ends);
-        let merit = |end: &End| {
+        let merit = |end: &StartResult| {
             let x = &end.point.x;
             // What keeps its limits comes first.
             let beyond = if end.point.is_kept() {
                 0.0
             } else {
-                1e6 * end.point.value.f.abs() * end.point.violation(Priced::Together)
+                1e6 * end.point.value.f.abs() * end.point.violation(PenaltyGroups::Together)
             };
             beyond + end.point.value.f + roughness.as_ref().map_or(0.0, |rough| 0.5 * x.dot(&(rough * x)))
         };
@@ -411,11 +421,11 @@ impl<'a> Search<'a> {
         let converged = self.has_converged(&best);
         let (why, kept) = (best.why.clone(), best.point.is_kept());
         let limits = best.point.limits.iter();
-        let limits = limits.fold(Vec::new(), |mut all: Vec<Used>, limit| {
+        let limits = limits.fold(Vec::new(), |mut all: Vec<LimitUse>, limit| {
             let (name, used) = (&limit.name, limit.excess.exp());
             match all.iter_mut().find(|other| other.limit == *name) {
                 Some(other) => other.used = other.used.max(used),
-                None => all.push(Used { limit: name.clone(), used }),
+                None => all.push(LimitUse { limit: name.clone(), used }),
             }
             all
         });
@@ -470,21 +480,21 @@ impl<'a> Search<'a> {
             let bound = [low, high].iter().any(|bound| (value / number.own / bound - 1.0).abs() < 1e-6);
             let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
             let verdict = match deviation {
-                _ if bound => Some(Verdict::AtABound),
-                Some(deviation) if together && deviation > KNOWN => Some(Verdict::NotToldApart),
-                Some(_) if !converged => Some(Verdict::NotConverged),
-                Some(_) if misfit.is_some() => Some(Verdict::DoesNotFit),
-                Some(deviation) if deviation <= KNOWN => Some(Verdict::Identified),
-                Some(_) => Some(Verdict::Unobservable),
+                _ if bound => Some(Identifiability::AtABound),
+                Some(deviation) if together && deviation > KNOWN => Some(Identifiability::NotToldApart),
+                Some(_) if !converged => Some(Identifiability::NotConverged),
+                Some(_) if misfit.is_some() => Some(Identifiability::DoesNotFit),
+                Some(deviation) if deviation <= KNOWN => Some(Identifiability::Identified),
+                Some(_) => Some(Identifiability::Unobservable),
                 None => None,
             };
             let deviation =
                 deviation.map(|deviation| deviation * value.abs()).filter(|deviation| deviation.is_finite());
             let (key, unit, own) = (number.words(), number.unit, number.own);
-            FoundNumber { key, unit, own, value: *value, deviation, verdict }
+            EstimatedNumber { key, unit, own, value: *value, deviation, verdict }
         });
         let numbers = numbers.collect();
-        Ok(Found {
+        Ok(SearchResult {
             profile,
             numbers,
             confused,
@@ -509,20 +519,20 @@ impl<'a> Search<'a> {
         })
     }
 
-    fn has_converged(&self, end: &End) -> bool {
+    fn has_converged(&self, end: &StartResult) -> bool {
         let met = self.objective.is_met(end.point.value.f);
         end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met || end.settled)
     }
 
     /// Which optimum each of `ends` is at.
-    fn optima(&self, ends: &[End]) -> Vec<Option<usize>> {
+    fn optima(&self, ends: &[StartResult]) -> Vec<Option<usize>> {
         let mut order: Vec<usize> = (0..ends.len()).filter(|i| self.has_converged(&ends[*i])).collect();
         order.sort_by(|a, b| ends[*a].point.value.f.total_cmp(&ends[*b].point.value.f));
         let mut optima = vec![None; ends.len()];
-        let mut found: Vec<&Point> = Vec::new();
+        let mut found: Vec<&Iterate> = Vec::new();
         for i in order {
             let own = &ends[i].point;
-            let same = |other: &&Point| {
+            let same = |other: &&Iterate| {
                 let (f, x) = ((own.value.f - other.value.f).abs(), (&own.x - &other.x).amax());
                 f <= SAME[0] * other.value.f.abs() || x <= SAME[1]
             };
@@ -538,14 +548,14 @@ impl<'a> Search<'a> {
     /// Goes down from `first`, with limits `priced` together or alone. All of a step's programme is in units of the objective.
     fn descend(
         &mut self,
-        (unknowns, limits, priced): (&Unknowns, &Limits, Priced),
+        (unknowns, limits, priced): (&Unknowns, &Limits, PenaltyGroups),
         rough: &DMatrix<f64>,
-        first: Point,
-        mut tell: impl FnMut(Iteration) -> ControlFlow<()>,
-    ) -> Result<End> {
+        first: Iterate,
+        mut tell: impl FnMut(SearchIteration) -> ControlFlow<()>,
+    ) -> Result<StartResult> {
         let n = unknowns.count();
-        let merit = |point: &Point| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
-        let slope = |point: &Point| point.value.common(n) + rough * &point.x;
+        let merit = |point: &Iterate| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
+        let slope = |point: &Iterate| point.value.common(n) + rough * &point.x;
         let squares = first.value.residuals.is_some();
         let stiff = unknowns.roughness((SMOOTH * unknowns.joints() as f64).powi(4));
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
@@ -576,7 +586,7 @@ impl<'a> Search<'a> {
             let groups = priced.groups(&here.limits);
             let limited = groups.last().map_or(0, |last| last + 1);
             let width = n + limited + usize::from(cases > 0);
-            let mut programme = Quadratic::new(width);
+            let mut programme = QuadraticProgram::new(width);
             let damped = if squares { &model + &metric * damping } else { model.clone() };
             for i in 0..n {
                 programme.gradient[i] = gradient[i];
@@ -655,7 +665,8 @@ impl<'a> Search<'a> {
             let step = DVector::from_column_slice(&solution.x[..n]);
             let longest = step.amax();
             let objective = self.objective.shown(here.value.f);
-            let mut report = Iteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
+            let mut report =
+                SearchIteration { start: 0, iteration, objective, stationarity, step: longest, accepted: true };
             let kept = here.violation(priced) - solution.x[n..n + limited].iter().map(|x| x.max(0.0)).sum::<f64>();
             let worst = solution.x[n + limited..].iter().sum::<f64>();
             let promised = price * kept - (gradient.dot(&step) + worst + 0.5 * step.dot(&(&model * &step)));
@@ -667,7 +678,7 @@ impl<'a> Search<'a> {
             let ends = if self.objective.is_met(here.value.f) {
                 Some("the target is met")
             } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)]
-                && here.violation(Priced::Together) <= 0.1 * VIOLATED
+                && here.violation(PenaltyGroups::Together) <= 0.1 * VIOLATED
             {
                 Some("it is stationary")
             } else if promised < ROUNDING {
@@ -694,7 +705,7 @@ impl<'a> Search<'a> {
                 break;
             }
             let mut next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
-            let won = |next: &Point| {
+            let won = |next: &Iterate| {
                 if promised >= JUDGED_BY_GRADIENTS || squares || cases > 0 {
                     return (merit(&here) - merit(next)) / unit
                         + price * (here.violation(priced) - next.violation(priced));
@@ -746,7 +757,7 @@ impl<'a> Search<'a> {
             if let Some(next) = next.filter(|_| report.accepted) {
                 if !squares {
                     let duals = &solution.duals[solution.duals.len() - unknowns.means(here.x.as_slice()).len()..];
-                    let curved = |point: &Point| {
+                    let curved = |point: &Iterate| {
                         let means = unknowns.means(point.x.as_slice());
                         // A peak that is far by now is as it was.
                         let limited = here.limits.iter().zip(&of_limits).filter(|(_, dual)| **dual > 0.0);
@@ -783,7 +794,7 @@ impl<'a> Search<'a> {
             }
         }
         let (stationarity, active, interrupted) = end;
-        Ok(End { point: here, stationarity, active, why, interrupted, settled })
+        Ok(StartResult { point: here, stationarity, active, why, interrupted, settled })
     }
 
     /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of
@@ -791,8 +802,8 @@ impl<'a> Search<'a> {
     fn curvature(
         &mut self,
         (unknowns, limits): (&Unknowns, &Limits),
-        here: &Point,
-        slope: impl Fn(&Point) -> DVector<f64>,
+        here: &Iterate,
+        slope: impl Fn(&Iterate) -> DVector<f64>,
     ) -> Option<DMatrix<f64>> {
         let n = here.x.len();
         let own = slope(here);
@@ -811,7 +822,7 @@ impl<'a> Search<'a> {
     }
 
     /// How far each unknown of what was `found` may be off.
-    pub(super) fn tolerances(&mut self, found: &Found) -> Vec<Tolerance> {
+    pub(super) fn tolerances(&mut self, found: &SearchResult) -> Vec<Tolerance> {
         let (unknowns, x) = &*found.at;
         let smaller = self.objective.smaller_is_better();
         let mut value = |x: &[f64]| self.value(&unknowns.profile(x)).map(|value| if smaller { value } else { -value });
@@ -831,7 +842,7 @@ impl<'a> Search<'a> {
     /// it fails.
     pub fn measure(&mut self, factors: &[f64]) -> Option<f64> {
         let reference = self.reference;
-        self.value(&Profile::of(factors.iter().map(|factor| factor * reference).collect()))
+        self.value(&DesignVector::of(factors.iter().map(|factor| factor * reference).collect()))
     }
 
     /// The best profile that is linear in ξ, of the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the

@@ -7,23 +7,23 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value, json};
 
-use super::checkpoint::{self, Memory};
-use super::design_vector::{BASELINE, Profile};
+use super::checkpoint::{self, Checkpoint};
+use super::design_vector::{BASELINE, DesignVector};
 use super::designed_scene::{changed, designed, fixed_steps, pinned, simulations};
 use super::explanations::{
     say_cases, say_effect, say_found, say_front, say_identified, say_refit, say_tolerances, say_unfit,
 };
-use super::front::{Compromise, front};
-use super::identify::{Identified, identify};
-use super::markers::{LEAST, Markers, distances, rms};
+use super::front::{ParetoPoint, front};
+use super::identify::{Identification, identify};
+use super::markers::{MIN_SAMPLES, Markers, distances, rms};
 use super::objective::aim;
 use super::refit::Refit;
-use super::robustness::{Check, Checks, Trust};
-use super::scenarios::{Case, InCase, cases};
-use super::search::{EXHAUSTED, Found, Iteration, Search};
-use super::static_shape::{Rest, Resting, rest};
+use super::robustness::{Check, Checks, Robustness};
+use super::scenarios::{Scenario, ScenarioResult, cases};
+use super::search::{EXHAUSTED, Search, SearchIteration, SearchResult};
+use super::static_shape::{Equilibrium, StaticShape, rest};
 use super::stl;
-use super::table::{Goal, Table, Variable};
+use super::table::{DesignTable, Goal, Variable};
 use crate::assessment::Assessment;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
@@ -43,7 +43,7 @@ const ALIKE: f64 = 1e-9;
 #[derive(Debug)]
 pub struct Design {
     /// What was asked for.
-    pub table: Table,
+    pub table: DesignTable,
     /// The answer.
     pub answer: Answer,
     /// EI of the joints, N m².
@@ -61,18 +61,18 @@ pub struct Design {
 #[serde(untagged)]
 pub enum Answer {
     /// Of `identify`.
-    Identified(Identified),
+    Identification(Identification),
     /// Of `static-shape`.
-    Resting(Resting),
+    StaticShape(StaticShape),
     /// Of the dynamic goals.
-    Found(Box<Found>),
+    Search(Box<SearchResult>),
 }
 
 /// A scene's `[design]`.
 #[derive(Deserialize)]
 struct Wanted {
     #[serde(rename = "design")]
-    _table: Option<Table>,
+    _table: Option<DesignTable>,
 }
 
 /// What stands beside the answer.
@@ -81,7 +81,7 @@ pub(super) struct Evidence {
     /// The answer in other simulations.
     pub checks: Vec<Check>,
     /// Profiles with their objectives: those it is compared with, and the design at the end.
-    pub profiles: Vec<Compared>,
+    pub profiles: Vec<ComparedProfile>,
     /// The motions before and after; empty where a simulation fails, or there is none.
     pub motions: Vec<Trajectory>,
     /// What was to be met.
@@ -89,20 +89,20 @@ pub(super) struct Evidence {
     /// The numbers that decide what stiffness does.
     pub numbers: Map<String, Value>,
     /// Designs between two goals.
-    pub front: Vec<Compromise>,
+    pub front: Vec<ParetoPoint>,
     /// True where the front was stopped.
     pub unfinished: bool,
     /// The scenes that it is for, where these are cases of a sweep.
-    pub cases: Vec<InCase>,
+    pub cases: Vec<ScenarioResult>,
     /// What is left of the gain in the other simulations.
-    pub trust: Option<Trust>,
+    pub trust: Option<Robustness>,
 }
 
 /// A profile beside the designed one.
 #[derive(Debug, Clone, Serialize)]
-pub(super) struct Compared {
+pub(super) struct ComparedProfile {
     pub name: String,
-    pub profile: Profile,
+    pub profile: DesignVector,
     /// The objective; none where the simulation fails.
     pub objective: Option<f64>,
 }
@@ -112,7 +112,7 @@ impl Design {
     ///
     /// # Errors
     /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] where there is no answer; those of data and simulation.
-    pub fn of(document: &Document, tell: impl FnMut(&Iteration) -> ControlFlow<()>) -> Result<Self> {
+    pub fn of(document: &Document, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<Self> {
         Self::made(document, None, tell)
     }
 
@@ -124,7 +124,7 @@ impl Design {
     pub fn resumed(
         document: &Document,
         folder: &Path,
-        tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+        tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
     ) -> Result<Self> {
         Self::made(document, Some(folder), tell)
     }
@@ -145,11 +145,11 @@ impl Design {
     fn made(
         document: &Document,
         folder: Option<&Path>,
-        mut tell: impl FnMut(&Iteration) -> ControlFlow<()>,
+        mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
     ) -> Result<Self> {
         let scene = document.scene()?;
         document.read_as::<Wanted>()?; // whose complaints know their place
-        let table = Table::of(&scene).map_err(|fault| document.refuse(&fault))?;
+        let table = DesignTable::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let asked = document;
         let document = &pinned(document, &scene);
@@ -172,17 +172,17 @@ impl Design {
                     );
                     return Err(document.refuse(&crate::scene::Fault { key: "drag.law".into(), problem }));
                 }
-                let markers = data(LEAST)?.unwrap_or_default().without_glitches();
+                let markers = data(MIN_SAMPLES)?.unwrap_or_default().without_glitches();
                 let mut found = identify(&mut dynamics, &markers, &table)?;
                 let unfit = say_unfit(&found);
-                let mut profile = Profile::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
+                let mut profile = DesignVector::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
                 profile.amplitude.fill(found.actuation_gain.unwrap_or(1.0));
                 let steps = fixed_steps(&scene);
                 let with_step = |step: f64| {
                     let changes = [&steps[..], &[format!("solver.time_step_s={step:e}")]].concat();
-                    changed(document, &[], &changes, &Profile::of(Vec::new()))
+                    changed(document, &[], &changes, &DesignVector::of(Vec::new()))
                 };
-                let step = changed(document, &[], &steps, &Profile::of(Vec::new()))?.typical_step();
+                let step = changed(document, &[], &steps, &DesignVector::of(Vec::new()))?.typical_step();
                 let deviations: Vec<f64> = found.joints.iter().map(|joint| joint.deviation_n_m2).collect();
                 if let Ok(refit) =
                     Refit::of(with_step, step, &profile, (&markers, found.noise_m), (&deviations, table.actuation_gain))
@@ -191,7 +191,7 @@ impl Design {
                 }
                 lines.extend(say_identified(&found).into_iter().chain(unfit));
                 lines.extend(say_effect(&scene));
-                match changed(document, &[], &steps, &Profile::of(Vec::new()))
+                match changed(document, &[], &steps, &DesignVector::of(Vec::new()))
                     .and_then(|scene| simulated(&scene, &profile))
                 {
                     Ok(motions) => evidence.motions = motions.into(),
@@ -200,7 +200,7 @@ impl Design {
                 evidence.checks = replay(document, &scene, &table, &markers, &profile);
                 lines.extend(found.refit.as_ref().and_then(say_refit));
                 evidence.target = Some(markers);
-                (Answer::Identified(found), profile)
+                (Answer::Identification(found), profile)
             }
             Goal::StaticShape => {
                 let markers = data(1)?.unwrap_or_default();
@@ -212,8 +212,8 @@ impl Design {
                     let nodes = &found.undecided;
                     lines.push(format!("neither curvature nor moment at nodes {nodes:?}: any stiffness does"));
                 }
-                let profile = Profile::of(found.stiffness_n_m2.clone());
-                let own = Problem::of(&scene).map(|problem| Profile::of(problem.stiffness()))?;
+                let profile = DesignVector::of(found.stiffness_n_m2.clone());
+                let own = Problem::of(&scene).map(|problem| DesignVector::of(problem.stiffness()))?;
                 for (simulation, profile) in [("at rest, before", &own), ("at rest", &profile)] {
                     let designed = resting(document, profile, &markers.positions[0]);
                     let check = Check { simulation: simulation.into(), designed, before: None, gain_percent: None };
@@ -222,7 +222,7 @@ impl Design {
                 found.state = rest_of(document, &profile, &markers.positions[0], &found);
                 lines.extend(found.state.words());
                 evidence.target = Some(markers);
-                (Answer::Resting(found), profile)
+                (Answer::StaticShape(found), profile)
             }
             Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency | Goal::Cycle(_) => {
                 let target = data(1)?;
@@ -230,7 +230,7 @@ impl Design {
                 let mut search = Search::new(&table, &objective, problem);
                 search.cases = cases(asked, &scene, &table)?;
                 if let Some(folder) = folder.filter(|_| !table.fits_positions()) {
-                    search.memory = Memory::open(folder, &scene, &table)?;
+                    search.memory = Checkpoint::open(folder, &scene, &table)?;
                 }
                 let mut found = search.run(&mut tell)?;
                 lines.extend(say_found(&found, &table));
@@ -238,7 +238,8 @@ impl Design {
                 if table.goal != Goal::Identify {
                     evidence.profiles = compare(&mut search, &found, &table);
                 }
-                let own = Profile { numbers: table.own_numbers(), ..Profile::of(found.own_stiffness_n_m2.clone()) };
+                let own =
+                    DesignVector { numbers: table.own_numbers(), ..DesignVector::of(found.own_stiffness_n_m2.clone()) };
                 let before = evidence.profiles.first().map_or(&own, |compared| &compared.profile);
                 if let Ok(motions) = motions(&mut search, before, &profile) {
                     evidence.motions = motions.into();
@@ -270,7 +271,7 @@ impl Design {
                     }
                 }
                 evidence.target = target;
-                (Answer::Found(Box::new(found)), profile)
+                (Answer::Search(Box::new(found)), profile)
             }
         };
         for check in &evidence.checks {
@@ -285,12 +286,12 @@ impl Design {
             lines.push(format!("simulated again, {}:{what} {value}{gain}", check.simulation));
         }
         if table.goal.is_dynamic()
-            && let Some(trust) = Trust::of(&evidence.checks)
+            && let Some(trust) = Robustness::of(&evidence.checks)
         {
             lines.push(trust.words());
             evidence.trust = Some(trust);
         }
-        if let Answer::Found(found) = &answer {
+        if let Answer::Search(found) = &answer {
             lines.extend(say_tolerances(&found.tolerances));
         }
         let designed = designed(document, &scene, &table.numbers, &profile)?;
@@ -300,7 +301,7 @@ impl Design {
         } else {
             profile.stiffness_n_m2
         };
-        if let Answer::Found(found) = &mut answer {
+        if let Answer::Search(found) = &mut answer {
             found.profile.stiffness_n_m2.clone_from(&stiffness);
         }
         Ok(Self { table, answer, stiffness, lines, evidence, scene, document: document.clone(), designed })
@@ -332,7 +333,7 @@ impl Design {
         texts.push(("report.html".to_string(), findings.page(&self.scene.name, &self.document)?));
         let mut folder = Self::claim(&self.scene, folder, Claim::Own)?;
         let kept = folder.results().all(&texts);
-        let going_on = matches!(&self.answer, Answer::Found(found) if found.interrupted) || self.evidence.unfinished;
+        let going_on = matches!(&self.answer, Answer::Search(found) if found.interrupted) || self.evidence.unfinished;
         if kept.lost.is_empty() && !going_on {
             folder.forget_journals();
         }
@@ -369,8 +370,8 @@ impl Design {
     /// What can be done where its search did not converge.
     pub fn advice(&self) -> &'static str {
         match &self.answer {
-            Answer::Found(found) if found.why == EXHAUSTED => "try more design.iterations",
-            Answer::Found(found) if !found.kept => {
+            Answer::Search(found) if found.why == EXHAUSTED => "try more design.iterations",
+            Answer::Search(found) if !found.kept => {
                 "it does not keep its limits; try more design.starts, or weaker limits"
             }
             _ => "it ended by itself; try more design.starts, a smaller solver.newton_tolerance, or fewer variables",
@@ -379,22 +380,22 @@ impl Design {
 
     pub(super) fn status(&self) -> &'static str {
         match &self.answer {
-            Answer::Found(found) if found.interrupted => "interrupted",
-            Answer::Found(found) if !found.converged => "not converged",
-            Answer::Resting(found) => found.state.name(),
+            Answer::Search(found) if found.interrupted => "interrupted",
+            Answer::Search(found) if !found.converged => "not converged",
+            Answer::StaticShape(found) => found.state.name(),
             _ => "solved",
         }
     }
 }
 
 /// The design and what was before in every case.
-fn in_cases(search: &mut Search<'_>, before: &Profile, profile: &Profile) -> Vec<InCase> {
-    let mut of = |profile: &Profile| match search.in_cases(profile) {
+fn in_cases(search: &mut Search<'_>, before: &DesignVector, profile: &DesignVector) -> Vec<ScenarioResult> {
+    let mut of = |profile: &DesignVector| match search.in_cases(profile) {
         Some(values) => values.into_iter().map(Some).collect(),
         None => vec![None; search.cases.len()],
     };
     let (before, designed) = (of(before), of(profile));
-    let row = |((case, before), designed): ((&Case, Option<f64>), Option<f64>)| InCase {
+    let row = |((case, before), designed): ((&Scenario, Option<f64>), Option<f64>)| ScenarioResult {
         case: case.name.clone(),
         designed,
         before,
@@ -423,22 +424,22 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
 
 /// The scene's own profile, the even one, the study's gradient and the best linear one of the same mean, and the design, with their
 /// objectives.
-fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compared> {
-    let before = Profile::before(table, &search.own_stiffness);
+fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -> Vec<ComparedProfile> {
+    let before = DesignVector::before(table, &search.own_stiffness);
     let rod = &search.problem.model().rod;
     let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
     let reference = search.reference;
     let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
-    let of = |factors: Vec<f64>| Profile {
+    let of = |factors: Vec<f64>| DesignVector {
         numbers: table.own_numbers(),
-        ..Profile::of(factors.iter().map(|factor| factor * reference).collect())
+        ..DesignVector::of(factors.iter().map(|factor| factor * reference).collect())
     };
     let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
     let mut profiles = Vec::new();
-    let mut add = |name: &str, profile: Profile, search: &mut Search<'_>| {
+    let mut add = |name: &str, profile: DesignVector, search: &mut Search<'_>| {
         let objective = search.value(&profile);
-        profiles.push(Compared { name: name.to_string(), profile, objective });
+        profiles.push(ComparedProfile { name: name.to_string(), profile, objective });
     };
     let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < ALIKE);
     add(BASELINE, before, search);
@@ -453,14 +454,15 @@ fn compare(search: &mut Search<'_>, found: &Found, table: &Table) -> Vec<Compare
             }
         }
     }
-    let designed = Compared { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
+    let designed =
+        ComparedProfile { name: "design".into(), profile: found.profile.clone(), objective: Some(found.objective) };
     profiles.push(designed);
     profiles
 }
 
 /// The motions of two profiles.
-fn motions(search: &mut Search<'_>, before: &Profile, after: &Profile) -> Result<[Trajectory; 2]> {
-    let mut motion = |profile: &Profile| {
+fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector) -> Result<[Trajectory; 2]> {
+    let mut motion = |profile: &DesignVector| {
         search.objective.set(&mut search.problem, profile)?;
         search.problem.simulate()
     };
@@ -468,7 +470,7 @@ fn motions(search: &mut Search<'_>, before: &Profile, after: &Profile) -> Result
 }
 
 /// The motions of the scene as it is, and with `profile`.
-fn simulated(scene: &Scene, profile: &Profile) -> Result<[Trajectory; 2]> {
+fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[Trajectory; 2]> {
     let mut problem = Problem::of(scene)?;
     let before = problem.simulate()?;
     problem.set_stiffness(&profile.stiffness_n_m2)?;
@@ -477,19 +479,25 @@ fn simulated(scene: &Scene, profile: &Profile) -> Result<[Trajectory; 2]> {
 }
 
 /// How far the rod is from `markers` as it is and with an identified profile, in several simulations.
-fn replay(document: &Document, scene: &Scene, table: &Table, markers: &Markers, profile: &Profile) -> Vec<Check> {
+fn replay(
+    document: &Document,
+    scene: &Scene,
+    table: &DesignTable,
+    markers: &Markers,
+    profile: &DesignVector,
+) -> Vec<Check> {
     let fixed = fixed_steps(scene);
-    let measure = |changes: &[String], profile: &Profile| -> Option<f64> {
+    let measure = |changes: &[String], profile: &DesignVector| -> Option<f64> {
         let changes = [&fixed[..], changes].concat();
         let changed = changed(document, &table.numbers, &changes, profile).ok()?;
         let trajectory = Problem::of(&changed).ok()?.simulate().ok()?;
         let finer = (changed.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
         distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
     };
-    let scene_of = |changes: &[String]| changed(document, &[], changes, &Profile::of(Vec::new()));
+    let scene_of = |changes: &[String]| changed(document, &[], changes, &DesignVector::of(Vec::new()));
     let fixed_scene = scene_of(&fixed);
     let own = fixed_scene.as_ref().ok().and_then(|scene| Problem::of(scene).ok());
-    let own = own.map(|problem| Profile::of(problem.stiffness()));
+    let own = own.map(|problem| DesignVector::of(problem.stiffness()));
     let check = |(simulation, changes): (String, Vec<String>)| {
         let designed = measure(&changes, profile);
         let before = own.as_ref().and_then(|own| measure(&changes, own));
@@ -500,20 +508,22 @@ fn replay(document: &Document, scene: &Scene, table: &Table, markers: &Markers, 
 }
 
 /// What the rest is that the rod of a profile has next to `positions`.
-fn rest_of(document: &Document, profile: &Profile, positions: &[f64], found: &Resting) -> Rest {
+fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found: &StaticShape) -> Equilibrium {
     let steady = || -> Option<SteadyState> {
         SteadyState::near(changed(document, &[], &[], profile).ok()?.model().ok()?, positions).ok()
     };
     match steady().map(|mut steady| steady.eigenvalues()) {
-        None => Rest::Unknown,
-        Some(Ok(values)) if values.iter().any(|(value, uncertainty)| grows(*value, *uncertainty)) => Rest::Unstable,
-        Some(_) if !found.missed.is_empty() => Rest::Missed,
-        Some(_) => Rest::Stable,
+        None => Equilibrium::Unknown,
+        Some(Ok(values)) if values.iter().any(|(value, uncertainty)| grows(*value, *uncertainty)) => {
+            Equilibrium::Unstable
+        }
+        Some(_) if !found.missed.is_empty() => Equilibrium::Missed,
+        Some(_) => Equilibrium::Stable,
     }
 }
 
 /// How far (m, root mean square) the rod of a profile rests from `positions`; none where no equilibrium is found from there.
-fn resting(document: &Document, profile: &Profile, positions: &[f64]) -> Option<f64> {
+fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Option<f64> {
     let scene = changed(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
     let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;

@@ -4,9 +4,9 @@ use serde::Serialize;
 
 use super::basis::Basis;
 use super::identify::{constraints, series, smooth};
-use super::markers::{Markers, Motion, Sample};
-use super::qp::Quadratic;
-use super::table::Table;
+use super::markers::{Markers, SmoothedMotion, SmoothedSample};
+use super::qp::QuadraticProgram;
+use super::table::DesignTable;
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
 
@@ -19,7 +19,7 @@ const MISSED: f64 = 1e-6;
 /// What the rest of the designed rod is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub enum Rest {
+pub enum Equilibrium {
     /// In the shape, and small motions about it die out or stay small.
     #[default]
     Stable,
@@ -31,7 +31,7 @@ pub enum Rest {
     Unknown,
 }
 
-impl Rest {
+impl Equilibrium {
     /// The status of the design.
     pub fn name(self) -> &'static str {
         match self {
@@ -56,9 +56,9 @@ impl Rest {
 
 /// The stiffness that rests in a shape.
 #[derive(Debug, Clone, Serialize)]
-pub struct Resting {
+pub struct StaticShape {
     /// What its rest is.
-    pub state: Rest,
+    pub state: Equilibrium,
     /// EI of the joints, N m².
     pub stiffness_n_m2: Vec<f64>,
     /// Joints whose stiffness nothing decides: neither curvature nor moment.
@@ -73,15 +73,16 @@ pub struct Resting {
 ///
 /// # Errors
 /// [`Error::Design`] with every joint that would have to bend against its moment, and for demands that exclude each other.
-pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result<Resting> {
+pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> Result<StaticShape> {
     if dynamics.model.head.is_none() {
         let reason = "a shape at rest needs a held head: nothing balances the loads of a free rod".to_string();
         return Err(Error::Design { reason });
     }
     let markers = Markers { times: vec![0.0], positions: vec![positions.to_vec()], missing: Vec::new() };
     let still = vec![0.0; positions.len()];
-    let sample = Sample { index: 0, q: positions.to_vec(), v: still.clone(), a: still, weights: vec![[1.0, 0.0, 0.0]] };
-    let motion = Motion { samples: vec![sample], ..Motion::default() };
+    let sample =
+        SmoothedSample { index: 0, q: positions.to_vec(), v: still.clone(), a: still, weights: vec![[1.0, 0.0, 0.0]] };
+    let motion = SmoothedMotion { samples: vec![sample], ..SmoothedMotion::default() };
     let (all, _) = series(dynamics, &markers, &motion)?;
     let rod = &dynamics.model.rod;
     let (reference, basis) = (rod.ei, Basis::of(table, rod));
@@ -99,7 +100,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result
         let reason = format!("the shape bends against its loads, or not at all under them, at {}", against.join(", "));
         return Err(Error::Design { reason });
     }
-    let mut programme = Quadratic::new(basis.unknowns);
+    let mut programme = QuadraticProgram::new(basis.unknowns);
     for ([c, m], row) in pairs.iter().zip(&basis.rows) {
         if c.abs() > NONE * largest[0] {
             // Relative errors of the moments, so that the tip counts like the root.
@@ -121,8 +122,8 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &Table) -> Result
         })
         .map(|((k, [c, m]), _)| (k, m / c))
         .collect();
-    Ok(Resting {
-        state: Rest::Unknown,
+    Ok(StaticShape {
+        state: Equilibrium::Unknown,
         undecided: rod.joints().zip(&pairs).filter(|(_, pair)| is_none(pair, 0)).map(|(k, _)| k).collect(),
         missed,
         active: programme.active(&solution),

@@ -143,7 +143,7 @@ pub enum Bounds {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(deny_unknown_fields)]
-pub struct Front {
+pub struct FrontSettings {
     /// The second goal, a mean over the cycles, `distance` or `efficiency`.
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
@@ -162,7 +162,7 @@ fn points() -> usize {
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize, Serialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema), schemars(inline))]
 #[serde(rename_all = "kebab-case")]
-pub enum Robust {
+pub enum Aggregate {
     /// The scene in which the goal is worst.
     #[default]
     Worst,
@@ -170,7 +170,7 @@ pub enum Robust {
     Mean,
 }
 
-impl Robust {
+impl Aggregate {
     /// Of the goal's `values` in the scenes; none where there is none.
     pub fn of(self, values: &[f64], smaller_is_better: bool) -> Option<f64> {
         match self {
@@ -193,7 +193,7 @@ impl Robust {
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Table {
+pub struct DesignTable {
     /// What is wanted.
     #[cfg_attr(feature = "schema", schemars(with = "String"))]
     pub goal: Goal,
@@ -259,9 +259,9 @@ pub struct Table {
     /// A sweep's file: the design is for its cases, all of them, made of this scene.
     pub over: Option<String>,
     /// What counts of these: the "worst" case, where it is absent, or the "mean" of all.
-    pub robust: Option<Robust>,
+    pub robust: Option<Aggregate>,
     /// A second goal, against which the first is traded.
-    pub front: Option<Front>,
+    pub front: Option<FrontSettings>,
     /// What the second goal has to reach, and its size.
     #[serde(skip)]
     pub floor: Option<[f64; 2]>,
@@ -280,7 +280,7 @@ fn stiffness() -> Vec<Variable> {
 }
 
 #[cfg(feature = "schema")]
-impl Table {
+impl DesignTable {
     /// The JSON Schema of `[design]`, to be part of that of a scene.
     pub fn schema() -> serde_json::Value {
         let mut schema = crate::scene::schema::of::<Self>();
@@ -293,7 +293,7 @@ impl Table {
     }
 }
 
-impl Table {
+impl DesignTable {
     /// The table of a scene, checked.
     ///
     /// # Errors
@@ -376,7 +376,7 @@ impl Table {
 
     /// The same with the second goal for the first.
     pub fn second(&self) -> Option<Self> {
-        let Front { goal, better, .. } = self.front.clone()?;
+        let FrontSettings { goal, better, .. } = self.front.clone()?;
         let direction = self.direction.clone().filter(|_| matches!(goal, Goal::Distance | Goal::Efficiency));
         Some(Self { better, direction, ..self.with_goal(goal) })
     }
@@ -480,7 +480,7 @@ impl Table {
     }
 
     /// What counts of the cases that it is for.
-    pub fn counted(&self) -> Robust {
+    pub fn counted(&self) -> Aggregate {
         self.robust.unwrap_or_default()
     }
 

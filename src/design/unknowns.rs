@@ -6,9 +6,9 @@ use std::f64::consts::PI;
 use nalgebra::DMatrix;
 
 use super::basis::{Basis, second_differences};
-use super::design_vector::Profile;
-use super::qp::{Constraint, Quadratic};
-use super::table::{Goal, Table, Variable};
+use super::design_vector::DesignVector;
+use super::qp::{Constraint, QuadraticProgram};
+use super::table::{DesignTable, Goal, Variable};
 use crate::model::Model;
 use crate::sensitivity::Parameter;
 use crate::sensitivity::number::Number;
@@ -21,7 +21,7 @@ pub const NOTHING: f64 = 1e-12;
 
 /// How a value follows from its unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Map {
+enum Transform {
     /// Its logarithm.
     Logarithm,
     /// Its inverse: a tip moves nearly in proportion to the compliance 1/EI of a joint, as what bends it beyond its natural
@@ -33,11 +33,11 @@ enum Map {
 
 /// The unknowns of one variable; values are over the reference.
 #[derive(Debug, Clone)]
-struct Block {
+struct VariableBlock {
     variable: Variable,
     /// What a value of 1 is, one for all or for each.
     units: Vec<f64>,
-    map: Map,
+    map: Transform,
     bounds: [f64; 2],
     /// The largest mean.
     mean: Option<f64>,
@@ -53,33 +53,33 @@ struct Block {
     parameters: Vec<Parameter>,
 }
 
-impl Block {
+impl VariableBlock {
     fn unit(&self, i: usize) -> f64 {
         self.units.get(i).or(self.units.first()).copied().unwrap_or(1.0)
     }
 
     fn value(&self, x: f64) -> f64 {
         match self.map {
-            Map::Logarithm => x.exp(),
-            Map::Inverse => 1.0 / x,
-            Map::Same => x,
+            Transform::Logarithm => x.exp(),
+            Transform::Inverse => 1.0 / x,
+            Transform::Same => x,
         }
     }
 
     fn unknown(&self, value: f64) -> f64 {
         match self.map {
-            Map::Logarithm => value.ln(),
-            Map::Inverse => 1.0 / value,
-            Map::Same => value,
+            Transform::Logarithm => value.ln(),
+            Transform::Inverse => 1.0 / value,
+            Transform::Same => value,
         }
     }
 
     /// The derivative of a value by its unknown.
     fn slope(&self, value: f64) -> f64 {
         match self.map {
-            Map::Logarithm => value,
-            Map::Inverse => -value * value,
-            Map::Same => 1.0,
+            Transform::Logarithm => value,
+            Transform::Inverse => -value * value,
+            Transform::Same => 1.0,
         }
     }
 
@@ -95,7 +95,7 @@ impl Block {
 
     /// 1 where the value rises with its unknown, else -1.
     fn sense(&self) -> f64 {
-        if self.map == Map::Inverse { -1.0 } else { 1.0 }
+        if self.map == Transform::Inverse { -1.0 } else { 1.0 }
     }
 
     fn unknowns(&self) -> std::ops::Range<usize> {
@@ -116,20 +116,20 @@ impl Block {
 /// The unknowns of a search, block after block.
 #[derive(Debug, Clone)]
 pub struct Unknowns {
-    blocks: Vec<Block>,
+    blocks: Vec<VariableBlock>,
     joints: usize,
-    own: Profile,
+    own: DesignVector,
     monotone: bool,
 }
 
 impl Unknowns {
     /// Those that `table` names for `model`, whose stiffness is kept where it is not among them.
-    pub fn of(table: &Table, model: &Model, stiffness: Vec<f64>) -> Self {
+    pub fn of(table: &DesignTable, model: &Model, stiffness: Vec<f64>) -> Self {
         let rod = &model.rod;
         let stiffness_map = match table.goal {
-            Goal::TrackTip => Map::Inverse,
-            Goal::Identify => Map::Same, // linear between knots
-            _ => Map::Logarithm,
+            Goal::TrackTip => Transform::Inverse,
+            Goal::Identify => Transform::Same, // linear between knots
+            _ => Transform::Logarithm,
         };
         let joints: Vec<usize> = rod.joints().collect();
         let (xi, places): (Vec<f64>, Vec<String>) = match &table.knots {
@@ -144,38 +144,40 @@ impl Unknowns {
             .map(|profile| xi.iter().map(|xi| profile.at(*xi)).collect::<Vec<f64>>());
         let mut first = 0;
         let block = |variable: &Variable| {
-            let along = |unit: f64, map: Map, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| Block {
-                variable: variable.clone(),
-                units: vec![unit],
-                map,
-                bounds,
-                mean,
-                first,
-                basis: Basis::of(table, rod),
-                own: None,
-                xi: xi.clone(),
-                places: places.clone(),
-                parameters: joints.iter().map(|k| of(*k)).collect(),
+            let along = |unit: f64, map: Transform, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| {
+                VariableBlock {
+                    variable: variable.clone(),
+                    units: vec![unit],
+                    map,
+                    bounds,
+                    mean,
+                    first,
+                    basis: Basis::of(table, rod),
+                    own: None,
+                    xi: xi.clone(),
+                    places: places.clone(),
+                    parameters: joints.iter().map(|k| of(*k)).collect(),
+                }
             };
             let block = match variable {
-                Variable::Stiffness => Block {
+                Variable::Stiffness => VariableBlock {
                     own: own_factors.clone().filter(|_| table.goal == Goal::Identify),
                     ..along(rod.ei, stiffness_map, table.bounds, table.mean, Parameter::Stiffness)
                 },
                 Variable::Amplitude => {
                     let bounds = table.amplitude_bounds.unwrap_or([0.5, 2.0]);
-                    along(1.0, Map::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
+                    along(1.0, Transform::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
                 }
                 Variable::Phase => {
                     let bounds = table.phase_bounds_rad.unwrap_or([-PI, PI]);
-                    along(1.0, Map::Same, bounds, None, Parameter::WavePhase)
+                    along(1.0, Transform::Same, bounds, None, Parameter::WavePhase)
                 }
                 Variable::Number(key) => {
                     let numbers: Vec<&Number> = table.numbers.iter().filter(|number| number.key == *key).collect();
-                    Block {
+                    VariableBlock {
                         variable: variable.clone(),
                         units: numbers.iter().map(|number| number.own).collect(),
-                        map: Map::Logarithm,
+                        map: Transform::Logarithm,
                         bounds: table.bounds_of(key),
                         mean: None,
                         first,
@@ -193,7 +195,7 @@ impl Unknowns {
             first += block.basis.unknowns;
             block
         };
-        let mut own = Profile::of(stiffness);
+        let mut own = DesignVector::of(stiffness);
         if !table.numbers.is_empty() && !table.variables.contains(&Variable::Stiffness) {
             own.stiffness_n_m2.clear();
         }
@@ -220,12 +222,12 @@ impl Unknowns {
         self.blocks.iter().flat_map(|block| (0..block.basis.unknowns).map(|i| block.place(i))).collect()
     }
 
-    fn parts<'a>(&'a self, x: &'a [f64]) -> impl Iterator<Item = (&'a Block, usize, &'a [f64])> {
+    fn parts<'a>(&'a self, x: &'a [f64]) -> impl Iterator<Item = (&'a VariableBlock, usize, &'a [f64])> {
         self.blocks.iter().map(move |block| (block, block.first, &x[block.unknowns()]))
     }
 
     /// The profile of unknowns `x`.
-    pub fn profile(&self, x: &[f64]) -> Profile {
+    pub fn profile(&self, x: &[f64]) -> DesignVector {
         let mut profile = self.own.clone();
         for (block, _, x) in self.parts(x) {
             let values = block.basis.joints(x).into_iter().enumerate().map(|(i, x)| block.unit(i) * block.value(x));
@@ -280,7 +282,7 @@ impl Unknowns {
         means
     }
 
-    fn is_ordered(&self, block: &Block) -> bool {
+    fn is_ordered(&self, block: &VariableBlock) -> bool {
         self.monotone && block.variable == Variable::Stiffness
     }
 
@@ -313,7 +315,7 @@ impl Unknowns {
     }
 
     /// Adds the constraints of a step from `x`: bounds, order, and the means last.
-    pub fn constrain(&self, programme: &mut Quadratic, x: &[f64]) {
+    pub fn constrain(&self, programme: &mut QuadraticProgram, x: &[f64]) {
         let constraints = &mut programme.constraints;
         for (block, first, part) in self.parts(x) {
             let sense = block.sense();
@@ -347,7 +349,7 @@ impl Unknowns {
 
     /// The matrix of `weight`·Σ(D₂x)² over the joints, by rows.
     pub fn roughness(&self, weight: f64) -> Vec<f64> {
-        let mut programme = Quadratic::new(self.count());
+        let mut programme = QuadraticProgram::new(self.count());
         for block in &self.blocks {
             for row in second_differences(&block.basis) {
                 let row: Vec<(usize, f64)> = row.iter().map(|(i, c)| (block.first + i, *c)).collect();

@@ -40,7 +40,7 @@ fn a_tolerance_costs_one_per_cent() {
     let folder = tempfile::tempdir().unwrap();
     design.write(folder.path()).unwrap().complete().unwrap();
     let text = std::fs::read_to_string(folder.path().join("eel-designed.toml")).unwrap();
-    let Answer::Found(found) = &design.answer else { panic!("found") };
+    let Answer::Search(found) = &design.answer else { panic!("found") };
     assert!(found.tolerances.len() == 6, "{:?}", found.tolerances);
     let own = measured(&text, &[]);
     let scene = Document::new("designed.toml", &text[..]).scene().unwrap();

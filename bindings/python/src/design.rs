@@ -4,7 +4,7 @@ use std::ops::ControlFlow;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use caudal::design::{Design, DistributedDesign, Iteration, simulate};
+use caudal::design::{Design, DistributedDesign, SearchIteration, simulate};
 use caudal::report::Claim;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
@@ -38,7 +38,7 @@ pub fn design<'py>(
 }
 
 /// What sees an iteration: it looks for signals and tells `progress`, and stops the search where either raises.
-fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&Iteration, &mut Option<PyErr>) -> ControlFlow<()> {
+fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&SearchIteration, &mut Option<PyErr>) -> ControlFlow<()> {
     move |iteration, failure| {
         let told = Python::attach(|py| {
             py.check_signals()?;
