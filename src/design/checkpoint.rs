@@ -18,7 +18,7 @@ use crate::scene::Scene;
 pub(super) const JOURNAL: &str = "design.journal";
 
 /// Files that every design has.
-pub(super) const CERTAIN: [&str; 2] = ["design.json", "report.html"];
+pub(super) const RESULT_FILES: [&str; 2] = ["design.json", "report.html"];
 
 /// A result, and what it is of.
 #[derive(Debug, Serialize, Deserialize)]
@@ -54,7 +54,7 @@ impl Checkpoint {
             inputs.extend(scene.read_from.read(&scene.folder.join(file))?);
         }
         let job = Job::new(&format!("design {}", scene.name), &inputs, 0);
-        let claimed = Folder::claim(folder, Owner::of("design", scene), Claim::Own, &CERTAIN);
+        let claimed = Folder::claim(folder, Owner::of("design", scene), Claim::Own, &RESULT_FILES);
         let (claimed, path) = match claimed.and_then(|mut claimed| claimed.journal(JOURNAL).map(|path| (claimed, path)))
         {
             Ok(held) => held,
@@ -100,7 +100,7 @@ impl Checkpoint {
     }
 
     /// Keeps all that a part which `asked` names simulated; false where it is there already.
-    pub fn keep_part(&mut self, asked: &str, simulated: Vec<AnyResult>) -> bool {
+    pub fn store_part(&mut self, asked: &str, simulated: Vec<AnyResult>) -> bool {
         let new = !self.has(asked);
         let end = CachedResult { of: jobs::hash(asked.as_bytes()), value: Some(Value::Bool(true)) };
         for known in simulated.into_iter().chain([end]) {
@@ -122,7 +122,7 @@ impl Checkpoint {
     }
 
     /// The result of what `asked` names: the one of before, or what `make` makes, which is kept. On a full disk no more is kept.
-    pub fn recall<T: Serialize + DeserializeOwned>(
+    pub fn get_or_compute<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: impl FnOnce() -> String,
         make: impl FnOnce() -> Option<T>,

@@ -32,7 +32,7 @@ impl DesignVector {
 
     /// What a design of `table` is compared with: the scene as it is, whose joints have the stiffness `own` (N m²).
     pub fn before(table: &DesignTable, own: &[f64]) -> Self {
-        let mut before = Self { numbers: table.own_numbers(), ..Self::of(own.to_vec()) };
+        let mut before = Self { numbers: table.initial_numbers(), ..Self::of(own.to_vec()) };
         if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
             before.stiffness_n_m2.clear(); // it follows from the scene
         }

@@ -11,7 +11,7 @@ use crate::sensitivity::number::{Number, keys_with};
 const STEPS: [f64; 2] = [200.0, 1000.0];
 
 /// `document`, whose scenes with other numbers all keep the fluid that `scene` takes.
-pub(super) fn pinned(document: &Document, scene: &Scene) -> Document {
+pub(super) fn with_fixed_fluid(document: &Document, scene: &Scene) -> Document {
     let mut document = document.clone();
     document.keep_fluid_of(scene);
     document
@@ -31,7 +31,7 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
 }
 
 /// The scene of `document` with `changes` and a profile of its joints and `numbers`.
-pub(super) fn changed(
+pub(super) fn scene_with(
     document: &Document,
     numbers: &[Number],
     changes: &[String],

@@ -8,10 +8,10 @@ use serde::{Deserialize, Serialize};
 
 use super::checkpoint::{AnyResult, Checkpoint, JOURNAL};
 use super::design_vector::DesignVector;
-use super::designed_scene::pinned;
-use super::objective::aim;
-use super::robustness::Checks;
-use super::scenarios::cases;
+use super::designed_scene::with_fixed_fluid;
+use super::objective::objective_of;
+use super::robustness::RobustnessChecks;
+use super::scenarios::scenarios;
 use super::search::{Search, SearchIteration};
 use super::table::DesignTable;
 use crate::distributed::{Bundle, DistributableJob};
@@ -25,7 +25,7 @@ use crate::sweep::Sweep;
 pub struct DistributedDesign {
     document: Document,
     table: DesignTable,
-    memory: Checkpoint,
+    checkpoint: Checkpoint,
     /// Its file.
     journal: PathBuf,
     task: Task,
@@ -39,7 +39,7 @@ enum Task {
     /// Searches from the starts.
     Starts,
     /// Checks of this profile.
-    Checks(DesignVector),
+    RobustnessChecks(DesignVector),
 }
 
 impl DistributedDesign {
@@ -59,36 +59,43 @@ impl DistributedDesign {
         if !table.is_searched() || table.fits_positions() {
             return Ok(None);
         }
-        let (memory, journal) = (Checkpoint::open(folder, &scene, &table)?, folder.join(JOURNAL));
-        let count = table.all_starts();
-        if count > 1 && !(0..count).all(|start| memory.has(&Checkpoint::start(start))) {
+        let (checkpoint, journal) = (Checkpoint::open(folder, &scene, &table)?, folder.join(JOURNAL));
+        let count = table.start_count();
+        if count > 1 && !(0..count).all(|start| checkpoint.has(&Checkpoint::start(start))) {
             let parts = (0..count).map(|start| (format!("of {count}"), Checkpoint::start(start))).collect();
-            return Ok(Some(Self { document: document.clone(), table, memory, journal, task: Task::Starts, parts }));
+            return Ok(Some(Self {
+                document: document.clone(),
+                table,
+                checkpoint,
+                journal,
+                task: Task::Starts,
+                parts,
+            }));
         }
-        let pinned = pinned(document, &scene);
-        let (objective, problem) = aim(&pinned, &scene, &table, None)?;
+        let fixed = with_fixed_fluid(document, &scene);
+        let (objective, problem) = objective_of(&fixed, &scene, &table, None)?;
         let mut search = Search::new(&table, &objective, problem);
-        search.cases = cases(document, &scene, &table)?;
-        search.memory = memory;
+        search.scenarios = scenarios(document, &scene, &table)?;
+        search.checkpoint = checkpoint;
         let found = search.run(tell)?;
         if found.interrupted {
             return Ok(None);
         }
-        let checks = Checks::of((&pinned, &search.cases), &scene, &table, None, &found.profile);
+        let checks = RobustnessChecks::of((&fixed, &search.scenarios), &scene, &table, None, &found.profile);
         let parts: Vec<_> = (0..checks.count()).map(|check| (checks.describe(check), checks.asked(check))).collect();
-        let memory = std::mem::take(&mut search.memory);
-        if parts.iter().all(|(_, asked)| memory.has(asked)) {
+        let checkpoint = std::mem::take(&mut search.checkpoint);
+        if parts.iter().all(|(_, asked)| checkpoint.has(asked)) {
             return Ok(None);
         }
-        let task = Task::Checks(found.profile);
-        Ok(Some(Self { document: document.clone(), table: table.clone(), memory, journal, task, parts }))
+        let task = Task::RobustnessChecks(found.profile);
+        Ok(Some(Self { document: document.clone(), table: table.clone(), checkpoint, journal, task, parts }))
     }
 
     /// What a part is called.
     pub fn noun(&self) -> &'static str {
         match self.task {
             Task::Starts => "start",
-            Task::Checks(_) => "check",
+            Task::RobustnessChecks(_) => "check",
         }
     }
 }
@@ -99,7 +106,7 @@ impl DistributableJob for DistributedDesign {
     }
 
     fn pending(&self) -> Vec<usize> {
-        (0..self.count()).filter(|index| !self.memory.has(&self.parts[*index].1)).collect()
+        (0..self.count()).filter(|index| !self.checkpoint.has(&self.parts[*index].1)).collect()
     }
 
     fn describe(&self, index: usize) -> String {
@@ -124,8 +131,8 @@ impl DistributableJob for DistributedDesign {
         let damaged = || Error::Bundle { problem: format!("a {} that came back is damaged", self.noun()) };
         let (index, simulated) = jobs::read_line::<Vec<AnyResult>>(line).ok_or_else(damaged)?;
         let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
-        let new = self.memory.keep_part(asked, simulated);
-        if !self.memory.has(asked) {
+        let new = self.checkpoint.store_part(asked, simulated);
+        if !self.checkpoint.has(asked) {
             let reason = "what came back cannot be kept; make room on the disk".to_string();
             return Err(Error::Write { path: self.journal.clone(), reason });
         }
@@ -141,30 +148,30 @@ pub fn simulate(bundle: &[u8], index: usize) -> Result<Vec<u8>> {
     let (asked, task) = Bundle::read(bundle)?.scene()?;
     let scene = asked.scene()?;
     let table = DesignTable::of(&scene).map_err(|fault| asked.refuse(&fault))?;
-    let document = pinned(&asked, &scene);
+    let document = with_fixed_fluid(&asked, &scene);
     let refused = |what: &str| Error::Bundle { problem: format!("{what} {index}") };
-    let mut memory = Checkpoint::recorded();
+    let mut checkpoint = Checkpoint::recorded();
     match task {
         Task::Starts => {
-            let (objective, problem) = aim(&document, &scene, &table, None)?;
+            let (objective, problem) = objective_of(&document, &scene, &table, None)?;
             let mut search = Search::new(&table, &objective, problem);
-            search.cases = cases(&asked, &scene, &table)?;
-            search.memory = memory;
-            match search.run_one(index, |_| ControlFlow::Continue(())) {
+            search.scenarios = scenarios(&asked, &scene, &table)?;
+            search.checkpoint = checkpoint;
+            match search.run_start(index, |_| ControlFlow::Continue(())) {
                 // No start of this design can be simulated: that is known now.
                 Ok(_) | Err(Error::Design { .. }) => {}
                 Err(error) => return Err(error),
             }
-            memory = search.memory;
+            checkpoint = search.checkpoint;
         }
-        Task::Checks(profile) => {
-            let cases = cases(&asked, &scene, &table)?;
-            let checks = Checks::of((&document, &cases), &scene, &table, None, &profile);
+        Task::RobustnessChecks(profile) => {
+            let scenarios = scenarios(&asked, &scene, &table)?;
+            let checks = RobustnessChecks::of((&document, &scenarios), &scene, &table, None, &profile);
             if index >= checks.count() {
                 return Err(refused("it has no check"));
             }
-            memory.recall(|| checks.asked(index), || checks.measure(index));
+            checkpoint.get_or_compute(|| checks.asked(index), || checks.measure(index));
         }
     }
-    jobs::line(index, memory.record()).ok_or_else(|| refused("it cannot tell the result of part"))
+    jobs::line(index, checkpoint.record()).ok_or_else(|| refused("it cannot tell the result of part"))
 }

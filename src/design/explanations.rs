@@ -5,19 +5,16 @@ use super::identify::{Identifiability, Identification, JointEstimate};
 use super::limits::LimitUse;
 use super::refit::Refit;
 use super::scenarios::ScenarioResult;
-use super::search::{CASE, EstimatedNumber, SAME, SearchResult};
+use super::search::{EstimatedNumber, FEASIBILITY_TOLERANCE, SAME_OPTIMUM, SearchResult, WORST_SCENARIO};
 use super::table::{DesignTable, Goal};
-use super::tolerance::{LOOSE, Tolerance};
+use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
-/// A limit that is passed by a smaller part is kept.
-const PASSED: f64 = 1e-6;
-
 /// A tip that moves by less than this part of the length for twice the stiffness hardly feels it.
-const HARDLY: f64 = 1e-2;
+const MIN_SENSITIVITY: f64 = 1e-2;
 
-pub(super) fn say_identified(found: &Identification) -> Vec<String> {
+pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     let count = |verdict: Identifiability| found.joints.iter().filter(|joint| joint.verdict == verdict).count();
     let all = found.joints.len();
     let unfit = match count(Identifiability::DoesNotFit) {
@@ -66,7 +63,7 @@ pub(super) fn say_identified(found: &Identification) -> Vec<String> {
 }
 
 /// How many joints do not fit by their balance, and by how much.
-pub(super) fn say_unfit(found: &Identification) -> Option<String> {
+pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     let unfit: Vec<&JointEstimate> =
         found.joints.iter().filter(|joint| joint.verdict == Identifiability::DoesNotFit).collect();
     let worst = unfit.iter().fold(0.0, |max: f64, joint| max.max(joint.residual_over_noise));
@@ -81,7 +78,7 @@ pub(super) fn say_unfit(found: &Identification) -> Option<String> {
 }
 
 /// How much stiffness matters in the scene, where its simulation can be differentiated.
-pub(super) fn say_effect(scene: &Scene) -> Option<String> {
+pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let mut problem = Problem::of(scene).ok()?;
     let rod = &problem.model().rod;
     let (tip, length) = (rod.nodes - 1, rod.length);
@@ -91,11 +88,12 @@ pub(super) fn say_effect(scene: &Scene) -> Option<String> {
     let found = problem.forward(&parameters, &outputs, 1, |_| {}).ok()?;
     let along = |n: usize, o: usize| found.row(n, o).iter().zip(&stiffness).map(|(by, ei)| by * ei).sum::<f64>();
     let moved = (0..found.times.len()).map(|n| along(n, 0).hypot(along(n, 1))).fold(0.0, f64::max);
-    let verdict = if moved < HARDLY * length { "stiffness does not matter here" } else { "stiffness matters here" };
+    let verdict =
+        if moved < MIN_SENSITIVITY * length { "stiffness does not matter here" } else { "stiffness matters here" };
     Some(format!("{verdict}: 1 % more of it moves the tip by at most {:.1e} m", 0.01 * moved))
 }
 
-pub(super) fn say_found(found: &SearchResult, table: &DesignTable) -> Vec<String> {
+pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<String> {
     let starts: Vec<String> = found.starts.iter().map(|value| format!("{value:.6e}")).collect();
     let mut lines = vec![
         format!("{}: {:.6e}", table.goal.label(), found.objective),
@@ -124,11 +122,11 @@ pub(super) fn say_found(found: &SearchResult, table: &DesignTable) -> Vec<String
         lines.push(format!(
             "{came} of {} starts converged, to {count} {optima}, which are the same where objectives agree to {} % or unknowns to {}",
             found.starts.len(),
-            100.0 * SAME[0],
-            SAME[1]
+            100.0 * SAME_OPTIMUM[0],
+            SAME_OPTIMUM[1]
         ));
     }
-    lines.extend(found.numbers.iter().map(say_number));
+    lines.extend(found.numbers.iter().map(explain_number));
     if let Some(noise) = found.noise_m {
         let whose = if table.noise_m.is_some() { "as given" } else { "as what is left" };
         lines.push(format!("deviations are those of positions that are uncertain by {noise:.2e} m, {whose}"));
@@ -149,7 +147,7 @@ pub(super) fn say_found(found: &SearchResult, table: &DesignTable) -> Vec<String
         lines.push(format!("limit: {limit}: {:.2} % of it", 100.0 * used));
     }
     lines.extend(found.active.iter().map(|(name, dual)| {
-        if let Some(case) = name.strip_prefix(CASE) {
+        if let Some(case) = name.strip_prefix(WORST_SCENARIO) {
             return format!("among the worst: {case} ({:.0} % of what decides the design)", 100.0 * dual);
         }
         let worth = if table.fits_positions() {
@@ -159,7 +157,7 @@ pub(super) fn say_found(found: &SearchResult, table: &DesignTable) -> Vec<String
             let unit = if name.starts_with("phase") { "0.01 rad" } else { "1 %" };
             format!("{unit} more room is worth {dual:.3} % of the objective")
         };
-        if found.limits.iter().any(|limit| limit.limit == *name && limit.used > 1.0 + PASSED) {
+        if found.limits.iter().any(|limit| limit.limit == *name && limit.used > 1.0 + FEASIBILITY_TOLERANCE) {
             return format!("passed: {name}, which this design does not keep");
         }
         if !found.kept {
@@ -171,25 +169,25 @@ pub(super) fn say_found(found: &SearchResult, table: &DesignTable) -> Vec<String
 }
 
 /// What the design is in each case, in words.
-pub(super) fn say_cases(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
+pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
     let line = |ScenarioResult { case, designed, gain_percent, .. }: &ScenarioResult| {
         let value = designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
         let gain = gain_percent.map_or(String::new(), |gain| format!(", {gain:+.2} % better than before"));
         format!("in {case}: {value}{gain}")
     };
-    let counted = (!cases.is_empty()).then(|| {
+    let aggregate = (!cases.is_empty()).then(|| {
         format!(
             "for {} cases of {}; what counts is their {}",
             cases.len(),
             table.over.as_deref().unwrap_or_default(),
-            table.counted().words()
+            table.aggregate().words()
         )
     });
-    counted.into_iter().chain(cases.iter().map(line)).collect()
+    aggregate.into_iter().chain(cases.iter().map(line)).collect()
 }
 
 /// The front in words.
-pub(super) fn say_front(front: &[ParetoPoint], table: &DesignTable) -> Option<String> {
+pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Option<String> {
     let [first, .., last] = front else { return None };
     let [one, two] = [table.goal, table.front.as_ref()?.goal].map(Goal::label);
     let best = front.iter().filter(|point| point.best).count();
@@ -205,24 +203,27 @@ pub(super) fn say_front(front: &[ParetoPoint], table: &DesignTable) -> Option<St
 }
 
 /// The tightest and the loosest tolerance in words.
-pub(super) fn say_tolerances(tolerances: &[Tolerance]) -> Option<String> {
+pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
     if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
-        return Some(format!("no unknown costs 1 % of the objective, alone, within a factor of {:.0}", LOOSE.exp()));
+        return Some(format!(
+            "no unknown costs 1 % of the objective, alone, within a factor of {:.0}",
+            MAX_REPORTED_TOLERANCE.exp()
+        ));
     }
     let order = |a: &&Tolerance, b: &&Tolerance| change(a).total_cmp(&change(b));
     let [tight, loose] = [tolerances.iter().min_by(order)?, tolerances.iter().max_by(order)?];
     let words = |tolerance: &Tolerance| match tolerance.change {
         Some(change) if tolerance.name.starts_with("phase") => format!("{} off by {change:.3} rad", tolerance.name),
         Some(change) => format!("{} off by {:.1} %", tolerance.name, 100.0 * (change.exp() - 1.0)),
-        None => format!("{}: a factor of {:.0} costs less", tolerance.name, LOOSE.exp()),
+        None => format!("{}: a factor of {:.0} costs less", tolerance.name, MAX_REPORTED_TOLERANCE.exp()),
     };
     let loosest = if tolerances.len() > 1 { format!("; the loosest: {}", words(loose)) } else { String::new() };
     Some(format!("what costs 1 % of the objective, alone: {}, the tightest{loosest}", words(tight)))
 }
 
 /// A number that was found, in words.
-pub(super) fn say_number(number: &EstimatedNumber) -> String {
+pub(super) fn explain_number(number: &EstimatedNumber) -> String {
     let EstimatedNumber { key, unit, own, value, deviation, verdict } = number;
     let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
     let deviation = deviation.map_or(String::new(), |deviation| format!(" ± {deviation:.1e}"));
@@ -231,7 +232,7 @@ pub(super) fn say_number(number: &EstimatedNumber) -> String {
 }
 
 /// That the simulation with what was found is not the motion of the markers, where it is not.
-pub(super) fn say_refit(refit: &Refit) -> Option<String> {
+pub(super) fn explain_refit(refit: &Refit) -> Option<String> {
     (!refit.fits()).then(|| {
         format!(
             "simulated with what was found each coordinate is {:.2e} m from the markers, {:.1} times what noise and steps of {:e} s \

@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::design_vector::BASELINE;
-use super::identify::Identifiability;
+use super::identify::{Identifiability, MAX_RELATIVE_DEVIATION};
 use super::markers::distances;
 use super::scenarios::ScenarioResult;
 use super::search::EstimatedNumber;
@@ -25,9 +25,6 @@ const STATIONS: usize = 100;
 
 /// Points of a curve, and frames of the page's motion.
 const POINTS: usize = 600;
-
-/// A stiffness that is uncertain by more than this part of itself is not known.
-const KNOWN: f64 = 0.1;
 
 type Drawn = (&'static str, Chart);
 
@@ -579,10 +576,12 @@ impl Design {
                     let together = identifies && found.confused.iter().any(|group| group.len() > 1);
                     match deviation {
                         _ if bound => Identifiability::AtABound.words(),
-                        Some(deviation) if together && *deviation > KNOWN => Identifiability::NotToldApart.words(),
+                        Some(deviation) if together && *deviation > MAX_RELATIVE_DEVIATION => {
+                            Identifiability::NotToldApart.words()
+                        }
                         Some(_) if identifies && !found.converged => Identifiability::NotConverged.words(),
                         Some(_) if found.misfit.is_some() => Identifiability::DoesNotFit.words(),
-                        Some(deviation) if *deviation <= KNOWN => Identifiability::Identified.words(),
+                        Some(deviation) if *deviation <= MAX_RELATIVE_DEVIATION => Identifiability::Identified.words(),
                         Some(_) if identifies => Identifiability::Unobservable.words(),
                         Some(_) => Identifiability::PriorDriven.words(),
                         None => "",

@@ -14,10 +14,10 @@ use crate::error::Result;
 use crate::sensitivity::Problem;
 
 /// A design that is nearer to an end of a gap than this part of it has closed it.
-const NEAR: f64 = 1e-3;
+const CLOSED_GAP: f64 = 1e-3;
 
 /// A value that is worse by less than this part is as good.
-const ALIKE: f64 = 1e-6;
+const SAME_VALUE: f64 = 1e-6;
 
 /// A design of the front.
 #[derive(Debug, Clone, Serialize)]
@@ -43,7 +43,7 @@ pub(super) fn front(
     table: &DesignTable,
     objective: &Objective,
     found: &SearchResult,
-    (problem, memory): (impl Fn() -> Result<Problem>, &mut Checkpoint),
+    (problem, checkpoint): (impl Fn() -> Result<Problem>, &mut Checkpoint),
     mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
 ) -> Result<(Vec<ParetoPoint>, bool)> {
     let (Some(wanted), Some(other)) = (&table.front, table.second()) else { return Ok((Vec::new(), false)) };
@@ -62,9 +62,9 @@ pub(super) fn front(
     let from = add(found)?;
     let mut best = |table: &DesignTable, objective: &Objective, from: &[f64]| -> Result<SearchResult> {
         let mut search = Search::new(table, objective, problem()?);
-        search.memory = std::mem::take(memory);
+        search.checkpoint = std::mem::take(checkpoint);
         let found = search.run_from(Some(from.to_vec()), &mut tell);
-        *memory = search.memory;
+        *checkpoint = search.checkpoint;
         found
     };
     let end = best(&other, &second, &found.at.1)?;
@@ -90,7 +90,7 @@ pub(super) fn front(
             match add(&found)? {
                 Some(value) => {
                     let near = |other: [f64; 2]| {
-                        ((value[0] - other[0]) / spans[0]).hypot((value[1] - other[1]) / spans[1]) < NEAR * width
+                        ((value[0] - other[0]) / spans[0]).hypot((value[1] - other[1]) / spans[1]) < CLOSED_GAP * width
                     };
                     // Where it comes to one of the ends there is nothing in between.
                     let open = !near(along[i].0) && !near(along[i + 1].0);
@@ -111,7 +111,7 @@ pub(super) fn front(
         points[i].best = points.iter().all(|other| {
             let first = gain(objective.smaller_is_better(), other.first, one) / one.abs();
             let second = gain(second.smaller_is_better(), other.second, two) / two.abs();
-            first.min(second) < -ALIKE || first.max(second) <= ALIKE
+            first.min(second) < -SAME_VALUE || first.max(second) <= SAME_VALUE
         });
     }
     Ok((points, interrupted))

@@ -22,25 +22,25 @@ use crate::model::Dynamics;
 use crate::rod::{add, bend, node};
 use crate::system::{Direction, State, System};
 
-/// A standard deviation above this part of the stiffness identifies nothing.
-const IDENTIFIED: f64 = 0.1;
+/// A parameter counts as identified if its standard deviation is at most this fraction of it.
+pub(super) const MAX_RELATIVE_DEVIATION: f64 = 0.1;
 
 /// Σc² beyond noise must be this many times what noise alone makes of it; with less the stiffness would rest on how well the
 /// noise is known.
-const SIGNAL: f64 = 5.0;
+const MIN_SIGNAL_TO_NOISE: f64 = 5.0;
 
 /// Joints of which nothing is known stay at the scene's own stiffness, pulled by this part of the least information there is.
-const WEAK: f64 = 1e-8;
+const PRIOR_WEIGHT: f64 = 1e-8;
 
 /// Mean square of what is left of a balance over that of noise, from which on a joint does not fit.
-const MISFIT: f64 = 1.5;
+const MAX_MISFIT: f64 = 1.5;
 
 /// The strength of the actuation is looked for within this factor of the scene's, as a logarithm, in such steps.
-const GAINS: i32 = 70;
+const GAIN_STEPS: i32 = 70;
 const GAIN_STEP: f64 = 0.1;
 
 /// Passes of the weights, which depend on the stiffness.
-const PASSES: usize = 3;
+const REWEIGHTINGS: usize = 3;
 
 /// What can be said of a joint.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -99,7 +99,7 @@ pub struct JointEstimate {
 impl JointEstimate {
     /// True where what it bends beyond its natural curvature drowns in noise.
     pub fn drowns(&self) -> bool {
-        self.signal_to_noise <= SIGNAL
+        self.signal_to_noise <= MIN_SIGNAL_TO_NOISE
     }
 }
 
@@ -422,14 +422,15 @@ fn best_gain(all: &[JointSeries]) -> (f64, bool) {
     };
     // Golden section in the logarithm, after a look around for the right valley.
     let at = |i: i32| f64::from(i) * GAIN_STEP;
-    let middle = (-GAINS..=GAINS).min_by(|a, b| misfit(at(*a).exp()).total_cmp(&misfit(at(*b).exp()))).unwrap_or(0);
+    let middle =
+        (-GAIN_STEPS..=GAIN_STEPS).min_by(|a, b| misfit(at(*a).exp()).total_cmp(&misfit(at(*b).exp()))).unwrap_or(0);
     let (mut low, mut high) = (at(middle - 1), at(middle + 1));
     let golden = 0.5 * (5.0_f64.sqrt() - 1.0);
     for _ in 0..60 {
         let (a, b) = (high - golden * (high - low), low + golden * (high - low));
         if misfit(a.exp()) < misfit(b.exp()) { high = b } else { low = a }
     }
-    ((0.5 * (low + high)).exp(), middle.abs() == GAINS)
+    ((0.5 * (low + high)).exp(), middle.abs() == GAIN_STEPS)
 }
 
 /// Bounds, order and mean of the stiffness over `reference`, as constraints of the unknowns.
@@ -497,7 +498,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable)
     let mut stiffness = own.clone();
     let mut found = None;
     let mut data = QuadraticProgram::new(0);
-    for _ in 0..PASSES {
+    for _ in 0..REWEIGHTINGS {
         let knowns: Vec<JointInformation> = (all.iter().zip(&stiffness))
             .map(|(series, ei)| known(series, &motion, entries, gain, *ei, sigma))
             .collect();
@@ -507,13 +508,13 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable)
             .iter()
             .map(|known| {
                 let square = known.square - known.noise;
-                let speaks = square > SIGNAL * known.noise && square > 0.0;
+                let speaks = square > MIN_SIGNAL_TO_NOISE * known.noise && square > 0.0;
                 if speaks { (reference * square).powi(2) / known.variance.max(f64::MIN_POSITIVE) } else { 0.0 }
             })
             .collect();
         let least = informations.iter().copied().filter(|i| *i > 0.0).fold(f64::INFINITY, f64::min);
         data = QuadraticProgram::new(basis.unknowns);
-        let weak = WEAK * if least.is_finite() { least } else { 1.0 };
+        let weak = PRIOR_WEIGHT * if least.is_finite() { least } else { 1.0 };
         for (((known, row), information), own) in knowns.iter().zip(&basis.rows).zip(&informations).zip(&own) {
             if *information > 0.0 {
                 let square = known.square - known.noise;
@@ -539,14 +540,14 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable)
     let prior = table.smoothness > 0.0 || table.knots.is_some() || table.monotone || table.mean.is_some();
     // What is left of the balances: in all, beyond what may be noise, and the moments themselves.
     let independent = (motion.samples.len() as f64 / (motion.half + 1) as f64).max(1.0);
-    let allowed = MISFIT + 4.0 * (2.0 / independent).sqrt();
+    let allowed = MAX_MISFIT + 4.0 * (2.0 / independent).sqrt();
     let left: Vec<[f64; 4]> = (all.iter().zip(&stiffness).zip(&knowns))
         .map(|((series, ei), known)| {
             let noise = noise_left(series, &motion, entries, *ei, sigma);
             let c = series.curvature(gain);
             let square: f64 = c.iter().zip(&series.moment).map(|(c, m)| (ei * c - m).powi(2)).sum();
             // Where noise drowns what the rod bends there is nothing to judge by.
-            let beyond = if known.signal() > SIGNAL { (square - noise * allowed).max(0.0) } else { 0.0 };
+            let beyond = if known.signal() > MIN_SIGNAL_TO_NOISE { (square - noise * allowed).max(0.0) } else { 0.0 };
             [square, beyond, dot(&series.moment, &series.moment), noise]
         })
         .collect();
@@ -572,7 +573,7 @@ pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable)
                 Identifiability::DoesNotFit
             } else if at_edge {
                 Identifiability::NotToldApart
-            } else if signal > SIGNAL && deviation <= IDENTIFIED * ei {
+            } else if signal > MIN_SIGNAL_TO_NOISE && deviation <= MAX_RELATIVE_DEVIATION * ei {
                 Identifiability::Identified
             } else if prior {
                 Identifiability::PriorDriven

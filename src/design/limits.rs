@@ -13,13 +13,13 @@ use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
 /// A load has a constraint for each of its peaks in time, so that its largest may become another one without a kink: the largest of every
 /// stretch of so many samples. Samples of even and of odd number have one each, or it would have a kink where the peak goes from one to the next.
-const STRETCH: usize = 8;
+const PEAK_WINDOW: usize = 8;
 
 /// A peak with a smaller logarithm, over the limit or over the largest beyond it, is out of reach of a step.
-const FAR: f64 = -0.5;
+const FAR_FROM_LIMIT: f64 = -0.5;
 
 /// The number of a load that has no peak nearer than that.
-const NONE_NEAR: usize = usize::MAX;
+const NO_PEAK: usize = usize::MAX;
 
 /// A limit, at a point of the search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
@@ -63,7 +63,7 @@ impl PenaltyGroups {
 }
 
 /// The sum over `groups` of what the largest of each, by `excess`, is beyond its limit.
-pub(super) fn beyond(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
+pub(super) fn total_violation(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
     let mut worst = vec![0.0_f64; groups.last().map_or(0, |last| last + 1)];
     groups.iter().enumerate().for_each(|(i, group)| worst[*group] = worst[*group].max(excess(i)));
     worst.iter().sum()
@@ -73,8 +73,8 @@ pub(super) fn beyond(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
 /// it, to which the peak may go; each with the number of its constraint. Where there is none, the largest.
 fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     let largest = |samples: &mut dyn Iterator<Item = usize>| samples.max_by(|a, b| values[*a].total_cmp(&values[*b]));
-    let stretches = values.len().div_ceil(STRETCH);
-    let inside = |w: usize| w * STRETCH..((w + 1) * STRETCH).min(values.len());
+    let stretches = values.len().div_ceil(PEAK_WINDOW);
+    let inside = |w: usize| w * PEAK_WINDOW..((w + 1) * PEAK_WINDOW).min(values.len());
     let height = |w: usize| largest(&mut inside(w)).map_or(0.0, |n| values[n]);
     let heights: Vec<f64> = (0..stretches).map(height).collect();
     let is_peak = |w: usize| {
@@ -85,7 +85,7 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     let of = |w: usize| [0, 1].map(|odd| Some((2 * w + odd, largest(&mut inside(w).filter(|n| n % 2 == odd))?)));
     let mut found: Vec<(usize, usize)> = (0..stretches).filter(near).flat_map(of).flatten().collect();
     if found.is_empty() {
-        found.extend(largest(&mut (0..values.len())).map(|n| (NONE_NEAR, n)));
+        found.extend(largest(&mut (0..values.len())).map(|n| (NO_PEAK, n)));
     }
     found
 }
@@ -100,19 +100,19 @@ pub struct LimitUse {
 }
 
 /// A limit of the body: in words, and value over the limit.
-type OfBody = (String, Box<dyn Fn(&Model) -> f64 + Send>);
+type BodyLimit = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 
 /// A limit of the load: in words, what is limited, to what, and whether its sign counts: what is below zero is no load then.
-type OfLoad = (String, Vec<Output>, f64, bool);
+type LoadLimit = (String, Vec<Output>, f64, bool);
 
 /// A mean over the cycles, or a second goal: in words, what it has to reach, and its size where it may have any sign.
-type OfMean = (String, Objective, f64, Option<f64>);
+type MeanLimit = (String, Objective, f64, Option<f64>);
 
 /// The limits of a search.
 pub(super) struct Limits {
-    body: Vec<OfBody>,
-    load: Vec<OfLoad>,
-    means: Vec<OfMean>,
+    body: Vec<BodyLimit>,
+    load: Vec<LoadLimit>,
+    means: Vec<MeanLimit>,
 }
 
 impl Limits {
@@ -121,7 +121,7 @@ impl Limits {
     /// # Errors
     /// [`Error::Design`] where a mean over the cycles is limited that the scene has not.
     pub fn of(table: &DesignTable, problem: &mut Problem, objective: &Objective) -> Result<Self> {
-        let mut body: Vec<OfBody> = Vec::new();
+        let mut body: Vec<BodyLimit> = Vec::new();
         if let Some(most) = table.largest_mass_kg {
             body.push((format!("total mass at most {most} kg"), Box::new(move |model| model.rod.total_mass() / most)));
         }
@@ -148,7 +148,7 @@ impl Limits {
             }
         }
         let joints = || problem.model().rod.joints();
-        let mut load: Vec<OfLoad> = Vec::new();
+        let mut load: Vec<LoadLimit> = Vec::new();
         if let Some(most) = table.largest_moment_n_m {
             let all = joints().map(|k| Quantity::JointMoment(k).into()).collect();
             load.push((format!("moment in a joint at most {most} N m"), all, most, false));
@@ -165,7 +165,7 @@ impl Limits {
                 true, // what it takes back is none that it puts in
             ));
         }
-        let mut means: Vec<OfMean> = Vec::new();
+        let mut means: Vec<MeanLimit> = Vec::new();
         let leasts: [(&str, Option<f64>, &Measure); 2] = [
             ("least_speed_m_s", table.least_speed_m_s, &FORWARD_SPEED),
             ("least_thrust_n", table.least_thrust_n, &THRUST),
@@ -243,7 +243,7 @@ impl Limits {
             };
             let loads: Vec<(usize, f64, Vec<f64>)> = loads.map(series).collect();
             let largest = loads.iter().flat_map(|load| &load.2).fold(1.0, |max: f64, x| max.max(*x));
-            let least = largest * FAR.exp();
+            let least = largest * FAR_FROM_LIMIT.exp();
             for (load, (o, way, values)) in loads.iter().enumerate() {
                 for (peak, n) in peaks(values, least) {
                     if values[n] > least {
@@ -268,7 +268,7 @@ impl Limits {
     }
 
     /// Leaves out what the motion is limited by, and keeps what the body is.
-    pub fn leave_motion(&mut self) {
+    pub fn keep_body_only(&mut self) {
         self.load.clear();
         self.means.clear();
     }

@@ -16,27 +16,27 @@ pub const MIN_SAMPLES: usize = 2 * DEGREE + 1;
 const DEGREE: usize = 6;
 
 /// A window over which the residual grows by more than this factor over that of shorter ones bends the motion.
-const BENT: f64 = 1.03;
+const MAX_RESIDUAL_GROWTH: f64 = 1.03;
 
 /// A sample whose residual is more than this many times the usual one is left out.
-const FITS: f64 = 4.0;
+const MAX_RESIDUAL: f64 = 4.0;
 
 /// A marker that is further than this many usual distances off the path that it has before and after is a glitch, where the others
 /// about it are no further than the second number, in root mean square, from that path. So many of a window may be glitches.
-const OFF: [f64; 2] = [6.0, 2.0];
-const GLITCHES: usize = 4;
+const GLITCH_THRESHOLDS: [f64; 2] = [6.0, 2.0];
+const MAX_GLITCHES: usize = 4;
 
 /// Samples to either side of one that is looked at for a glitch.
-const ABOUT: usize = 7;
+const HALF_WINDOW: usize = 7;
 
 /// A window that spans more than this many usual ones has a gap in it.
-const GAP: f64 = 1.5;
+const MAX_GAP: f64 = 1.5;
 
 /// Markers may be further apart than the rod between them by this part of the length, for noise.
-const SLACK: f64 = 0.1;
+const DISTANCE_TOLERANCE: f64 = 0.1;
 
 /// A polyline through the markers of less than this part of the rod's length is none of this rod.
-const SHORTEST: f64 = 0.5;
+const MIN_EXTENT: f64 = 0.5;
 
 /// The length of the polyline through a row of positions, m.
 fn length(row: &[f64]) -> f64 {
@@ -145,7 +145,8 @@ impl Markers {
 
     /// The first sample and entry that `rod` cannot have, and why: nodes are no further from each other than along the rod.
     fn impossible(&self, rod: &Rod) -> Option<(usize, usize, String)> {
-        let reach = |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + SLACK * rod.length;
+        let reach =
+            |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + DISTANCE_TOLERANCE * rod.length;
         let far = |row: &[f64], i: usize, j: usize| {
             (row[2 * i] - row[2 * j]).hypot(row[2 * i + 1] - row[2 * j + 1]) > reach(i, j)
         };
@@ -180,7 +181,7 @@ impl Markers {
             );
             return Some((sample, 2 * node + usize::from(off(1) > off(0)), problem));
         }
-        let sample = sizes.iter().position(|size| *size < SHORTEST)?;
+        let sample = sizes.iter().position(|size| *size < MIN_EXTENT)?;
         let problem = format!(
             "the markers of this sample are {:.3e} times the rod's length along the rod; allowed: positions in metres of \
              a rod of {} m, which hardly stretches",
@@ -225,13 +226,13 @@ impl Markers {
 
     /// Samples and nodes that are off their path, and by how much (m).
     fn glitches(&self) -> Vec<(usize, usize, f64)> {
-        let (count, span) = (self.times.len(), 2 * ABOUT + 1);
+        let (count, span) = (self.times.len(), 2 * HALF_WINDOW + 1);
         let nodes = self.positions.first().map_or(0, |row| row.len() / 2);
         let mut found = Vec::new();
         if count < 2 * span {
             return found;
         }
-        let first = |i: usize| i.saturating_sub(ABOUT).min(count - span);
+        let first = |i: usize| i.saturating_sub(HALF_WINDOW).min(count - span);
         let all: Vec<usize> = (0..span).collect();
         let fits: Vec<Option<Vec<f64>>> =
             (0..count).map(|i| fitted(&self.times[first(i)..first(i) + span], &all, i - first(i))).collect();
@@ -264,7 +265,7 @@ impl Markers {
                 // The path without those that are furthest off it, one after the other.
                 let mut chosen = all.clone();
                 let mut last = f64::INFINITY;
-                for _ in 0..=GLITCHES {
+                for _ in 0..=MAX_GLITCHES {
                     let distance = |j: usize, chosen: &[usize]| {
                         let fit = fitted(&self.times[window.clone()], chosen, j)?;
                         Some(off(begin + j, begin, chosen, &fit).1)
@@ -274,7 +275,7 @@ impl Markers {
                     let rms = (own.iter().map(|(_, d)| d * d).sum::<f64>() / own.len().max(1) as f64).sqrt();
                     last = rms;
                     let Some((worst, far)) = own.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)) else { break };
-                    if rms <= OFF[1] * usual && far <= 4.0 * usual {
+                    if rms <= GLITCH_THRESHOLDS[1] * usual && far <= 4.0 * usual {
                         break;
                     }
                     chosen.retain(|j| *j != worst);
@@ -282,7 +283,7 @@ impl Markers {
                 let out = !chosen.contains(&(i - begin));
                 if let Some(fit) = fitted(&self.times[window.clone()], &chosen, i - begin).filter(|_| out) {
                     let (distance, over) = off(i, begin, &chosen, &fit);
-                    if over > OFF[0] * usual && last <= OFF[1] * usual {
+                    if over > GLITCH_THRESHOLDS[0] * usual && last <= GLITCH_THRESHOLDS[1] * usual {
                         found.push((i, node, distance));
                     }
                 }
@@ -310,7 +311,7 @@ impl Markers {
                 return Ok(best);
             }
             let Ok(next) = self.smoothed(half) else { return Ok(best) };
-            if next.noise > BENT * least {
+            if next.noise > MAX_RESIDUAL_GROWTH * least {
                 return Ok(best);
             }
             least = least.min(next.noise);
@@ -328,7 +329,7 @@ impl Markers {
         let mut beside = 0;
         for i in half..count.saturating_sub(half) {
             let window = &self.times[i - half..=i + half];
-            if window[2 * half] - window[0] > GAP * usual {
+            if window[2 * half] - window[0] > MAX_GAP * usual {
                 beside += 1;
                 continue;
             }
@@ -353,7 +354,7 @@ impl Markers {
         sorted.sort_by(f64::total_cmp);
         let median = sorted[sorted.len() / 2];
         motion.noise = median.sqrt();
-        let mut fits = squares.iter().map(|square| *square <= FITS * FITS * median);
+        let mut fits = squares.iter().map(|square| *square <= MAX_RESIDUAL * MAX_RESIDUAL * median);
         let before = motion.samples.len();
         motion.samples.retain(|_| fits.next().unwrap_or(false));
         for (left_out, why) in [

@@ -13,8 +13,8 @@ use crate::scene::{Document, Scene};
 use crate::sensitivity::number::{Number, moved};
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Trajectory, Work};
 
-/// A tip that is met to this part of the length is met.
-pub(super) const MET: f64 = 1e-9;
+/// A target is reached if the root mean square distance from it is below this fraction of the length.
+pub(super) const TARGET_TOLERANCE: f64 = 1e-9;
 
 /// What a dynamic goal measures.
 #[derive(Debug)]
@@ -139,7 +139,7 @@ impl Objective {
             outputs,
             length,
             fits,
-            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.counted() == Aggregate::Worst),
+            rooted: table.goal == Goal::Efficiency && (table.over.is_none() || table.aggregate() == Aggregate::Worst),
             smaller_is_better: table.smaller_is_better(),
             document: None,
             numbers: table.numbers.clone(),
@@ -316,7 +316,7 @@ impl Objective {
     }
 
     pub(super) fn is_met(&self, f: f64) -> bool {
-        self.fits && self.shown(f) < MET * self.length
+        self.fits && self.shown(f) < TARGET_TOLERANCE * self.length
     }
 }
 
@@ -324,7 +324,7 @@ impl Objective {
 ///
 /// # Errors
 /// [`Error::Design`] where the scene has no such objective; those of [`Problem::of`].
-pub(super) fn aim(
+pub(super) fn objective_of(
     document: &Document,
     scene: &Scene,
     table: &DesignTable,

@@ -55,7 +55,7 @@ pub struct QpSolution {
 }
 
 /// A dual, over the largest, from which on a constraint belongs to a conflict.
-const IN_CONFLICT: f64 = 1e-3;
+const CONFLICT_DUAL: f64 = 1e-3;
 
 impl QuadraticProgram {
     /// A problem of `n` unknowns without objective.
@@ -170,7 +170,7 @@ impl QuadraticProgram {
         }
         let size = largest(&mut duals.iter().copied());
         let conflict: Vec<&str> = (self.constraints.iter().zip(&duals))
-            .filter(|(_, dual)| infeasible && dual.abs() > IN_CONFLICT * size)
+            .filter(|(_, dual)| infeasible && dual.abs() > CONFLICT_DUAL * size)
             .map(|(constraint, _)| constraint.name.as_str())
             .collect();
         let reason = if conflict.is_empty() {

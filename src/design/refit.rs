@@ -15,19 +15,19 @@ use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity, Trajectory};
 
 /// Mean square of what is left over that of noise and of the steps, from which on a simulation is not the motion of the markers.
-const MISFIT: f64 = 1.3;
+const MAX_MISFIT: f64 = 1.3;
 
 /// The largest root of that mean over so many coordinates, of which it is uncertain.
-pub(super) fn allowed(count: f64) -> f64 {
-    (MISFIT + 4.0 * (2.0 / count).sqrt()).sqrt()
+pub(super) fn max_misfit(count: f64) -> f64 {
+    (MAX_MISFIT + 4.0 * (2.0 / count).sqrt()).sqrt()
 }
 
 /// Steps are halved at most so often, until that moves the rod by less than this part of the noise.
-const HALVED: usize = 4;
-const SMALL: f64 = 0.3;
+const MAX_HALVINGS: usize = 4;
+const MAX_STEP_ERROR: f64 = 0.3;
 
 /// Most derivatives that are kept: of all nodes by all joints at as many times as that allows.
-const KEPT: usize = 10_000_000;
+const MAX_DERIVATIVES: usize = 10_000_000;
 
 /// Those of all nodes at the times of the markers, m; none beyond the simulation.
 type Positions = Vec<Option<Vec<f64>>>;
@@ -78,7 +78,7 @@ impl Refit {
             |trajectory: &Trajectory| -> Positions { markers.times.iter().map(|time| trajectory.at(*time)).collect() };
         let mut best: Option<(f64, f64, Positions)> = None;
         let (mut step_error, mut last): (f64, Option<Positions>) = (f64::INFINITY, None);
-        for halved in 0..=HALVED {
+        for halved in 0..=MAX_HALVINGS {
             let step = step * 0.5_f64.powi(halved as i32);
             let positions = at_markers(&problem(step)?.simulate()?);
             let residual = rms(&positions, |i| Some(&markers.positions[i]));
@@ -89,7 +89,7 @@ impl Refit {
             if best.as_ref().is_none_or(|(least, ..)| residual < *least) {
                 best = Some((residual, step, positions));
             }
-            if step_error <= SMALL * noise {
+            if step_error <= MAX_STEP_ERROR * noise {
                 break;
             }
         }
@@ -130,7 +130,7 @@ impl Refit {
             residual_m: residual,
             residual_over_noise: (left / variance.max(f64::MIN_POSITIVE)).sqrt(),
             stiffer_n_m2: change.as_slice()[..joints].to_vec(),
-            allowed: allowed(count),
+            allowed: max_misfit(count),
         })
     }
 }
@@ -159,7 +159,7 @@ fn normal(
     parameters.extend(actuation_gain.then_some(Parameter::Amplitude));
     let outputs: Vec<Output> = (0..2 * nodes).map(|i| Quantity::Position(i / 2, i % 2).into()).collect();
     let size = parameters.len() * outputs.len();
-    let every = (problem.times().len() * size).div_ceil(KEPT).max(1);
+    let every = (problem.times().len() * size).div_ceil(MAX_DERIVATIVES).max(1);
     let found = problem.forward(&parameters, &outputs, every, |_| {})?;
     let width = parameters.len();
     let (mut matrix, mut rhs, mut squares) = (DMatrix::zeros(width, width), DVector::zeros(width), 0.0);

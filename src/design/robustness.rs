@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::checkpoint::Checkpoint;
 use super::design_vector::DesignVector;
-use super::designed_scene::{changed, simulations};
+use super::designed_scene::{scene_with, simulations};
 use super::markers::Markers;
 use super::objective::Objective;
 use super::scenarios::Scenario;
@@ -18,22 +18,22 @@ use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
 
 /// The simulations of a design of `table`.
-pub(super) struct Checks<'a> {
+pub(super) struct RobustnessChecks<'a> {
     table: &'a DesignTable,
     target: Option<&'a Markers>,
     /// Each in words, and what it changes.
     simulations: Vec<(String, Vec<String>)>,
-    scenes: Vec<Checked>,
+    scenes: Vec<CheckedScene>,
 }
 
 /// One of the scenes that a design is for.
-struct Checked {
+struct CheckedScene {
     document: Document,
     /// The design, and what was before.
     profiles: [Option<DesignVector>; 2],
 }
 
-impl<'a> Checks<'a> {
+impl<'a> RobustnessChecks<'a> {
     /// Those of `profile`, designed for the scene of `document` or for `cases`, to come close to `target` where there is one.
     pub fn of(
         (document, cases): (&Document, &[Scenario]),
@@ -44,17 +44,17 @@ impl<'a> Checks<'a> {
     ) -> Self {
         let before = Problem::of(scene).ok().map(|problem| DesignVector::before(table, &problem.stiffness()));
         let allowed = |(_, changes): &(String, Vec<String>)| {
-            changed(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
+            scene_with(document, &table.numbers, changes, profile).is_ok_and(|scene| scene.model().is_ok())
         };
         let fluid = higher_fluids(scene).into_iter().filter(|_| before.is_some()).find(allowed);
         let simulations = simulations(scene).into_iter().chain(fluid).collect();
         let profiles = [Some(profile.clone()), before];
-        let of = |case: &Scenario| Checked {
+        let of = |case: &Scenario| CheckedScene {
             document: case.document.clone(),
             profiles: [0, 1].map(|i| profiles[i].as_ref().map(|profile| case.profile(profile))),
         };
         let scenes = if cases.is_empty() {
-            vec![Checked { document: document.clone(), profiles }]
+            vec![CheckedScene { document: document.clone(), profiles }]
         } else {
             cases.iter().map(of).collect()
         };
@@ -67,7 +67,7 @@ impl<'a> Checks<'a> {
     }
 
     /// What simulation `index` changes, and in which scene it is of which profile.
-    fn at(&self, index: usize) -> (&(String, Vec<String>), &Checked, Option<&DesignVector>) {
+    fn at(&self, index: usize) -> (&(String, Vec<String>), &CheckedScene, Option<&DesignVector>) {
         let (rest, scene) = (index / self.scenes.len(), &self.scenes[index % self.scenes.len()]);
         (&self.simulations[rest / 2], scene, scene.profiles[rest % 2].as_ref())
     }
@@ -90,18 +90,18 @@ impl<'a> Checks<'a> {
 
     /// The objective in simulation `index`; none where it fails.
     pub fn measure(&self, index: usize) -> Option<f64> {
-        let ((_, changes), Checked { document, .. }, profile) = self.at(index);
-        let scene = changed(document, &self.table.numbers, changes, profile?).ok()?;
+        let ((_, changes), CheckedScene { document, .. }, profile) = self.at(index);
+        let scene = scene_with(document, &self.table.numbers, changes, profile?).ok()?;
         let mut problem = Problem::followed_only(&scene, scene.model().ok()?).ok()?;
         let own = DesignVector::of(problem.stiffness());
         let objective = Objective::new(self.table, &problem, self.target).ok()?;
         objective.measure(&mut problem, &own).filter(|value| value.is_finite())
     }
 
-    /// All of them, those that `memory` has not on all cores.
-    pub fn make(&self, memory: &mut Checkpoint) -> Vec<Check> {
+    /// All of them, those that `checkpoint` has not on all cores.
+    pub fn make(&self, checkpoint: &mut Checkpoint) -> Vec<Check> {
         let mut found: Vec<Option<f64>> = vec![None; self.count()];
-        let todo: Vec<usize> = (0..self.count()).filter(|index| !memory.has(&self.asked(*index))).collect();
+        let todo: Vec<usize> = (0..self.count()).filter(|index| !checkpoint.has(&self.asked(*index))).collect();
         let keep = |index: usize, value| {
             found[index] = value;
             Ok(ControlFlow::Continue(()))
@@ -112,7 +112,7 @@ impl<'a> Checks<'a> {
         let mut values = found.into_iter().enumerate();
         let mut next = || {
             let (index, value) = values.next()?;
-            memory.recall(|| self.asked(index), || value)
+            checkpoint.get_or_compute(|| self.asked(index), || value)
         };
         let mut measured = || {
             let values: Vec<Option<f64>> = self.scenes.iter().map(|_| next()).collect();
@@ -120,7 +120,7 @@ impl<'a> Checks<'a> {
                 [value] => value,
                 _ => {
                     let values = values.into_iter().collect::<Option<Vec<f64>>>()?;
-                    self.table.counted().of(&values, self.table.smaller_is_better())
+                    self.table.aggregate().of(&values, self.table.smaller_is_better())
                 }
             }
         };

@@ -7,9 +7,9 @@ use std::sync::Mutex;
 use serde::Serialize;
 
 use super::design_vector::DesignVector;
-use super::designed_scene::pinned;
+use super::designed_scene::with_fixed_fluid;
 use super::limits::{LimitValue, Limits};
-use super::objective::{Objective, ObjectiveValue, aim};
+use super::objective::{Objective, ObjectiveValue, objective_of};
 use super::table::{DesignTable, Variable};
 use crate::error::{Error, Result};
 use crate::jobs;
@@ -19,7 +19,7 @@ use crate::sensitivity::{Parameter, Problem};
 use crate::sweep::Sweep;
 
 /// Keys of the scene that a variable along the rod decides.
-const DECIDED: [(Variable, &[&str]); 3] = [
+const KEYS_OF_VARIABLES: [(Variable, &[&str]); 3] = [
     (Variable::Stiffness, &["rod.stiffness_profile", "rod.stiffness_gradient"]),
     (Variable::Amplitude, &["actuation.amplitude_profile"]),
     (Variable::Phase, &["actuation.phase_profile_rad"]),
@@ -56,13 +56,15 @@ pub(super) struct ScenarioResult {
 ///
 /// # Errors
 /// Those of [`Sweep::read`] and of the scenes; [`Error::Scene`] where an axis moves what the design decides.
-pub(super) fn cases(document: &Document, scene: &Scene, table: &DesignTable) -> Result<Vec<Scenario>> {
+pub(super) fn scenarios(document: &Document, scene: &Scene, table: &DesignTable) -> Result<Vec<Scenario>> {
     let Some(file) = &table.over else { return Ok(Vec::new()) };
     let sweep = Sweep::over(&scene.read_from, &scene.folder.join(file), &[], Some(document.clone()))?;
     let rod = scene.model()?.rod;
     for key in sweep.axes.iter().flat_map(|axis| &axis.keys) {
         let number = table.numbers.iter().any(|number| number.key == *key);
-        let along = DECIDED.iter().any(|(variable, keys)| table.variables.contains(variable) && keys.contains(&&**key));
+        let along = KEYS_OF_VARIABLES
+            .iter()
+            .any(|(variable, keys)| table.variables.contains(variable) && keys.contains(&&**key));
         if number || along || key == "rod.nodes" {
             let problem = format!("{file} moves {key}, which the design decides; allowed: axes of other keys");
             return Err(document.refuse(&Fault { key: "design.over".into(), problem }));
@@ -85,7 +87,7 @@ impl Scenario {
     /// The scene of `document`, in which the `table` of a scene with `rod` is to be met.
     fn of(name: String, document: &Document, rod: &Rod, table: &DesignTable) -> Result<Self> {
         let scene = document.scene()?;
-        let document = pinned(document, &scene);
+        let document = with_fixed_fluid(document, &scene);
         let own = DesignTable::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let by = |table: &DesignTable| table.numbers.iter().map(|number| number.by).collect::<Vec<_>>();
         if by(&own) != by(table) {
@@ -93,7 +95,7 @@ impl Scenario {
                 "its case has other numbers than the scene; allowed: axes that leave the variables as they are";
             return Err(document.refuse(&Fault { key: "design.over".into(), problem: problem.into() }));
         }
-        let (objective, mut problem) = aim(&document, &scene, table, None)?;
+        let (objective, mut problem) = objective_of(&document, &scene, table, None)?;
         let of_motion =
             DesignTable { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
         let limits = Limits::of(&of_motion, &mut problem, &objective)?;
@@ -142,7 +144,7 @@ impl Scenario {
 }
 
 /// Objective and limits in each of `cases`, on all cores; none where a simulation fails.
-pub(super) fn each(
+pub(super) fn evaluate_all(
     cases: &mut [Scenario],
     profile: &DesignVector,
     parameters: &[Parameter],

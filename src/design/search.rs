@@ -21,94 +21,95 @@ use serde::de::DeserializeOwned;
 
 use super::checkpoint::Checkpoint;
 use super::design_vector::DesignVector;
-use super::identify::Identifiability;
-use super::limits::{LimitUse, LimitValue, Limits, PenaltyGroups, beyond};
-use super::objective::{MET, Objective, ObjectiveValue};
+use super::identify::{Identifiability, MAX_RELATIVE_DEVIATION};
+use super::limits::{LimitUse, LimitValue, Limits, PenaltyGroups, total_violation};
+use super::objective::{Objective, ObjectiveValue, TARGET_TOLERANCE};
 use super::qp::{Constraint, QuadraticProgram};
-use super::refit::allowed;
-use super::scenarios::{Scenario, each};
+use super::refit::max_misfit;
+use super::scenarios::{Scenario, evaluate_all};
 use super::table::{DesignTable, Goal, Variable};
 use super::tolerance::{Tolerance, tolerance};
-use super::unknowns::{FIXED, NOTHING, Unknowns};
+use super::unknowns::{FIXED_UNKNOWN, RANK_TOLERANCE, Unknowns};
 use crate::error::{Error, Result};
 use crate::sensitivity::{Parameter, Problem};
 
-/// Stationary in scaled variables: the gradient of the Lagrangian over the objective, or for a tracked tip over the sizes of the
-/// residuals and of their derivatives (the cosine between them, as in MINPACK). A search goes on to the first and has converged
-/// with the second, which it stops at where the next step promises less than [`LITTLE`].
-const STATIONARY: [f64; 2] = [1e-7, 1e-6];
+/// Tolerances of stationarity: the largest component of the Lagrangian's gradient over the objective, or for least squares the cosine between
+/// residuals and columns of the Jacobian, as in MINPACK. A search continues down to the first, and has converged at the second; it stops there
+/// if the next step predicts a reduction below [`NEGLIGIBLE_REDUCTION`].
+const STATIONARITY_TOLERANCE: [f64; 2] = [1e-7, 1e-6];
 
-/// A target is uncertain by this part of the length at least.
-const UNCERTAIN: f64 = 1e-6;
+/// Least standard deviation of a target's coordinates, over the length.
+const MIN_TARGET_DEVIATION: f64 = 1e-6;
 
-/// A logarithm that is uncertain by more than this is not known.
-const KNOWN: f64 = 0.1;
+/// Unknowns with a larger component in a poorly determined direction are reported as part of it.
+const MIN_COMPONENT: f64 = 0.2;
 
-/// An unknown with a larger share in a combination takes part in it.
-const SHARED: f64 = 0.2;
+/// Initial Levenberg-Marquardt damping μ.
+const INITIAL_DAMPING: f64 = 1.0;
 
-/// First μ of a tracked tip.
-const DAMPING: f64 = 1.0;
+/// Length over which steps of a tracked tip are smoothed, over the rod's length.
+const SMOOTHING_LENGTH: f64 = 0.3;
 
-/// The length that makes its steps smooth, over the rod's.
-const SMOOTH: f64 = 0.3;
+/// Default of the largest number of iterations per start.
+const DEFAULT_MAX_ITERATIONS: usize = 200;
 
-/// Most iterations of a start, where none are given.
-const ITERATIONS: usize = 200;
+/// After this many quasi-Newton updates the Hessian is recomputed by finite differences of the gradient, with this step; its eigenvalues are at
+/// least this fraction of the largest.
+const HESSIAN_REFRESH_INTERVAL: usize = 15;
+const FINITE_DIFFERENCE_STEP: f64 = 1e-4;
+const MIN_RELATIVE_EIGENVALUE: f64 = 1e-6;
 
-/// After so many steps second derivatives are taken anew, from gradients this far apart; the least over the largest.
-const REFRESHED: usize = 15;
-const NEARBY: f64 = 1e-4;
-const FLAT: f64 = 1e-6;
+/// A limit that is violated by less is kept.
+pub(super) const FEASIBILITY_TOLERANCE: f64 = 1e-6;
 
-/// A limit that is passed by less is kept.
-const VIOLATED: f64 = 1e-6;
+/// Penalty parameter of the exact penalty function, in units of the objective.
+const INITIAL_PENALTY: f64 = 10.0;
+const MAX_PENALTY: f64 = 1e6;
 
-/// First price of passing a limit, in units of the objective, and the largest.
-const PRICE: [f64; 2] = [10.0, 1e6];
+/// Trust-region radius; the search ends when it shrinks below the smallest.
+const INITIAL_TRUST_RADIUS: f64 = 0.5;
+const MAX_TRUST_RADIUS: f64 = 2.0;
+const MIN_TRUST_RADIUS: f64 = 1e-9;
 
-/// First trust radius, the largest, and the smallest worth a step.
-const RADIUS: [f64; 3] = [0.5, 2.0, 1e-9];
+/// Predicted reductions below this fraction of the objective are indistinguishable from rounding.
+const ROUNDING_REDUCTION: f64 = 1e-13;
 
-/// A step that promises less than this part of the objective cannot be told from rounding.
-const ROUNDING: f64 = 1e-13;
+/// Ratio of actual to predicted reduction below which the trust region shrinks, and a second-order correction is tried: along curved limits an
+/// exact penalty would otherwise reject all but the shortest steps (Maratos effect; Nocedal & Wright, section 18.3).
+const POOR_REDUCTION_RATIO: f64 = 0.25;
 
-/// One that wins less than this part is tried once more with the limits as they are at its end, and the trust radius shrinks: along limits that
-/// bend away from their tangents an exact penalty would refuse all but the shortest steps (Maratos; Nocedal & Wright, section 18.3).
-const POOR: f64 = 0.25;
+/// Below this predicted reduction a step is judged by the gradients at both of its ends, since differences of values are rounding:
+/// near an optimum gradients have twice as many correct digits of it (Hager & Zhang, SIAM J. Optim. 16, 2005).
+const GRADIENT_CRITERION_BELOW: f64 = 1e-9;
 
-/// A step that promises less than this part is judged by the gradients at both of its ends: what values would tell is rounding,
-/// and near an optimum gradients are exact to twice as many digits of it (Hager & Zhang, SIAM J. Optim. 16, 2005).
-const JUDGED_BY_GRADIENTS: f64 = 1e-9;
+/// Predicted reductions below this fraction of the objective are not worth a simulation.
+const NEGLIGIBLE_REDUCTION: f64 = 1e-11;
 
-/// A step that promises less than this part is not worth its simulation.
-const LITTLE: f64 = 1e-11;
+/// Least ratio of actual to predicted reduction of an accepted step.
+const SUFFICIENT_DECREASE: f64 = 1e-4;
 
-/// A step must win this part of what its model promises.
-const WON: f64 = 1e-4;
+/// Two starts reached the same optimum if their objectives differ by less than the first, relative, or all unknowns by less than the second
+/// (logarithms, or rad).
+pub(super) const SAME_OPTIMUM: [f64; 2] = [1e-4, 1e-2];
 
-/// Starts whose objectives differ by less than this part, or all of whose unknowns by less than that (logarithms, or rad), came to
-/// the same optimum.
-pub(super) const SAME: [f64; 2] = [1e-4, 1e-2];
+/// Restarts, with a higher penalty, of a start that ends with a violated limit.
+const MAX_RESTARTS: usize = 3;
 
-/// A start that ends beyond a limit goes on so many times, at a higher price.
-const AGAIN: usize = 3;
+/// Largest Levenberg-Marquardt damping.
+const MAX_DAMPING: f64 = 1e12;
 
-/// A tracked tip's step that is damped by more goes nowhere.
-const MOST_DAMPED: f64 = 1e12;
+/// Identification ends if the predicted reduction is below this fraction of what one standard deviation of an unknown costs: only unknowns that the
+/// data do not determine would still change.
+const NEGLIGIBLE_FIT_REDUCTION: f64 = 1e-4;
 
-/// A fit whose next step, of full length, promises less than this part of what one standard deviation of an unknown costs has come to its end:
-/// what goes on then are unknowns that the data do not know.
-const SETTLED: f64 = 1e-4;
+/// Why a search ended that reached the largest number of iterations.
+pub(super) const ITERATIONS_EXHAUSTED: &str = "its iterations are used up";
 
-/// Why a search ends that has used all its iterations.
-pub(super) const EXHAUSTED: &str = "its iterations are used up";
+/// Name of the trust region's constraints, which are not reported.
+const TRUST_REGION: &str = "trust region";
 
-/// What a step is kept within, which is no demand.
-const TRUST: &str = "trust region";
-
-/// How the constraint of a case begins that is among the worst.
-pub(super) const CASE: &str = "as bad as any: ";
+/// Prefix of the names of constraints of scenarios that are among the worst.
+pub(super) const WORST_SCENARIO: &str = "as bad as any: ";
 
 /// One iteration, for progress and figures.
 #[derive(Debug, Clone, Serialize)]
@@ -205,12 +206,12 @@ struct Iterate {
 impl Iterate {
     /// The sum of what is beyond the limits.
     fn violation(&self, priced: PenaltyGroups) -> f64 {
-        beyond(&priced.groups(&self.limits), |i| self.limits[i].excess)
+        total_violation(&priced.groups(&self.limits), |i| self.limits[i].excess)
     }
 
     /// True where it keeps its limits.
     fn is_kept(&self) -> bool {
-        self.violation(PenaltyGroups::Together) <= VIOLATED
+        self.violation(PenaltyGroups::Together) <= FEASIBILITY_TOLERANCE
     }
 }
 
@@ -235,9 +236,9 @@ pub struct Search<'a> {
     /// Its problem.
     pub(super) problem: Problem,
     /// The cases that it is for; empty where it is for the scene alone.
-    pub(super) cases: Vec<Scenario>,
+    pub(super) scenarios: Vec<Scenario>,
     /// What was simulated before.
-    pub(super) memory: Checkpoint,
+    pub(super) checkpoint: Checkpoint,
     /// EI of the joints as the scene has it, N m², and EI before its profile.
     pub(super) own_stiffness: Vec<f64>,
     pub(super) reference: f64,
@@ -247,7 +248,15 @@ impl<'a> Search<'a> {
     /// Of the scene of `problem`, as it is.
     pub fn new(table: &'a DesignTable, objective: &'a Objective, problem: Problem) -> Self {
         let (own_stiffness, reference) = (problem.stiffness(), problem.model().rod.ei);
-        Self { table, objective, problem, cases: Vec::new(), memory: Checkpoint::default(), own_stiffness, reference }
+        Self {
+            table,
+            objective,
+            problem,
+            scenarios: Vec::new(),
+            checkpoint: Checkpoint::default(),
+            own_stiffness,
+            reference,
+        }
     }
 
     /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
@@ -261,18 +270,18 @@ impl<'a> Search<'a> {
             return self.simulated(limits, profile, parameters); // with all derivatives of all times
         }
         let asked = format!("{:?} {:?} {profile:?} {}", self.table.goal, self.table.floor, parameters.len());
-        self.remembered(asked, |search| search.simulated(limits, profile, parameters))
+        self.cached(asked, |search| search.simulated(limits, profile, parameters))
     }
 
     /// The result of what `asked` names: the one of before, or what `make` makes.
-    fn remembered<T: Serialize + DeserializeOwned>(
+    fn cached<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: String,
         make: impl FnOnce(&mut Self) -> Option<T>,
     ) -> Option<T> {
-        let mut memory = std::mem::take(&mut self.memory);
-        let found = memory.recall(|| asked, || make(self));
-        self.memory = memory;
+        let mut checkpoint = std::mem::take(&mut self.checkpoint);
+        let found = checkpoint.get_or_compute(|| asked, || make(self));
+        self.checkpoint = checkpoint;
         found
     }
 
@@ -282,33 +291,33 @@ impl<'a> Search<'a> {
         profile: &DesignVector,
         parameters: &[Parameter],
     ) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
-        if self.cases.is_empty() {
+        if self.scenarios.is_empty() {
             let value = self.objective.at(&mut self.problem, profile, parameters)?;
             return Some((value, limits.at(&mut self.problem, profile, parameters)?));
         }
         self.objective.set_with(&mut self.problem, profile, parameters).ok()?;
         let mut all = limits.at(&mut self.problem, profile, parameters)?;
         let (values, of_cases): (Vec<ObjectiveValue>, Vec<_>) =
-            each(&mut self.cases, profile, parameters)?.into_iter().unzip();
+            evaluate_all(&mut self.scenarios, profile, parameters)?.into_iter().unzip();
         all.extend(of_cases.into_iter().flatten());
-        Some((ObjectiveValue::of(self.table.counted(), &values), all))
+        Some((ObjectiveValue::of(self.table.aggregate(), &values), all))
     }
 
     /// The objective of a profile in every case, as shown; none where a simulation fails.
-    pub(super) fn in_cases(&mut self, profile: &DesignVector) -> Option<Vec<f64>> {
-        let all = each(&mut self.cases, profile, &[])?;
+    pub(super) fn in_scenarios(&mut self, profile: &DesignVector) -> Option<Vec<f64>> {
+        let all = evaluate_all(&mut self.scenarios, profile, &[])?;
         Some(all.into_iter().map(|(value, _)| self.objective.shown(value.f)).collect())
     }
 
     /// The objective of a profile as shown; none where a simulation fails.
     pub(super) fn value(&mut self, profile: &DesignVector) -> Option<f64> {
         let asked = format!("{:?} of {profile:?}", self.table.goal);
-        self.remembered(asked, |search| {
-            if search.cases.is_empty() {
+        self.cached(asked, |search| {
+            if search.scenarios.is_empty() {
                 return search.objective.measure(&mut search.problem, profile);
             }
-            let values = search.in_cases(profile)?;
-            search.table.counted().of(&values, search.table.smaller_is_better())
+            let values = search.in_scenarios(profile)?;
+            search.table.aggregate().of(&values, search.table.smaller_is_better())
         })
     }
 
@@ -334,7 +343,7 @@ impl<'a> Search<'a> {
     }
 
     /// The same from start `only` alone.
-    pub(super) fn run_one(
+    pub(super) fn run_start(
         &mut self,
         only: usize,
         tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
@@ -360,11 +369,11 @@ impl<'a> Search<'a> {
         let own_stiffness_n_m2 = self.own_stiffness.clone();
         let unknowns = Unknowns::of(self.table, self.problem.model(), own_stiffness_n_m2.clone());
         let mut limits = Limits::of(self.table, &mut self.problem, self.objective)?;
-        if !self.cases.is_empty() {
-            limits.leave_motion(); // to the cases
+        if !self.scenarios.is_empty() {
+            limits.keep_body_only(); // to the cases
         }
         let n = unknowns.count();
-        let starts = if from.is_some() { 1 } else { self.table.all_starts() };
+        let starts = if from.is_some() { 1 } else { self.table.start_count() };
         let mut roughness = None;
         let mut history = Vec::new();
         let mut ends: Vec<StartResult> = Vec::new();
@@ -389,9 +398,9 @@ impl<'a> Search<'a> {
             // leads another way.
             let [together, alone] = [PenaltyGroups::Together, PenaltyGroups::Alone];
             let several = together.groups(&first.limits) != alone.groups(&first.limits);
-            let mut end = self.descend((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
+            let mut end = self.minimise((&unknowns, &limits, together), rough, first.clone(), &mut told)?;
             if !end.point.is_kept() && !end.interrupted && several {
-                let other = self.descend((&unknowns, &limits, alone), rough, first, &mut told)?;
+                let other = self.minimise((&unknowns, &limits, alone), rough, first, &mut told)?;
                 if other.interrupted || other.point.violation(together) < end.point.violation(together) {
                     end = other;
                 }
@@ -445,9 +454,9 @@ impl<'a> Search<'a> {
                 let left = residuals.iter().map(|r| r * r).sum::<f64>() / free;
                 let left = left.sqrt() / scale;
                 let own = self.table.noise_m.or(self.objective.noise).unwrap_or(left);
-                let over = left / own.max(MET * self.objective.length);
+                let over = left / own.max(TARGET_TOLERANCE * self.objective.length);
                 noise_m = Some(self.table.noise_m.unwrap_or(left));
-                misfit = Some(over).filter(|over| *over > allowed(residuals.len() as f64));
+                misfit = Some(over).filter(|over| *over > max_misfit(residuals.len() as f64));
                 if misfit.is_some() {
                     // What does not fit is no noise, which more samples make smaller.
                     together = (self.objective.target.len() as f64).sqrt();
@@ -456,7 +465,8 @@ impl<'a> Search<'a> {
                     self.table.noise_m.unwrap_or(left) * scale
                 }
             } else {
-                objective.max(UNCERTAIN * self.objective.length) / (self.objective.target.len() as f64).sqrt()
+                objective.max(MIN_TARGET_DEVIATION * self.objective.length)
+                    / (self.objective.target.len() as f64).sqrt()
             };
             if let Some(v_t) = &svd.v_t {
                 let x = best.point.x.as_slice();
@@ -465,7 +475,7 @@ impl<'a> Search<'a> {
                     unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), size)
                 };
                 deviations = of(&Variable::Stiffness);
-                confused = confusions(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
+                confused = unidentifiable_groups(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
                 for variable in self.table.variables.iter().filter(|v| matches!(v, Variable::Number(_))) {
                     of_numbers.extend(of(variable));
                 }
@@ -481,10 +491,12 @@ impl<'a> Search<'a> {
             let together = confused.iter().any(|names| names.len() > 1 && names.contains(key));
             let verdict = match deviation {
                 _ if bound => Some(Identifiability::AtABound),
-                Some(deviation) if together && deviation > KNOWN => Some(Identifiability::NotToldApart),
+                Some(deviation) if together && deviation > MAX_RELATIVE_DEVIATION => {
+                    Some(Identifiability::NotToldApart)
+                }
                 Some(_) if !converged => Some(Identifiability::NotConverged),
                 Some(_) if misfit.is_some() => Some(Identifiability::DoesNotFit),
-                Some(deviation) if deviation <= KNOWN => Some(Identifiability::Identified),
+                Some(deviation) if deviation <= MAX_RELATIVE_DEVIATION => Some(Identifiability::Identified),
                 Some(_) => Some(Identifiability::Unobservable),
                 None => None,
             };
@@ -521,7 +533,7 @@ impl<'a> Search<'a> {
 
     fn has_converged(&self, end: &StartResult) -> bool {
         let met = self.objective.is_met(end.point.value.f);
-        end.point.is_kept() && (end.stationarity <= STATIONARY[1] || met || end.settled)
+        end.point.is_kept() && (end.stationarity <= STATIONARITY_TOLERANCE[1] || met || end.settled)
     }
 
     /// Which optimum each of `ends` is at.
@@ -534,7 +546,7 @@ impl<'a> Search<'a> {
             let own = &ends[i].point;
             let same = |other: &&Iterate| {
                 let (f, x) = ((own.value.f - other.value.f).abs(), (&own.x - &other.x).amax());
-                f <= SAME[0] * other.value.f.abs() || x <= SAME[1]
+                f <= SAME_OPTIMUM[0] * other.value.f.abs() || x <= SAME_OPTIMUM[1]
             };
             let known = found.iter().position(same);
             if known.is_none() {
@@ -546,7 +558,7 @@ impl<'a> Search<'a> {
     }
 
     /// Goes down from `first`, with limits `priced` together or alone. All of a step's programme is in units of the objective.
-    fn descend(
+    fn minimise(
         &mut self,
         (unknowns, limits, priced): (&Unknowns, &Limits, PenaltyGroups),
         rough: &DMatrix<f64>,
@@ -557,17 +569,17 @@ impl<'a> Search<'a> {
         let merit = |point: &Iterate| point.value.f + 0.5 * point.x.dot(&(rough * &point.x));
         let slope = |point: &Iterate| point.value.common(n) + rough * &point.x;
         let squares = first.value.residuals.is_some();
-        let stiff = unknowns.roughness((SMOOTH * unknowns.joints() as f64).powi(4));
+        let stiff = unknowns.roughness((SMOOTHING_LENGTH * unknowns.joints() as f64).powi(4));
         let metric = DMatrix::identity(n, n) + DMatrix::from_row_slice(n, n, &stiff);
         let mut here = first;
         let mut hessian: Option<DMatrix<f64>> = None;
         let cases = here.value.cases.len();
-        let (mut price, mut updates) = (PRICE[0], 0);
-        let (mut radius, mut damping, mut growth) = (RADIUS[0], DAMPING, 2.0);
+        let (mut price, mut updates) = (INITIAL_PENALTY, 0);
+        let (mut radius, mut damping, mut growth) = (INITIAL_TRUST_RADIUS, INITIAL_DAMPING, 2.0);
         let mut end = (f64::INFINITY, Vec::new(), false);
-        let mut why = EXHAUSTED.to_string();
+        let mut why = ITERATIONS_EXHAUSTED.to_string();
         let (mut here_again, mut again, mut settled) = (false, 0, false);
-        for iteration in 0..=self.table.iterations.unwrap_or(ITERATIONS) {
+        for iteration in 0..=self.table.iterations.unwrap_or(DEFAULT_MAX_ITERATIONS) {
             let unit = merit(&here).abs().max(f64::MIN_POSITIVE);
             let gradient = slope(&here) / unit;
             let model = rough / unit
@@ -579,7 +591,7 @@ impl<'a> Search<'a> {
                     (None, Some(hessian)) => hessian / unit,
                     (None, None) => {
                         let steepest = DVector::from_column_slice(&here.value.by) + rough * &here.x;
-                        DMatrix::identity(n, n) * (steepest.norm() / unit / RADIUS[0]).max(1e-12)
+                        DMatrix::identity(n, n) * (steepest.norm() / unit / INITIAL_TRUST_RADIUS).max(1e-12)
                     }
                 };
             // Unknowns of a step: it, how far each limit is passed, and the worst case.
@@ -595,7 +607,7 @@ impl<'a> Search<'a> {
             // How far each limit is passed has a price.
             for passed in n..n + limited {
                 programme.gradient[passed] = price;
-                programme.constraints.push(Constraint::at_most(TRUST, vec![(passed, -1.0)], 0.0));
+                programme.constraints.push(Constraint::at_most(TRUST_REGION, vec![(passed, -1.0)], 0.0));
             }
             for (limit, group) in here.limits.iter().zip(&groups) {
                 let row = limit.by.iter().copied().enumerate().filter(|(_, by)| *by != 0.0);
@@ -606,12 +618,12 @@ impl<'a> Search<'a> {
                 programme.gradient[n + limited] = 1.0;
                 let row = by.iter().map(|by| by / unit).enumerate().filter(|(_, by)| *by != 0.0);
                 let row = row.chain([(n + limited, -1.0)]).collect();
-                let name = format!("{CASE}{}", self.cases[i].name);
+                let name = format!("{WORST_SCENARIO}{}", self.scenarios[i].name);
                 programme.constraints.push(Constraint::at_most(name, row, (here.value.f - f) / unit));
             }
             for i in (0..n).filter(|_| !squares) {
                 for sign in [1.0, -1.0] {
-                    programme.constraints.push(Constraint::at_most(TRUST, vec![(i, sign)], radius));
+                    programme.constraints.push(Constraint::at_most(TRUST_REGION, vec![(i, sign)], radius));
                 }
             }
             unknowns.constrain(&mut programme, here.x.as_slice());
@@ -624,7 +636,7 @@ impl<'a> Search<'a> {
                     damping *= growth;
                     growth *= 2.0;
                     here_again = true;
-                    if radius < RADIUS[2] || damping > MOST_DAMPED {
+                    if radius < MIN_TRUST_RADIUS || damping > MAX_DAMPING {
                         break;
                     }
                     continue;
@@ -633,7 +645,7 @@ impl<'a> Search<'a> {
             // The gradient of the Lagrangian without the trust region's duals.
             let mut lagrangian = gradient.clone();
             for (constraint, dual) in programme.constraints.iter().zip(&solution.duals) {
-                let row = constraint.row.iter().filter(|(i, _)| *i < n && constraint.name != TRUST);
+                let row = constraint.row.iter().filter(|(i, _)| *i < n && constraint.name != TRUST_REGION);
                 row.for_each(|(i, c)| lagrangian[*i] += dual * c);
             }
             let mut stationarity = match &here.value.residuals {
@@ -647,7 +659,7 @@ impl<'a> Search<'a> {
                 None => lagrangian.amax(),
             };
             let mut active = programme.active(&solution);
-            active.retain(|(name, _)| name != TRUST && name != FIXED);
+            active.retain(|(name, _)| name != TRUST_REGION && name != FIXED_UNKNOWN);
             active = together(active);
             // A radius that shrinks about a point hides bounds beyond it: what was known of the point stays.
             if here_again && end.0 < stationarity {
@@ -660,7 +672,7 @@ impl<'a> Search<'a> {
             of_limits.iter().zip(&groups).for_each(|(dual, group)| dear[*group] += dual);
             let dearest = dear.into_iter().fold(0.0, f64::max);
             if dearest > 0.5 * price {
-                price = (4.0 * price).min(PRICE[1]);
+                price = (4.0 * price).min(MAX_PENALTY);
             }
             let step = DVector::from_column_slice(&solution.x[..n]);
             let longest = step.amax();
@@ -673,26 +685,28 @@ impl<'a> Search<'a> {
             end = (stationarity, active, false);
             settled = here.value.residuals.as_ref().is_some_and(|(residuals, _)| {
                 let free = residuals.len().saturating_sub(n).max(1) as f64;
-                self.objective.goal == Goal::Identify && damping < DAMPING && promised < SETTLED / free
+                self.objective.goal == Goal::Identify
+                    && damping < INITIAL_DAMPING
+                    && promised < NEGLIGIBLE_FIT_REDUCTION / free
             });
             let ends = if self.objective.is_met(here.value.f) {
                 Some("the target is met")
-            } else if stationarity <= STATIONARY[usize::from(promised < LITTLE)]
-                && here.violation(PenaltyGroups::Together) <= 0.1 * VIOLATED
+            } else if stationarity <= STATIONARITY_TOLERANCE[usize::from(promised < NEGLIGIBLE_REDUCTION)]
+                && here.violation(PenaltyGroups::Together) <= 0.1 * FEASIBILITY_TOLERANCE
             {
                 Some("it is stationary")
-            } else if promised < ROUNDING {
+            } else if promised < ROUNDING_REDUCTION {
                 Some("no step promises more than rounding")
-            } else if longest.min(radius) < RADIUS[2] {
+            } else if longest.min(radius) < MIN_TRUST_RADIUS {
                 Some("no step however short is better")
             } else {
                 None
             };
             // What still passes a limit tries once more from there, at a higher price.
-            if ends.is_some() && !here.is_kept() && again < AGAIN && !squares {
+            if ends.is_some() && !here.is_kept() && again < MAX_RESTARTS && !squares {
                 again += 1;
-                price = (100.0 * price).min(PRICE[1]);
-                (radius, hessian, here_again) = (RADIUS[0], None, false);
+                price = (100.0 * price).min(MAX_PENALTY);
+                (radius, hessian, here_again) = (INITIAL_TRUST_RADIUS, None, false);
                 if tell(report).is_break() {
                     end.2 = true;
                     break;
@@ -706,7 +720,7 @@ impl<'a> Search<'a> {
             }
             let mut next = self.point(unknowns, limits, unknowns.kept((&here.x + &step).as_slice().to_vec()));
             let won = |next: &Iterate| {
-                if promised >= JUDGED_BY_GRADIENTS || squares || cases > 0 {
+                if promised >= GRADIENT_CRITERION_BELOW || squares || cases > 0 {
                     return (merit(&here) - merit(next)) / unit
                         + price * (here.violation(priced) - next.violation(priced));
                 }
@@ -717,11 +731,11 @@ impl<'a> Search<'a> {
                     let by = from.by.iter().zip(&to.by).zip(&moved).map(|((from, to), d)| 0.5 * (from + to) * d);
                     from.excess + by.sum::<f64>()
                 };
-                let kept = here.violation(priced) - beyond(&groups, after);
+                let kept = here.violation(priced) - total_violation(&groups, after);
                 price * kept - 0.5 * (slope(&here) + slope(next)).dot(&moved) / unit
             };
             let mut ratio = next.as_ref().map_or(f64::NEG_INFINITY, |next| won(next) / promised);
-            if let Some(tried) = next.as_ref().filter(|_| limited > 0 && ratio < POOR) {
+            if let Some(tried) = next.as_ref().filter(|_| limited > 0 && ratio < POOR_REDUCTION_RATIO) {
                 // A limit that bends away from its tangent: the same step, with the limits as they are at its end.
                 let moved = &tried.x - &here.x;
                 for (constraint, limit) in programme.constraints[limited..].iter_mut().zip(&here.limits) {
@@ -739,7 +753,7 @@ impl<'a> Search<'a> {
                     next = Some(better);
                 }
             }
-            report.accepted = ratio > WON;
+            report.accepted = ratio > SUFFICIENT_DECREASE;
             here_again = !report.accepted;
             if squares {
                 if report.accepted {
@@ -750,8 +764,8 @@ impl<'a> Search<'a> {
                     growth *= 2.0;
                 }
             } else if ratio > 0.75 && longest > 0.9 * radius {
-                radius = (2.0 * radius).min(RADIUS[1]);
-            } else if ratio < POOR {
+                radius = (2.0 * radius).min(MAX_TRUST_RADIUS);
+            } else if ratio < POOR_REDUCTION_RATIO {
                 radius = if report.accepted { 0.5 } else { 0.25 } * longest.min(radius);
             }
             if let Some(next) = next.filter(|_| report.accepted) {
@@ -775,15 +789,18 @@ impl<'a> Search<'a> {
                             .fold(sum, |sum, ((_, by), dual)| sum + DVector::from_column_slice(by) * (dual * unit))
                     };
                     updates += 1;
-                    let exact =
-                        if updates >= REFRESHED { self.curvature((unknowns, limits), &next, curved) } else { None };
+                    let exact = if updates >= HESSIAN_REFRESH_INTERVAL {
+                        self.curvature((unknowns, limits), &next, curved)
+                    } else {
+                        None
+                    };
                     hessian = Some(if let Some(exact) = exact {
                         updates = 0;
                         exact
                     } else {
                         let (moved, turned) = (&next.x - &here.x, curved(&next) - curved(&here));
                         let size = 10.0 * curved(&here).norm();
-                        updated(hessian, &moved, &turned, size.max(1e-12 * unit))
+                        bfgs_update(hessian, &moved, &turned, size.max(1e-12 * unit))
                     });
                 }
                 here = next;
@@ -810,12 +827,12 @@ impl<'a> Search<'a> {
         let mut all = DMatrix::zeros(n, n);
         for i in 0..n {
             let mut x = here.x.as_slice().to_vec();
-            x[i] += NEARBY;
-            let by = (slope(&self.point(unknowns, limits, x)?) - &own) / NEARBY;
+            x[i] += FINITE_DIFFERENCE_STEP;
+            let by = (slope(&self.point(unknowns, limits, x)?) - &own) / FINITE_DIFFERENCE_STEP;
             all.set_column(i, &by);
         }
         let mut eigen = (0.5 * (&all + all.transpose())).symmetric_eigen();
-        let least = FLAT * eigen.eigenvalues.amax();
+        let least = MIN_RELATIVE_EIGENVALUE * eigen.eigenvalues.amax();
         eigen.eigenvalues.apply(|value| *value = value.abs().max(least));
         let found = eigen.recompose();
         found.iter().all(|x| x.is_finite()).then_some(found)
@@ -893,12 +910,13 @@ fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
 }
 
 /// Groups of unknowns, by `names`, that only a change of all of them together leaves the data as they are, to within their noise:
-/// those with a large share in a combination that is known no better than [`KNOWN`].
-fn confusions(names: &[String], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<Vec<String>> {
-    let least = NOTHING * singular.iter().copied().fold(0.0, f64::max);
-    let unknown = (0..singular.len()).filter(|s| noise > KNOWN * singular[*s] || singular[*s] <= least);
+/// those with a large share in a combination that is known no better than [`MAX_RELATIVE_DEVIATION`].
+fn unidentifiable_groups(names: &[String], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<Vec<String>> {
+    let least = RANK_TOLERANCE * singular.iter().copied().fold(0.0, f64::max);
+    let unknown =
+        (0..singular.len()).filter(|s| noise > MAX_RELATIVE_DEVIATION * singular[*s] || singular[*s] <= least);
     let group = |s: usize| {
-        let shared = (0..names.len()).filter(|i| v_t[(s, *i)].abs() > SHARED);
+        let shared = (0..names.len()).filter(|i| v_t[(s, *i)].abs() > MIN_COMPONENT);
         shared.map(|i| names[i].clone()).collect::<Vec<_>>()
     };
     unknown.map(group).filter(|group| !group.is_empty()).collect()
@@ -910,7 +928,7 @@ fn jacobian(rows: &[Vec<f64>], columns: usize) -> DMatrix<f64> {
 
 /// The damped BFGS matrix after a step `s` over which the gradient of the Lagrangian changed by `y`; the first is at most `size`
 /// times the identity.
-fn updated(old: Option<DMatrix<f64>>, s: &DVector<f64>, y: &DVector<f64>, size: f64) -> DMatrix<f64> {
+fn bfgs_update(old: Option<DMatrix<f64>>, s: &DVector<f64>, y: &DVector<f64>, size: f64) -> DMatrix<f64> {
     let old = old.unwrap_or_else(|| {
         let secant = y.dot(y) / y.dot(s).abs().max(f64::MIN_POSITIVE);
         DMatrix::identity(s.len(), s.len()) * secant.min(size)

@@ -9,18 +9,19 @@ use serde_json::{Map, Value, json};
 
 use super::checkpoint::{self, Checkpoint};
 use super::design_vector::{BASELINE, DesignVector};
-use super::designed_scene::{changed, designed, fixed_steps, pinned, simulations};
+use super::designed_scene::{designed, fixed_steps, scene_with, simulations, with_fixed_fluid};
 use super::explanations::{
-    say_cases, say_effect, say_found, say_front, say_identified, say_refit, say_tolerances, say_unfit,
+    explain_effect, explain_front, explain_identification, explain_misfit, explain_refit, explain_scenarios,
+    explain_search, explain_tolerances,
 };
 use super::front::{ParetoPoint, front};
 use super::identify::{Identification, identify};
 use super::markers::{MIN_SAMPLES, Markers, distances, rms};
-use super::objective::aim;
+use super::objective::objective_of;
 use super::refit::Refit;
-use super::robustness::{Check, Checks, Robustness};
-use super::scenarios::{Scenario, ScenarioResult, cases};
-use super::search::{EXHAUSTED, Search, SearchIteration, SearchResult};
+use super::robustness::{Check, Robustness, RobustnessChecks};
+use super::scenarios::{Scenario, ScenarioResult, scenarios};
+use super::search::{ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult};
 use super::static_shape::{Equilibrium, StaticShape, rest};
 use super::stl;
 use super::table::{DesignTable, Goal, Variable};
@@ -37,7 +38,7 @@ use crate::stepper::Stepper;
 use crate::system::System;
 
 /// A stiffness that is off by a smaller part is the same.
-const ALIKE: f64 = 1e-9;
+const SAME_STIFFNESS: f64 = 1e-9;
 
 /// A design.
 #[derive(Debug)]
@@ -70,7 +71,7 @@ pub enum Answer {
 
 /// A scene's `[design]`.
 #[derive(Deserialize)]
-struct Wanted {
+struct SceneWithDesign {
     #[serde(rename = "design")]
     _table: Option<DesignTable>,
 }
@@ -139,7 +140,7 @@ impl Design {
     /// # Errors
     /// Those of [`Folder::claim`].
     pub fn claim(scene: &Scene, folder: &Path, claim: Claim) -> Result<Folder> {
-        Folder::claim(folder, Owner::of("design", scene), claim, &checkpoint::CERTAIN)
+        Folder::claim(folder, Owner::of("design", scene), claim, &checkpoint::RESULT_FILES)
     }
 
     fn made(
@@ -148,11 +149,11 @@ impl Design {
         mut tell: impl FnMut(&SearchIteration) -> ControlFlow<()>,
     ) -> Result<Self> {
         let scene = document.scene()?;
-        document.read_as::<Wanted>()?; // whose complaints know their place
+        document.read_as::<SceneWithDesign>()?; // whose complaints know their place
         let table = DesignTable::of(&scene).map_err(|fault| document.refuse(&fault))?;
         let mut dynamics = Dynamics::new(Arc::new(scene.model()?));
         let asked = document;
-        let document = &pinned(document, &scene);
+        let document = &with_fixed_fluid(document, &scene);
         let rod = scene.model()?.rod;
         let data = |least: usize| match &table.data {
             Some(file) => {
@@ -174,31 +175,31 @@ impl Design {
                 }
                 let markers = data(MIN_SAMPLES)?.unwrap_or_default().without_glitches();
                 let mut found = identify(&mut dynamics, &markers, &table)?;
-                let unfit = say_unfit(&found);
+                let unfit = explain_misfit(&found);
                 let mut profile = DesignVector::of(found.joints.iter().map(|joint| joint.stiffness_n_m2).collect());
                 profile.amplitude.fill(found.actuation_gain.unwrap_or(1.0));
                 let steps = fixed_steps(&scene);
                 let with_step = |step: f64| {
                     let changes = [&steps[..], &[format!("solver.time_step_s={step:e}")]].concat();
-                    changed(document, &[], &changes, &DesignVector::of(Vec::new()))
+                    scene_with(document, &[], &changes, &DesignVector::of(Vec::new()))
                 };
-                let step = changed(document, &[], &steps, &DesignVector::of(Vec::new()))?.typical_step();
+                let step = scene_with(document, &[], &steps, &DesignVector::of(Vec::new()))?.typical_step();
                 let deviations: Vec<f64> = found.joints.iter().map(|joint| joint.deviation_n_m2).collect();
                 if let Ok(refit) =
                     Refit::of(with_step, step, &profile, (&markers, found.noise_m), (&deviations, table.actuation_gain))
                 {
                     found.judge(refit);
                 }
-                lines.extend(say_identified(&found).into_iter().chain(unfit));
-                lines.extend(say_effect(&scene));
-                match changed(document, &[], &steps, &DesignVector::of(Vec::new()))
+                lines.extend(explain_identification(&found).into_iter().chain(unfit));
+                lines.extend(explain_effect(&scene));
+                match scene_with(document, &[], &steps, &DesignVector::of(Vec::new()))
                     .and_then(|scene| simulated(&scene, &profile))
                 {
                     Ok(motions) => evidence.motions = motions.into(),
                     Err(error) => lines.push(format!("no simulation beside the data: {error}")),
                 }
                 evidence.checks = replay(document, &scene, &table, &markers, &profile);
-                lines.extend(found.refit.as_ref().and_then(say_refit));
+                lines.extend(found.refit.as_ref().and_then(explain_refit));
                 evidence.target = Some(markers);
                 (Answer::Identification(found), profile)
             }
@@ -226,26 +227,28 @@ impl Design {
             }
             Goal::Identify | Goal::TrackTip | Goal::Distance | Goal::Efficiency | Goal::Cycle(_) => {
                 let target = data(1)?;
-                let (objective, problem) = aim(document, &scene, &table, target.as_ref())?;
+                let (objective, problem) = objective_of(document, &scene, &table, target.as_ref())?;
                 let mut search = Search::new(&table, &objective, problem);
-                search.cases = cases(asked, &scene, &table)?;
+                search.scenarios = scenarios(asked, &scene, &table)?;
                 if let Some(folder) = folder.filter(|_| !table.fits_positions()) {
-                    search.memory = Checkpoint::open(folder, &scene, &table)?;
+                    search.checkpoint = Checkpoint::open(folder, &scene, &table)?;
                 }
                 let mut found = search.run(&mut tell)?;
-                lines.extend(say_found(&found, &table));
+                lines.extend(explain_search(&found, &table));
                 let profile = found.profile.clone();
                 if table.goal != Goal::Identify {
                     evidence.profiles = compare(&mut search, &found, &table);
                 }
-                let own =
-                    DesignVector { numbers: table.own_numbers(), ..DesignVector::of(found.own_stiffness_n_m2.clone()) };
+                let own = DesignVector {
+                    numbers: table.initial_numbers(),
+                    ..DesignVector::of(found.own_stiffness_n_m2.clone())
+                };
                 let before = evidence.profiles.first().map_or(&own, |compared| &compared.profile);
                 if let Ok(motions) = motions(&mut search, before, &profile) {
                     evidence.motions = motions.into();
                 }
-                evidence.cases = in_cases(&mut search, before, &profile);
-                lines.extend(say_cases(&evidence.cases, &table));
+                evidence.cases = in_scenarios(&mut search, before, &profile);
+                lines.extend(explain_scenarios(&evidence.cases, &table));
                 if table.goal == Goal::Identify {
                     let markers = target.clone().unwrap_or_default();
                     evidence.checks = replay(document, &scene, &table, &markers, &profile);
@@ -254,12 +257,13 @@ impl Design {
                         "interrupted: it was not simulated again with other steps, methods or meshes".to_string(),
                     );
                 } else {
-                    let checks = Checks::of((document, &search.cases), &scene, &table, target.as_ref(), &profile);
-                    evidence.checks = checks.make(&mut search.memory);
+                    let checks =
+                        RobustnessChecks::of((document, &search.scenarios), &scene, &table, target.as_ref(), &profile);
+                    evidence.checks = checks.make(&mut search.checkpoint);
                     let again = || Problem::of(&scene);
                     (evidence.front, evidence.unfinished) =
-                        front(&table, &objective, &found, (again, &mut search.memory), &mut tell)?;
-                    lines.extend(say_front(&evidence.front, &table));
+                        front(&table, &objective, &found, (again, &mut search.checkpoint), &mut tell)?;
+                    lines.extend(explain_front(&evidence.front, &table));
                     if !table.fits_positions() {
                         found.tolerances = search.tolerances(&found);
                     }
@@ -292,7 +296,7 @@ impl Design {
             evidence.trust = Some(trust);
         }
         if let Answer::Search(found) = &answer {
-            lines.extend(say_tolerances(&found.tolerances));
+            lines.extend(explain_tolerances(&found.tolerances));
         }
         let designed = designed(document, &scene, &table.numbers, &profile)?;
         let stiffness = if profile.stiffness_n_m2.is_empty() {
@@ -370,7 +374,7 @@ impl Design {
     /// What can be done where its search did not converge.
     pub fn advice(&self) -> &'static str {
         match &self.answer {
-            Answer::Search(found) if found.why == EXHAUSTED => "try more design.iterations",
+            Answer::Search(found) if found.why == ITERATIONS_EXHAUSTED => "try more design.iterations",
             Answer::Search(found) if !found.kept => {
                 "it does not keep its limits; try more design.starts, or weaker limits"
             }
@@ -389,10 +393,10 @@ impl Design {
 }
 
 /// The design and what was before in every case.
-fn in_cases(search: &mut Search<'_>, before: &DesignVector, profile: &DesignVector) -> Vec<ScenarioResult> {
-    let mut of = |profile: &DesignVector| match search.in_cases(profile) {
+fn in_scenarios(search: &mut Search<'_>, before: &DesignVector, profile: &DesignVector) -> Vec<ScenarioResult> {
+    let mut of = |profile: &DesignVector| match search.in_scenarios(profile) {
         Some(values) => values.into_iter().map(Some).collect(),
-        None => vec![None; search.cases.len()],
+        None => vec![None; search.scenarios.len()],
     };
     let (before, designed) = (of(before), of(profile));
     let row = |((case, before), designed): ((&Scenario, Option<f64>), Option<f64>)| ScenarioResult {
@@ -401,7 +405,7 @@ fn in_cases(search: &mut Search<'_>, before: &DesignVector, profile: &DesignVect
         before,
         gain_percent: designed.zip(before).map(|(designed, before)| search.table.gain_percent(designed, before)),
     };
-    search.cases.iter().zip(before).zip(designed).map(row).collect()
+    search.scenarios.iter().zip(before).zip(designed).map(row).collect()
 }
 
 /// The numbers that decide what stiffness does (Sp, β, …), where the scene has them.
@@ -432,7 +436,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
     let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
     let of = |factors: Vec<f64>| DesignVector {
-        numbers: table.own_numbers(),
+        numbers: table.initial_numbers(),
         ..DesignVector::of(factors.iter().map(|factor| factor * reference).collect())
     };
     let linear = |slope: f64| of(xi.iter().map(|xi| even * (1.0 + slope * (centre - xi))).collect());
@@ -441,7 +445,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
         let objective = search.value(&profile);
         profiles.push(ComparedProfile { name: name.to_string(), profile, objective });
     };
-    let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < ALIKE);
+    let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < SAME_STIFFNESS);
     add(BASELINE, before, search);
     if table.variables.contains(&Variable::Stiffness) {
         if !alike {
@@ -489,12 +493,12 @@ fn replay(
     let fixed = fixed_steps(scene);
     let measure = |changes: &[String], profile: &DesignVector| -> Option<f64> {
         let changes = [&fixed[..], changes].concat();
-        let changed = changed(document, &table.numbers, &changes, profile).ok()?;
-        let trajectory = Problem::of(&changed).ok()?.simulate().ok()?;
-        let finer = (changed.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
+        let variant = scene_with(document, &table.numbers, &changes, profile).ok()?;
+        let trajectory = Problem::of(&variant).ok()?.simulate().ok()?;
+        let finer = (variant.rod.nodes.get() - 1) / (scene.rod.nodes.get() - 1);
         distances(&trajectory, markers, finer).map(|distances| rms(distances.iter().copied()))
     };
-    let scene_of = |changes: &[String]| changed(document, &[], changes, &DesignVector::of(Vec::new()));
+    let scene_of = |changes: &[String]| scene_with(document, &[], changes, &DesignVector::of(Vec::new()));
     let fixed_scene = scene_of(&fixed);
     let own = fixed_scene.as_ref().ok().and_then(|scene| Problem::of(scene).ok());
     let own = own.map(|problem| DesignVector::of(problem.stiffness()));
@@ -510,7 +514,7 @@ fn replay(
 /// What the rest is that the rod of a profile has next to `positions`.
 fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found: &StaticShape) -> Equilibrium {
     let steady = || -> Option<SteadyState> {
-        SteadyState::near(changed(document, &[], &[], profile).ok()?.model().ok()?, positions).ok()
+        SteadyState::near(scene_with(document, &[], &[], profile).ok()?.model().ok()?, positions).ok()
     };
     match steady().map(|mut steady| steady.eigenvalues()) {
         None => Equilibrium::Unknown,
@@ -524,7 +528,7 @@ fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found
 
 /// How far (m, root mean square) the rod of a profile rests from `positions`; none where no equilibrium is found from there.
 fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Option<f64> {
-    let scene = changed(document, &[], &[], profile).ok()?;
+    let scene = scene_with(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));
     let mut newton = Newton::new(dynamics.nodes(), RESTED).ok()?;
     let mut state = dynamics.first_state();

@@ -11,10 +11,10 @@ use crate::error::{Error, Result};
 use crate::model::Dynamics;
 
 /// A curvature or moment below this part of the largest is none.
-const NONE: f64 = 1e-6;
+const NEGLIGIBLE: f64 = 1e-6;
 
 /// A residual moment above this part of a joint's own is said.
-const MISSED: f64 = 1e-6;
+const MAX_RESIDUAL: f64 = 1e-6;
 
 /// What the rest of the designed rod is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
@@ -88,7 +88,7 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> 
     let (reference, basis) = (rod.ei, Basis::of(table, rod));
     let pairs: Vec<[f64; 2]> = all.iter().map(|series| [series.curvature(1.0)[0], series.moment[0]]).collect();
     let largest = pairs.iter().fold([0.0_f64; 2], |max, pair| [0, 1].map(|i| max[i].max(pair[i].abs())));
-    let is_none = |pair: &[f64; 2], i: usize| pair[i].abs() <= NONE * largest[i];
+    let is_none = |pair: &[f64; 2], i: usize| pair[i].abs() <= NEGLIGIBLE * largest[i];
     let against: Vec<String> = (rod.joints().zip(&pairs))
         .filter(|(_, pair)| {
             let both = pair[0] * pair[1] < 0.0 && !is_none(pair, 0) && !is_none(pair, 1);
@@ -102,9 +102,9 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> 
     }
     let mut programme = QuadraticProgram::new(basis.unknowns);
     for ([c, m], row) in pairs.iter().zip(&basis.rows) {
-        if c.abs() > NONE * largest[0] {
+        if c.abs() > NEGLIGIBLE * largest[0] {
             // Relative errors of the moments, so that the tip counts like the root.
-            let size = m.abs().max(NONE * largest[1]);
+            let size = m.abs().max(NEGLIGIBLE * largest[1]);
             let scaled: Vec<(usize, f64)> = row.iter().map(|(i, w)| (*i, w * c * reference / size)).collect();
             programme.add_square(&scaled, m / size, 1.0);
         }
@@ -118,7 +118,8 @@ pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> 
     let stiffness: Vec<f64> = basis.joints(&solution.x).iter().map(|x| x * reference).collect();
     let missed = (rod.joints().zip(&pairs).zip(&stiffness))
         .filter(|((_, pair), ei)| {
-            !is_none(pair, 0) && (*ei * pair[0] - pair[1]).abs() > MISSED * pair[1].abs().max(NONE * largest[1])
+            !is_none(pair, 0)
+                && (*ei * pair[0] - pair[1]).abs() > MAX_RESIDUAL * pair[1].abs().max(NEGLIGIBLE * largest[1])
         })
         .map(|((k, [c, m]), _)| (k, m / c))
         .collect();

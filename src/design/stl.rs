@@ -12,7 +12,7 @@ const STATIONS: usize = 64;
 const CORNERS: usize = 48;
 
 /// A semi-axis is at least this part of the length, so that a body that ends in an edge has a surface.
-const THIN: f64 = 1e-6;
+const MIN_SEMI_AXIS: f64 = 1e-6;
 
 /// Columns of [`sections`].
 pub(super) const COLUMNS: [&str; 8] = [
@@ -59,7 +59,7 @@ pub(super) fn sections(rod: &Rod, stiffness: &[f64]) -> Vec<Vec<Value>> {
 /// across it, z, with the hole where the rod is hollow. Of a round core with a membrane it is the core. Source: 3D Systems, StereoLithography Interface
 /// Specification (1989).
 pub fn stl(name: &str, rod: &Rod) -> String {
-    let least = THIN * rod.length;
+    let least = MIN_SEMI_AXIS * rod.length;
     // Round sections are polygons; a rectangle's corners are at odd eighths of a turn.
     let unit = |i: usize| -> [f64; 2] {
         let (sin, cos) = (TAU * i as f64 / CORNERS as f64).sin_cos();

@@ -13,7 +13,7 @@ use crate::sensitivity::Parameter;
 use crate::sensitivity::number::{self, Number, Numbers};
 
 /// Bounds of what has none, over the scene's.
-pub const WIDE: [f64; 2] = [0.01, 100.0];
+pub const DEFAULT_BOUNDS: [f64; 2] = [0.01, 100.0];
 
 /// What is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -204,7 +204,7 @@ pub struct DesignTable {
     /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
     /// Least and largest stiffness, over EI of the scene before its profile.
-    #[serde(default = "wide")]
+    #[serde(default = "default_bounds")]
     pub bounds: [f64; 2],
     /// True where stiffness may not rise from head to tip.
     #[serde(default)]
@@ -271,8 +271,8 @@ pub struct DesignTable {
     pub iterations: Option<usize>,
 }
 
-fn wide() -> [f64; 2] {
-    WIDE
+fn default_bounds() -> [f64; 2] {
+    DEFAULT_BOUNDS
 }
 
 fn stiffness() -> Vec<Variable> {
@@ -365,7 +365,7 @@ impl DesignTable {
     }
 
     /// The numbers as they are in the scene.
-    pub fn own_numbers(&self) -> Vec<(String, f64)> {
+    pub fn initial_numbers(&self) -> Vec<(String, f64)> {
         self.numbers.iter().map(|number| (number.words(), number.own)).collect()
     }
 
@@ -475,12 +475,12 @@ impl DesignTable {
     }
 
     /// Number of its starts.
-    pub fn all_starts(&self) -> usize {
+    pub fn start_count(&self) -> usize {
         self.starts.unwrap_or(if self.fits_positions() { 1 } else { 3 }).max(1)
     }
 
     /// What counts of the cases that it is for.
-    pub fn counted(&self) -> Aggregate {
+    pub fn aggregate(&self) -> Aggregate {
         self.robust.unwrap_or_default()
     }
 
@@ -488,8 +488,8 @@ impl DesignTable {
     pub fn bounds_of(&self, key: &str) -> [f64; 2] {
         match &self.number_bounds {
             Some(Bounds::All(bounds)) => *bounds,
-            Some(Bounds::Each(each)) => each.get(key).copied().unwrap_or(WIDE),
-            None => WIDE,
+            Some(Bounds::Each(each)) => each.get(key).copied().unwrap_or(DEFAULT_BOUNDS),
+            None => DEFAULT_BOUNDS,
         }
     }
 

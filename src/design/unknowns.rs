@@ -14,10 +14,10 @@ use crate::sensitivity::Parameter;
 use crate::sensitivity::number::Number;
 
 /// The name of the constraint of an unknown whose bounds are the same, which is no demand.
-pub const FIXED: &str = "fixed";
+pub const FIXED_UNKNOWN: &str = "fixed";
 
 /// A singular value below this part of the largest is rounding.
-pub const NOTHING: f64 = 1e-12;
+pub const RANK_TOLERANCE: f64 = 1e-12;
 
 /// How a value follows from its unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -323,7 +323,7 @@ impl Unknowns {
                 if block.is_fixed() {
                     // Two bounds in one place would leave no room inside them.
                     let room = block.unknown(block.bounds[0]) - x;
-                    constraints.push(Constraint::equal(FIXED, vec![(i, 1.0)], room));
+                    constraints.push(Constraint::equal(FIXED_UNKNOWN, vec![(i, 1.0)], room));
                     continue;
                 }
                 let place = block.place(i - first);
@@ -372,7 +372,7 @@ impl Unknowns {
         let Some((block, first, part)) = self.parts(x).find(|(block, ..)| block.variable == *variable) else {
             return Vec::new();
         };
-        let least = NOTHING * singular.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
+        let least = RANK_TOLERANCE * singular.iter().copied().fold(f64::MIN_POSITIVE, f64::max);
         let of = |(row, x): (&Vec<(usize, f64)>, f64)| {
             let along =
                 |s: usize| row.iter().map(|(i, w)| w * v_t[(s, first + i)]).sum::<f64>() / singular[s].max(least);

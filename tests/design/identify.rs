@@ -349,7 +349,7 @@ fn numbers_are_designed_for_distance_and_hold_in_other_simulations() {
     let table = DesignTable::of(&scene).unwrap();
     let mut problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, None).unwrap().of_document(&document);
-    let own = DesignVector { numbers: table.own_numbers(), ..DesignVector::of(problem.stiffness()) };
+    let own = DesignVector { numbers: table.initial_numbers(), ..DesignVector::of(problem.stiffness()) };
     let parameters = [Parameter::Frequency, Parameter::OfForces("medium.viscosity_pa_s")];
     let (_, exact) = objective.derivatives(&mut problem, &own, &parameters).unwrap();
     for (i, exact) in exact.iter().enumerate() {

@@ -92,7 +92,7 @@ fn worst_of(mut document: Document, step: f64) -> (f64, usize, String) {
     let mut problem = Problem::of(&scene).unwrap();
     let objective = Objective::new(&table, &problem, None).unwrap().of_document(&document);
     let own = DesignVector {
-        numbers: table.own_numbers(),
+        numbers: table.initial_numbers(),
         stiffness_n_m2: Vec::new(),
         ..DesignVector::of(problem.stiffness())
     };
