@@ -8,7 +8,7 @@ use std::time::Duration;
 use caudal::error::{Error, Result};
 use caudal::jobs::{Journal, Shard, cores};
 use caudal::report::{Claim, Folder, JOURNAL};
-use caudal::sweep::{Fresh, Results, Sweep, Written, run as run_sweep};
+use caudal::sweep::{RecentResults, Sweep, SweepResults, WrittenSweep, run as run_sweep};
 use clap::{Args, Subcommand};
 use indicatif::ProgressBar;
 
@@ -145,7 +145,7 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
 
     let interrupted = watch_for_interrupts();
     let bar = progress_bar(cases.len());
-    let (mut failures, mut fresh) = (0, Fresh::default());
+    let (mut failures, mut fresh) = (0, RecentResults::default());
     let outcome = run_sweep(&sweep, &mut journal, &cases, threads(arguments), &interrupted, |index, row| {
         if !row.complete() {
             failures += 1;
@@ -171,12 +171,12 @@ fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
         return Ok(ExitCode::SUCCESS);
     }
     held.hold_again()?;
-    finish(&Results::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
+    finish(&SweepResults::new(&sweep, &job, vec![journal])?.with(fresh), &mut held)
 }
 
 /// Table, figures and report, and a word on what failed.
-fn finish(results: &Results<'_>, folder: &mut Folder) -> Result<ExitCode> {
-    let Written { kept, failed } = results.write(folder)?;
+fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
+    let WrittenSweep { kept, failed } = results.write(folder)?;
     for (index, ending) in failed.iter().take(3) {
         complain(&format!("case {index}: {ending}"));
     }
@@ -210,7 +210,7 @@ fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
     let journals: Vec<Journal> =
         paths.iter().filter_map(|path| Journal::read_begun(path).transpose()).collect::<Result<_>>()?;
     let claimed = || sweep.claim(&folder, &job, Claim::forced(common.force));
-    let results = Results::new(&sweep, &job, journals)?;
+    let results = SweepResults::new(&sweep, &job, journals)?;
     let missing: Vec<usize> = results.missing().collect();
     if let Some(first) = missing.first() {
         let lacking = format!(

@@ -13,29 +13,29 @@ use crate::error::Result;
 use crate::words::number;
 
 /// Quantities of a summary that figures and page show, in this order.
-pub const QUANTITIES: [Quantity; 22] = [
-    Quantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
-    Quantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
-    Quantity::new("mean_thrust_n", "mean thrust", "N", true),
-    Quantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
-    Quantity::new("max_head_force_n", "largest force on the head", "N", true),
-    Quantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
-    Quantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
-    Quantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
-    Quantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
-    Quantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
-    Quantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
-    Quantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
-    Quantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
-    Quantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
-    Quantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
-    Quantity::new("actuation_work_j", "actuation work", "J", true),
-    Quantity::new("viscous_work_j", "viscous work", "J", true),
-    Quantity::new("cost_of_transport", "cost of transport", "1", true),
-    Quantity::new("efficiency", "efficiency", "1", true),
-    Quantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
-    Quantity::new("newton_iterations", "Newton iterations", "1", false),
-    Quantity::new("step_halvings", "step halvings", "1", false),
+pub const QUANTITIES: [SummaryQuantity; 22] = [
+    SummaryQuantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
+    SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
+    SummaryQuantity::new("mean_thrust_n", "mean thrust", "N", true),
+    SummaryQuantity::new("mean_head_moment_n_m", "mean moment on the head", "N m", true),
+    SummaryQuantity::new("max_head_force_n", "largest force on the head", "N", true),
+    SummaryQuantity::new("max_head_moment_n_m", "largest moment on the head", "N m", true),
+    SummaryQuantity::new("max_lateral_excursion_m", "largest lateral excursion", "m", true).of_free_heads(),
+    SummaryQuantity::new("cycle_forward_speed_m_s", "forward speed over whole cycles", "m/s", true).of_free_heads(),
+    SummaryQuantity::new("cycle_body_lengths", "body lengths per cycle", "1", true).of_free_heads(),
+    SummaryQuantity::new("cycle_slip", "slip over whole cycles", "1", true).of_free_heads(),
+    SummaryQuantity::new("cycle_strouhal_number", "Strouhal number", "1", true),
+    SummaryQuantity::new("cycle_actuation_power_w", "actuation power over whole cycles", "W", true),
+    SummaryQuantity::new("cycle_efficiency", "efficiency over whole cycles", "1", true),
+    SummaryQuantity::new("mean_bending_energy_j", "mean bending energy", "J", true),
+    SummaryQuantity::new("mean_kinetic_energy_j", "mean kinetic energy", "J", true),
+    SummaryQuantity::new("actuation_work_j", "actuation work", "J", true),
+    SummaryQuantity::new("viscous_work_j", "viscous work", "J", true),
+    SummaryQuantity::new("cost_of_transport", "cost of transport", "1", true),
+    SummaryQuantity::new("efficiency", "efficiency", "1", true),
+    SummaryQuantity::new("numerical_dissipation_j", "numerical dissipation", "J", false),
+    SummaryQuantity::new("newton_iterations", "Newton iterations", "1", false),
+    SummaryQuantity::new("step_halvings", "step halvings", "1", false),
 ];
 
 /// Lines that join cases in a figure, at most.
@@ -53,7 +53,7 @@ const CELLS: usize = 10_000;
 
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
-pub struct Quantity {
+pub struct SummaryQuantity {
     /// Its key in the summary.
     pub key: &'static str,
     /// Its name in words.
@@ -66,7 +66,7 @@ pub struct Quantity {
     pub of_free_heads: bool,
 }
 
-impl Quantity {
+impl SummaryQuantity {
     const fn new(key: &'static str, name: &'static str, unit: &'static str, drawn: bool) -> Self {
         Self { key, name, unit, drawn, of_free_heads: false }
     }
@@ -78,7 +78,7 @@ impl Quantity {
 
 /// An axis along which the cases differ.
 #[derive(Debug, Clone)]
-pub struct Axis {
+pub struct CaseAxis {
     /// Its name.
     pub name: String,
     /// Its levels as text.
@@ -91,7 +91,7 @@ pub struct Axis {
     pub logarithmic: bool,
 }
 
-impl Axis {
+impl CaseAxis {
     /// Where level `i` is drawn: at its number, or at its place in the list.
     fn at(&self, i: usize) -> f64 {
         self.numbers.as_ref().map_or(i as f64, |numbers| numbers[i])
@@ -163,7 +163,7 @@ impl Groups {
 pub struct Cases {
     name: String,
     text: String,
-    axes: Vec<Axis>,
+    axes: Vec<CaseAxis>,
     split: Option<usize>,
     size: usize,
     /// Numbers of the cases that are there, and their levels, axis by axis.
@@ -203,7 +203,7 @@ struct Data<'a> {
 
 impl Cases {
     /// No cases yet of a sweep of `size` cases along `axes`, whose file is `text`; the levels of `split` are shown apart.
-    pub fn new(name: &str, axes: Vec<Axis>, split: Option<usize>, size: usize, text: &str) -> Self {
+    pub fn new(name: &str, axes: Vec<CaseAxis>, split: Option<usize>, size: usize, text: &str) -> Self {
         Self {
             name: name.to_string(),
             text: text.to_string(),
@@ -321,7 +321,7 @@ impl Cases {
     fn heat_map(
         &self,
         axes: [usize; 2],
-        quantity: &Quantity,
+        quantity: &SummaryQuantity,
         column: &[f64],
         label: &str,
         cases: &[usize],
@@ -330,13 +330,13 @@ impl Cases {
         if of.iter().any(|axis| axis.sampled) || of.iter().map(|axis| axis.labels.len()).product::<usize>() > CELLS {
             return None;
         }
-        let [across, up] = of.map(Axis::groups);
+        let [across, up] = of.map(CaseAxis::groups);
         let cell = |i: &usize| {
             let [x, y] = axes.map(|axis| self.levels[axis][*i]);
             (across.of[x], up.of[y], column[*i], self.indices[*i])
         };
         let cells = cases.iter().map(cell).collect();
-        let levels = |axis: &Axis, groups: &Groups| Levels {
+        let levels = |axis: &CaseAxis, groups: &Groups| Levels {
             name: axis.name.clone(),
             at: groups.at.clone(),
             scale: axis.scale(),
@@ -351,7 +351,7 @@ impl Cases {
     }
 
     /// A quantity against one axis: lines join the cases that differ in nothing else, and a line of means lies on top.
-    fn against(&self, axis: usize, quantity: &Quantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
+    fn against(&self, axis: usize, quantity: &SummaryQuantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
         let of = &self.axes[axis];
         let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
         let cases = || cases.iter().copied().filter(|i| column[*i].is_finite());
@@ -389,7 +389,13 @@ impl Cases {
     }
 
     /// The main effects of all axes on a quantity: means at each level, relative to the mean of all where signs allow.
-    fn effects(&self, shown: &[usize], quantity: &Quantity, column: &[f64], parts: &[(String, Vec<usize>)]) -> Effects {
+    fn effects(
+        &self,
+        shown: &[usize],
+        quantity: &SummaryQuantity,
+        column: &[f64],
+        parts: &[(String, Vec<usize>)],
+    ) -> Effects {
         let values = || column.iter().filter(|x| x.is_finite());
         let relative = values().all(|x| *x > 0.0) || values().all(|x| *x < 0.0);
         let groups: Vec<_> = shown.iter().map(|axis| self.axes[*axis].groups()).collect();
@@ -410,7 +416,7 @@ impl Cases {
                 .iter()
                 .zip(&groups)
                 .map(|(axis, group)| {
-                    let Axis { name, numbers, .. } = &self.axes[*axis];
+                    let CaseAxis { name, numbers, .. } = &self.axes[*axis];
                     EffectAxis { name: name.clone(), labels: group.labels.clone(), joined: numbers.is_some() }
                 })
                 .collect(),
@@ -419,7 +425,7 @@ impl Cases {
     }
 
     /// The cases of each level of the split beside each other, in the order of the first level's sizes.
-    fn compared(&self, quantity: &Quantity, column: &[f64]) -> Option<Chart> {
+    fn compared(&self, quantity: &SummaryQuantity, column: &[f64]) -> Option<Chart> {
         let split = self.split?;
         let others = |i: usize| -> Vec<usize> {
             (0..self.axes.len()).filter(|a| *a != split).map(|a| self.levels[a][i]).collect()

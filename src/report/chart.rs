@@ -3,7 +3,7 @@
 
 use nalgebra::Vector2;
 
-use super::axis::{Axis, superscript};
+use super::chart_axis::{ChartAxis, superscript};
 use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 
 /// Width of a chart and height of its plot, px.
@@ -180,16 +180,16 @@ impl Chart {
         svg.finish()
     }
 
-    fn axes(&self) -> [Axis; 2] {
+    fn axes(&self) -> [ChartAxis; 2] {
         let x = || self.series.iter().flat_map(|series| &series.points).map(|p| p.0);
         let y = || self.series.iter().flat_map(|series| &series.points).map(|p| p.1);
         match &self.scale {
-            Scale::Linear | Scale::Equal => [Axis::linear(x()), Axis::linear(y())],
-            Scale::LogX => [Axis::logarithmic(x()), Axis::linear(y())],
-            Scale::LogY(decades) => [Axis::linear(x()), Axis::decades(y(), *decades)],
-            Scale::SignedLogY(decades) => [Axis::linear(x()), Axis::signed(y(), *decades)],
-            Scale::LogLog => [Axis::logarithmic(x()), Axis::logarithmic(y())],
-            Scale::Categories(labels) => [Axis::categories(labels), Axis::linear(y())],
+            Scale::Linear | Scale::Equal => [ChartAxis::linear(x()), ChartAxis::linear(y())],
+            Scale::LogX => [ChartAxis::logarithmic(x()), ChartAxis::linear(y())],
+            Scale::LogY(decades) => [ChartAxis::linear(x()), ChartAxis::decades(y(), *decades)],
+            Scale::SignedLogY(decades) => [ChartAxis::linear(x()), ChartAxis::signed(y(), *decades)],
+            Scale::LogLog => [ChartAxis::logarithmic(x()), ChartAxis::logarithmic(y())],
+            Scale::Categories(labels) => [ChartAxis::categories(labels), ChartAxis::linear(y())],
         }
     }
 
@@ -334,7 +334,7 @@ impl Legend {
 }
 
 /// The name of an axis with the power of ten that its labels lack, before its unit where it has one.
-pub(super) fn titled(name: &str, axis: &Axis) -> String {
+pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
     let power = format!("10{}", superscript(axis.power));
     match name.strip_suffix(')').and_then(|name| name.rsplit_once('(')) {
         _ if axis.power == 0 => name.to_string(),
@@ -345,7 +345,7 @@ pub(super) fn titled(name: &str, axis: &Axis) -> String {
 
 impl Frame {
     /// The plot under a title and a legend of some height, with room for the labels of y.
-    pub(super) fn about(y: &Axis, legend: f64) -> Self {
+    pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
         let left = 42.0 + widest.min(110.0);
         Self { left, top: 42.0 + legend, width: WIDTH - left - 18.0, height: PLOT }
@@ -356,7 +356,7 @@ impl Frame {
         (self.left + x * self.width, self.top + (1.0 - y) * self.height)
     }
 
-    pub(super) fn draw_y(&self, svg: &mut Svg, y: &Axis, name: &str) {
+    pub(super) fn draw_y(&self, svg: &mut Svg, y: &ChartAxis, name: &str) {
         for (place, label) in y.ticks.iter().filter(|(_, label)| !label.is_empty()) {
             let at = self.at(0.0, *place);
             svg.line(&[at, self.at(1.0, *place)], Colour::GRID, 1.0, "");
@@ -371,7 +371,7 @@ impl Frame {
         svg.upright((17.0, self.top + 0.5 * self.height), &cut(&titled(name, y), NAME, room), NAME, Colour::INK);
     }
 
-    pub(super) fn draw_x(&self, svg: &mut Svg, x: &Axis, name: &str, categories: bool) {
+    pub(super) fn draw_x(&self, svg: &mut Svg, x: &ChartAxis, name: &str, categories: bool) {
         let labelled = || x.ticks.iter().filter(|(_, label)| !label.is_empty());
         let count = labelled().count().max(1);
         let every = if categories { count.div_ceil(12) } else { 1 };
@@ -427,7 +427,7 @@ impl Effects {
     pub fn svg(&self) -> String {
         let entries: Vec<_> = self.series.iter().map(|(label, _)| label.as_str()).enumerate().collect();
         let legend = Legend::of(&entries);
-        let y = Axis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
+        let y = ChartAxis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
         let first = Frame::about(&y, legend.height());
         let columns = self.axes.len().clamp(1, (first.width / PANEL) as usize);
         let rows = self.axes.len().div_ceil(columns).max(1);
@@ -447,7 +447,7 @@ impl Effects {
         svg.finish()
     }
 
-    fn panel(&self, svg: &mut Svg, frame: &Frame, y: &Axis, axis: &EffectAxis, index: usize) {
+    fn panel(&self, svg: &mut Svg, frame: &Frame, y: &ChartAxis, axis: &EffectAxis, index: usize) {
         let count = axis.labels.len();
         let place = |level: usize| match axis.joined && count > 1 {
             true => 0.14 + 0.72 * level as f64 / (count - 1) as f64,
@@ -563,20 +563,23 @@ mod tests {
 
     #[test]
     fn axes_label_round_numbers_with_as_many_digits_as_tell_them_apart() {
-        let labels = |axis: Axis| {
+        let labels = |axis: ChartAxis| {
             let labels = axis.ticks.into_iter().map(|(_, label)| label).filter(|label| !label.is_empty());
             labels.collect::<Vec<_>>().join(" ")
         };
-        assert_eq!(labels(Axis::linear([0.0, 1.0].into_iter())), "0.0 0.2 0.4 0.6 0.8 1.0".replace("0.0", "0"));
-        let small = Axis::linear([0.0, 4e-6].into_iter());
+        assert_eq!(labels(ChartAxis::linear([0.0, 1.0].into_iter())), "0.0 0.2 0.4 0.6 0.8 1.0".replace("0.0", "0"));
+        let small = ChartAxis::linear([0.0, 4e-6].into_iter());
         assert_eq!((small.power, labels(small)), (-6, "0 1 2 3 4".to_string()));
-        assert_eq!(labels(Axis::linear([1.00000, 1.00004].into_iter())), "1.00000 1.00001 1.00002 1.00003 1.00004");
         assert_eq!(
-            labels(Axis::logarithmic([1e-6, 1e6].into_iter())),
+            labels(ChartAxis::linear([1.00000, 1.00004].into_iter())),
+            "1.00000 1.00001 1.00002 1.00003 1.00004"
+        );
+        assert_eq!(
+            labels(ChartAxis::logarithmic([1e-6, 1e6].into_iter())),
             "10⁻⁶ 10⁻⁴ 0.01 1 100 10⁴ 10⁶".replace("10⁴", "10000")
         );
-        assert_eq!(labels(Axis::logarithmic([1.0, 30.0].into_iter())), "1 10 2 5 20");
-        assert_eq!(labels(Axis::logarithmic([0.7, 1.0].into_iter())), "0.7 0.8 0.9 1");
-        assert_eq!(labels(Axis::decades([1e-160, 0.0].into_iter(), 12)).split(' ').count(), 7);
+        assert_eq!(labels(ChartAxis::logarithmic([1.0, 30.0].into_iter())), "1 10 2 5 20");
+        assert_eq!(labels(ChartAxis::logarithmic([0.7, 1.0].into_iter())), "0.7 0.8 0.9 1");
+        assert_eq!(labels(ChartAxis::decades([1e-160, 0.0].into_iter(), 12)).split(' ').count(), 7);
     }
 }

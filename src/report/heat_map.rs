@@ -1,7 +1,7 @@
 //! Heat maps: a number over two axes as the colour of cells, with the largest and the least marked.
 
-use super::axis::Axis;
 use super::chart::{Frame, LABEL, LINE, Scale, TITLE, WIDTH};
+use super::chart_axis::ChartAxis;
 use super::map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
 use crate::words::significant;
@@ -47,12 +47,12 @@ impl Levels {
         edges(&self.at, self.scale != Scale::LogX)
     }
 
-    fn axis(&self) -> Axis {
+    fn axis(&self) -> ChartAxis {
         let edges = self.edges();
         match &self.scale {
-            Scale::Categories(labels) => Axis::categories(labels),
-            Scale::LogX => Axis::logarithmic(edges.into_iter()),
-            _ => Axis::linear(edges.into_iter()),
+            Scale::Categories(labels) => ChartAxis::categories(labels),
+            Scale::LogX => ChartAxis::logarithmic(edges.into_iter()),
+            _ => ChartAxis::linear(edges.into_iter()),
         }
     }
 
@@ -134,7 +134,7 @@ impl HeatMap {
 
 /// The colours of numbers.
 struct Shades {
-    axis: Axis,
+    axis: ChartAxis,
     signed: bool,
 }
 
@@ -145,11 +145,11 @@ impl Shades {
         let signed = least < 0.0 && largest > 0.0;
         let axis = if signed {
             let most = largest.max(-least);
-            Axis::linear([-most, most].into_iter())
+            ChartAxis::linear([-most, most].into_iter())
         } else if least > 0.0 && largest > WIDE * least {
-            Axis::logarithmic(values)
+            ChartAxis::logarithmic(values)
         } else {
-            Axis::linear(values)
+            ChartAxis::linear(values)
         };
         Self { axis, signed }
     }

@@ -1,6 +1,6 @@
 //! Maps of outcomes: for every panel a field of coloured cells over two logarithmic or linear axes, one legend for all.
 
-use super::axis::Axis;
+use super::chart_axis::ChartAxis;
 use super::svg::{Anchor, Colour, Svg, cut, width};
 
 /// Size of a panel and height of the strip for the legend, px.
@@ -69,7 +69,7 @@ impl Map {
         let (left, top, width, height) = (left + 66.0, top + 24.0, PANEL.0 - 82.0, PANEL.1 - 70.0);
         let axis = |edges: &[f64], linear: bool| {
             let ends = [edges[0], edges[edges.len() - 1]];
-            if linear { Axis::linear(ends.into_iter()) } else { Axis::logarithmic(ends.into_iter()) }
+            if linear { ChartAxis::linear(ends.into_iter()) } else { ChartAxis::logarithmic(ends.into_iter()) }
         };
         let (across, up) = (axis(&x, self.linear), axis(&y, false));
         let at = |px: f64, py: f64| Some((left + width * across.place(px)?, top + height * (1.0 - up.place(py)?)));

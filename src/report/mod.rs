@@ -1,8 +1,8 @@
 //! What a run or a study leaves behind: tables, figures, numbers and a page, in one folder.
 
-mod axis;
 pub mod cases;
 pub mod chart;
+mod chart_axis;
 mod figures;
 #[cfg(feature = "pictures")]
 pub mod film;

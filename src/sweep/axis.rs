@@ -8,18 +8,18 @@ use crate::scene::Fault;
 use crate::scene::value::refused;
 
 /// Most levels of an axis, and most points of a sample.
-const MOST_LEVELS: usize = 1_000_000;
+const MAX_LEVELS: usize = 1_000_000;
 
 /// Numbers between whole ones that differ from a whole one by no more than this part of it are that.
-const ROUNDING: f64 = 1e-12;
+const WHOLE_TOLERANCE: f64 = 1e-12;
 
 /// Keys that tell an axis from a table of the scene.
-pub(super) const MARKS: [&str; 10] =
+pub(super) const AXIS_KEYS: [&str; 10] =
     ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
 
 /// What the levels do to the keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
+pub enum AxisKind {
     /// They replace the values.
     Values,
     /// They multiply the values.
@@ -30,13 +30,13 @@ pub enum Kind {
 
 /// One axis.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Axis {
+pub struct SweepAxis {
     /// Its name: a column of the table.
     pub name: String,
     /// Where it stands in the sweep's file.
     pub(super) path: String,
     /// What its levels do.
-    pub kind: Kind,
+    pub kind: AxisKind,
     /// The scene's keys that it moves.
     pub keys: Vec<String>,
     /// What its column shows at each level.
@@ -49,7 +49,7 @@ pub struct Axis {
     pub logarithmic: bool,
 }
 
-impl Axis {
+impl SweepAxis {
     /// True where a sweep's file calls it `name`.
     pub(super) fn is_called(&self, name: &str) -> bool {
         self.name == name || self.name.strip_prefix("axis.").is_some_and(|own| own == name && is_result(own))
@@ -60,7 +60,7 @@ impl Axis {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-pub struct Samples {
+pub struct Sampling {
     /// Number of points.
     pub count: usize,
     /// What the points are drawn from; the same seed gives the same points.
@@ -70,32 +70,32 @@ pub struct Samples {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Scale {
+enum Spacing {
     #[default]
     Linear,
     Log,
 }
 
 /// What a sweep's file says of levels.
-enum Levels {
-    Listed { values: Vec<Value>, scale: Scale },
-    Between { low: f64, high: f64, scale: Scale },
+enum AxisLevels {
+    Listed { values: Vec<Value>, scale: Spacing },
+    Between { low: f64, high: f64, scale: Spacing },
 }
 
 /// The axes in `table`, which stands at `path`, in no particular order.
-pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> {
+pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<SweepAxis>, Fault> {
     let mut axes = Vec::new();
     for (key, value) in table {
         let path = format!("{path}.{key}");
         match value {
-            Value::Table(inner) if !MARKS.iter().any(|mark| inner.contains_key(*mark)) => {
+            Value::Table(inner) if !AXIS_KEYS.iter().any(|mark| inner.contains_key(*mark)) => {
                 axes.extend(read(inner, &path)?);
             }
             Value::Table(_) | Value::Array(_) => axes.push(axis(value, &path)?),
             other => {
                 let allowed = "a list of values, { from, to, count }, { between = [low, high] }, { values }, \
                     { factors } or { zip }";
-                let meant = did_you_mean(nearest(key, MARKS.into_iter()));
+                let meant = did_you_mean(nearest(key, AXIS_KEYS.into_iter()));
                 return Err(Fault { key: path, problem: format!("{}{meant}", refused(other, allowed)) });
             }
         }
@@ -107,19 +107,19 @@ pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<Axis>, Fault> 
 }
 
 /// The axis that `value` at `path` describes; that of a sample has its two ends as levels until it is drawn.
-fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
+fn axis(value: &Value, path: &str) -> Result<SweepAxis, Fault> {
     let fault = |problem: String| Fault { key: path.to_string(), problem };
     let name = path.split_once('.').map_or(path, |(_, name)| name).to_string();
     let empty = toml::Table::new();
     let table = value.as_table().unwrap_or(&empty);
     let has = |key: &str| table.contains_key(key);
-    if let Some(other) = table.keys().find(|key| !MARKS.contains(&key.as_str())) {
+    if let Some(other) = table.keys().find(|key| !AXIS_KEYS.contains(&key.as_str())) {
         return Err(Fault {
             key: format!("{path}.{other}"),
             problem: format!(
                 "unknown key; allowed: {}{}",
-                MARKS.join(", "),
-                did_you_mean(nearest(other, MARKS.into_iter()))
+                AXIS_KEYS.join(", "),
+                did_you_mean(nearest(other, AXIS_KEYS.into_iter()))
             ),
         });
     }
@@ -142,10 +142,10 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
     };
     let (kind, levels) = match (table.get("values"), table.get("factors")) {
         (Some(_), Some(_)) => return Err(fault("found values beside factors; allowed: one of the two".to_string())),
-        (Some(values), None) => (Kind::Values, values.clone()),
-        (None, Some(factors)) => (Kind::Factors, factors.clone()),
-        (None, None) if value.is_array() => (Kind::Values, value.clone()),
-        (None, None) => (Kind::Values, range()),
+        (Some(values), None) => (AxisKind::Values, values.clone()),
+        (None, Some(factors)) => (AxisKind::Factors, factors.clone()),
+        (None, None) if value.is_array() => (AxisKind::Values, value.clone()),
+        (None, None) => (AxisKind::Values, range()),
     };
     if (has("values") || has("factors"))
         && let Some(stray) = ["from", "to", "count", "between", "scale"].into_iter().find(|key| has(key))
@@ -153,10 +153,10 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
         return Err(fault(format!("found {stray} beside values or factors; allowed: inside them")));
     }
     let (levels, sampled, scale) = match listed(&levels, path)? {
-        Levels::Listed { values, scale } => (values, false, scale),
-        Levels::Between { low, high, scale } => (vec![Value::Float(low), Value::Float(high)], true, scale),
+        AxisLevels::Listed { values, scale } => (values, false, scale),
+        AxisLevels::Between { low, high, scale } => (vec![Value::Float(low), Value::Float(high)], true, scale),
     };
-    if kind == Kind::Factors
+    if kind == AxisKind::Factors
         && let Some(bad) = levels.iter().find(|level| !number(level).is_some_and(|x| x.is_finite() && x != 0.0))
     {
         return Err(fault(refused(bad, "factors: finite numbers that are not zero")));
@@ -171,14 +171,14 @@ fn axis(value: &Value, path: &str) -> Result<Axis, Fault> {
             });
         }
     }
-    let name = if kind == Kind::Factors && !has("keys") { format!("{name}.factor") } else { name };
+    let name = if kind == AxisKind::Factors && !has("keys") { format!("{name}.factor") } else { name };
     let levels = levels.into_iter().map(|level| vec![level]).collect();
-    let logarithmic = scale == Scale::Log;
-    Ok(Axis { name, path: path.to_string(), kind, keys, labels, levels, sampled, logarithmic })
+    let logarithmic = scale == Spacing::Log;
+    Ok(SweepAxis { name, path: path.to_string(), kind, keys, labels, levels, sampled, logarithmic })
 }
 
 /// An axis whose keys each have their own list.
-fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<Axis, Fault> {
+fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Result<SweepAxis, Fault> {
     let at = format!("{path}.zip");
     let mut lists = Vec::new();
     if let Some(table) = zip.as_table() {
@@ -211,7 +211,16 @@ fn zipped(zip: &Value, labels: Option<&Value>, path: &str, name: String) -> Resu
         }
     };
     let keys = lists.into_iter().map(|(key, _)| key).collect();
-    Ok(Axis { name, path: path.to_string(), kind: Kind::Zip, keys, labels, levels, sampled: false, logarithmic: false })
+    Ok(SweepAxis {
+        name,
+        path: path.to_string(),
+        kind: AxisKind::Zip,
+        keys,
+        labels,
+        levels,
+        sampled: false,
+        logarithmic: false,
+    })
 }
 
 fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Fault> {
@@ -225,7 +234,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Faul
 }
 
 /// Columns of a sweep's table that are no quantities of a summary, and those of a summary that are not means over cycles.
-const RESULTS: [&str; 81] = [
+const RESULT_COLUMNS: [&str; 81] = [
     "case",
     "scene_hash",
     "caudal_version",
@@ -311,11 +320,11 @@ const RESULTS: [&str; 81] = [
 
 /// True for the name of a column of results.
 pub(super) fn is_result(name: &str) -> bool {
-    RESULTS.contains(&name) || name.starts_with("cycle")
+    RESULT_COLUMNS.contains(&name) || name.starts_with("cycle")
 }
 
 /// The levels that `value` describes: a list, or a table with a range.
-fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
+fn listed(value: &Value, path: &str) -> Result<AxisLevels, Fault> {
     #[derive(Deserialize)]
     #[serde(deny_unknown_fields)]
     struct Range {
@@ -324,7 +333,7 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
         count: Option<usize>,
         between: Option<[f64; 2]>,
         #[serde(default)]
-        scale: Scale,
+        scale: Spacing,
     }
     const ALLOWED: &str =
         "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
@@ -332,13 +341,15 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
     if let Value::Array(values) = value {
         return match values.len() {
             0 => Err(fault("an empty list".to_string(), "at least one level")),
-            _ => Ok(Levels::Listed { values: values.clone(), scale: Scale::Linear }),
+            _ => Ok(AxisLevels::Listed { values: values.clone(), scale: Spacing::Linear }),
         };
     }
     let range: Range = value.clone().try_into().map_err(|_| fault(value.to_string(), ALLOWED))?;
     let ends = |low: f64, high: f64| match range.scale {
         _ if !(low.is_finite() && high.is_finite()) => Err(fault(format!("{low} to {high}"), "finite numbers")),
-        Scale::Log if low.min(high) <= 0.0 => Err(fault(format!("{low} to {high}"), "positive numbers on a log scale")),
+        Spacing::Log if low.min(high) <= 0.0 => {
+            Err(fault(format!("{low} to {high}"), "positive numbers on a log scale"))
+        }
         _ => Ok(()),
     };
     match range {
@@ -347,43 +358,43 @@ fn listed(value: &Value, path: &str) -> Result<Levels, Fault> {
                 return Err(fault(value.to_string(), "numbers"));
             };
             ends(low, high)?;
-            if !(2..=MOST_LEVELS).contains(&count) {
-                return Err(fault(format!("count = {count}"), &format!("2 to {MOST_LEVELS}")));
+            if !(2..=MAX_LEVELS).contains(&count) {
+                return Err(fault(format!("count = {count}"), &format!("2 to {MAX_LEVELS}")));
             }
             let whole = from.is_integer() && to.is_integer();
             let level = |i: usize| match between(low, high, scale, i as f64 / (count - 1) as f64) {
                 _ if i == count - 1 => to.clone(),
-                x if whole && (x - x.round()).abs() <= ROUNDING * x.abs() => Value::Integer(x.round() as i64),
+                x if whole && (x - x.round()).abs() <= WHOLE_TOLERANCE * x.abs() => Value::Integer(x.round() as i64),
                 x => Value::Float(x),
             };
-            Ok(Levels::Listed { values: (0..count).map(level).collect(), scale })
+            Ok(AxisLevels::Listed { values: (0..count).map(level).collect(), scale })
         }
         Range { from: None, to: None, count: None, between: Some([low, high]), scale } => {
             ends(low, high)?;
             if low >= high {
                 return Err(fault(format!("between = [{low}, {high}]"), "[low, high]"));
             }
-            Ok(Levels::Between { low, high, scale })
+            Ok(AxisLevels::Between { low, high, scale })
         }
         _ => Err(fault(value.to_string(), ALLOWED)),
     }
 }
 
 /// The point a part x of the way from `low` to `high`; exactly `low` at 0.
-fn between(low: f64, high: f64, scale: Scale, x: f64) -> f64 {
+fn between(low: f64, high: f64, scale: Spacing, x: f64) -> f64 {
     match scale {
-        Scale::Linear => low + (high - low) * x,
-        Scale::Log if x == 0.0 => low,
-        Scale::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
+        Spacing::Linear => low + (high - low) * x,
+        Spacing::Log if x == 0.0 => low,
+        Spacing::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
     }
 }
 
 /// Gives the sampled axes their levels: a Latin hypercube, in which each axis has one point in each of `count` equal
 /// parts of its range, at a random place of it, in random order (McKay, Beckman & Conover 1979).
-pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), Fault> {
+pub(super) fn sample(axes: &mut [SweepAxis], samples: Option<Sampling>) -> Result<(), Fault> {
     let mut sampled = axes.iter_mut().filter(|axis| axis.sampled).peekable();
     let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
-    let Some(Samples { count, seed }) = samples else {
+    let Some(Sampling { count, seed }) = samples else {
         return match sampled.peek() {
             Some(axis) => {
                 fault(&axis.path, "found between without [samples]; add [samples] with count and seed".to_string())
@@ -394,13 +405,13 @@ pub(super) fn sample(axes: &mut [Axis], samples: Option<Samples>) -> Result<(), 
     if sampled.peek().is_none() {
         return fault("samples", "found without an axis { between = [low, high] }; allowed: only with one".to_string());
     }
-    if !(1..=MOST_LEVELS).contains(&count) {
-        return fault("samples.count", refused(count, format!("1 to {MOST_LEVELS}")));
+    if !(1..=MAX_LEVELS).contains(&count) {
+        return fault("samples.count", refused(count, format!("1 to {MAX_LEVELS}")));
     }
     let mut dice = fastrand::Rng::with_seed(seed);
     for axis in sampled {
         let [low, high] = [0, 1].map(|i| axis.levels[i].first().and_then(number).unwrap_or_default());
-        let scale = if axis.logarithmic { Scale::Log } else { Scale::Linear };
+        let scale = if axis.logarithmic { Spacing::Log } else { Spacing::Linear };
         let mut parts: Vec<usize> = (0..count).collect();
         dice.shuffle(&mut parts);
         let point = |part: usize| between(low, high, scale, (part as f64 + dice.f64()) / count as f64);

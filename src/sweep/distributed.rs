@@ -2,7 +2,7 @@
 
 use std::sync::atomic::AtomicBool;
 
-use super::{Row, Sweep, rows};
+use super::{CaseResult, Sweep, run_together};
 use crate::batch::WIDTH;
 use crate::distributed::Bundle;
 use crate::error::{Error, Result};
@@ -55,8 +55,8 @@ impl SweepWorker {
         }
         // Of like size, as a case that is left over would run alone.
         let together = indices.len().div_ceil(indices.len().div_ceil(WIDTH).max(1)).max(1);
-        let rows = indices.chunks(together).flat_map(|some| rows(&self.sweep, some, &AtomicBool::new(false)));
-        let line = |(index, row): (&usize, Option<Row>)| {
+        let rows = indices.chunks(together).flat_map(|some| run_together(&self.sweep, some, &AtomicBool::new(false)));
+        let line = |(index, row): (&usize, Option<CaseResult>)| {
             let row = row.ok_or_else(|| refused(*index))?;
             Ok((jobs::line(*index, &row).ok_or_else(|| refused(*index))?, row.wall_s))
         };

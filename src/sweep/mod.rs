@@ -1,10 +1,10 @@
 //! Sweeps: one scene along axes, every case run once, on all cores, resumable, in shards if wished.
 //!
 //! A [`Sweep`] is a file that names a base scene and axes; it numbers its cases and makes each one's scene. [`run`] runs
-//! the cases that a journal lacks, and [`Results`] makes table, figures and report of what journals hold.
+//! the cases that a journal lacks, and [`SweepResults`] makes table, figures and report of what journals hold.
 
 mod axis;
-mod case;
+mod case_run;
 mod distributed;
 mod results;
 
@@ -21,32 +21,32 @@ use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Frame, Owner};
 use crate::scene::{Document, Fault, Files, Scene, rivals};
 
-pub use axis::{Axis, Kind, Samples};
-pub use case::{Row, rows, run};
+pub use axis::{AxisKind, Sampling, SweepAxis};
+pub use case_run::{CaseResult, run, run_together};
 pub use distributed::SweepWorker;
-pub use results::{Fresh, Results, Written};
+pub use results::{RecentResults, SweepResults, WrittenSweep};
 
 /// Most cases of a sweep.
-const MOST_CASES: usize = 1_000_000;
+const MAX_CASES: usize = 1_000_000;
 
 /// Most times of a motion or a path that are kept of a case.
-const MOST_TIMES: usize = 1_000_000;
+const MAX_SAMPLES: usize = 1_000_000;
 
 /// The scenes of sweeps of up to so many cases are kept from their check to their run.
-const KEPT_CASES: usize = 20_000;
+const MAX_CACHED_SCENES: usize = 20_000;
 
 /// A larger report is more than browsers open, bytes.
-const LARGEST_PAGE: f64 = 5e8;
+const MAX_PAGE_BYTES: f64 = 5e8;
 
 /// About the size of a coordinate and of a case's row, in journal and table together, bytes.
-const COORDINATE: f64 = 22.0;
-const ROW: f64 = 5000.0;
+const BYTES_PER_COORDINATE: f64 = 22.0;
+const BYTES_PER_ROW: f64 = 5000.0;
 
 /// A sweep's file.
 #[derive(Deserialize)]
 #[cfg_attr(feature = "schema", derive(schemars::JsonSchema))]
 #[serde(deny_unknown_fields)]
-struct File {
+struct SweepFile {
     /// Name; the file's where it has none.
     #[serde(default)]
     name: String,
@@ -60,7 +60,7 @@ struct File {
     #[cfg_attr(feature = "schema", schemars(with = "serde_json::Map<String, serde_json::Value>"))]
     axes: toml::Table,
     /// How many points a Latin hypercube has.
-    samples: Option<Samples>,
+    samples: Option<Sampling>,
     /// What is kept of a case.
     #[serde(default)]
     record: RecordTable,
@@ -103,7 +103,7 @@ pub struct Sweep {
     /// Its name: that of its file where it has none.
     pub name: String,
     /// The axes, in the order of the file; the last one changes fastest from case to case.
-    pub axes: Vec<Axis>,
+    pub axes: Vec<SweepAxis>,
     /// What is kept of each case.
     pub record: RecordTable,
     /// The axis whose levels the report shows apart.
@@ -117,7 +117,7 @@ pub struct Sweep {
     places: Vec<String>,
     played: BTreeSet<usize>,
     /// What the check of all cases' scenes found.
-    checked: OnceLock<Checked>,
+    checked: OnceLock<CheckedScenes>,
     /// Its own file and that of its base scene.
     own: [PathBuf; 2],
     /// The overrides that it was read with.
@@ -130,10 +130,10 @@ pub struct Sweep {
 
 /// What the check of the scenes of all cases found.
 #[derive(Debug, Default)]
-struct Checked {
+struct CheckedScenes {
     /// Of each scene.
     hashes: Vec<String>,
-    /// The scenes themselves, of a sweep of up to [`KEPT_CASES`].
+    /// The scenes themselves, of a sweep of up to [`MAX_CACHED_SCENES`].
     scenes: Vec<Option<Scene>>,
     /// The tables that they read.
     tables: BTreeSet<PathBuf>,
@@ -155,7 +155,7 @@ impl Sweep {
     /// The JSON Schema (draft 2020-12) of sweeps.
     pub fn schema() -> serde_json::Value {
         use serde_json::{Value, json};
-        let mut schema = crate::scene::schema::of::<File>();
+        let mut schema = crate::scene::schema::of::<SweepFile>();
         schema["title"] = "A sweep of caudal".into();
         let values = json!({ "type": "array", "minItems": 1 });
         let scale = json!({ "enum": ["linear", "log"] });
@@ -176,7 +176,7 @@ impl Sweep {
         if let (Value::Object(marked), Value::Object(range)) = (&mut marked, &range) {
             marked.extend(range.clone());
         }
-        let any_mark: Vec<Value> = axis::MARKS.iter().map(|mark| json!({ "required": [mark] })).collect();
+        let any_mark: Vec<Value> = axis::AXIS_KEYS.iter().map(|mark| json!({ "required": [mark] })).collect();
         schema["$defs"]["Range"] = json!({ "type": "object", "properties": range, "additionalProperties": false });
         schema["$defs"]["Axis"] = json!({ "anyOf": [
             values,
@@ -247,7 +247,7 @@ impl Sweep {
             let problem = "this is a scene, not a sweep; `caudal run` runs it".to_string();
             return Err(document.refuse(&Fault { key: "rod".to_string(), problem }));
         }
-        let file: File = document.read_as()?;
+        let file: SweepFile = document.read_as()?;
         let refuse = |fault: Fault| document.refuse(&fault);
         let mut axes = axis::read(&file.axes, "axes").map_err(refuse)?;
         let at = document.positions(&axes.iter().map(|axis| axis.path.clone()).collect::<Vec<_>>())?;
@@ -325,35 +325,35 @@ impl Sweep {
         }
         let sizes = self.dimensions.iter().map(|dimension| self.axes[dimension[0]].levels.len());
         let size = sizes.clone().try_fold(1_usize, |product, size| product.checked_mul(size));
-        if size.is_none_or(|size| size > MOST_CASES) {
+        if size.is_none_or(|size| size > MAX_CASES) {
             let sizes = sizes.map(|size| size.to_string()).collect::<Vec<_>>().join(" × ");
-            return fault("axes", format!("found {sizes} cases; allowed: up to {MOST_CASES}"));
+            return fault("axes", format!("found {sizes} cases; allowed: up to {MAX_CASES}"));
         }
         let RecordTable { played, frames, traces } = self.record;
-        if frames == 1 || frames > MOST_TIMES {
-            return fault("record.frames", format!("found {frames}; allowed: 0, or 2 to {MOST_TIMES}"));
+        if frames == 1 || frames > MAX_SAMPLES {
+            return fault("record.frames", format!("found {frames}; allowed: 0, or 2 to {MAX_SAMPLES}"));
         }
-        if traces > MOST_TIMES {
-            return fault("record.traces", format!("found {traces}; allowed: up to {MOST_TIMES} of a case"));
+        if traces > MAX_SAMPLES {
+            return fault("record.traces", format!("found {traces}; allowed: up to {MAX_SAMPLES} of a case"));
         }
         let page = played.min(size.unwrap_or(0)) as f64 * self.motion_bytes();
-        if page > LARGEST_PAGE {
+        if page > MAX_PAGE_BYTES {
             let problem = format!(
                 "the motions of {played} cases at {frames} times make a report of {}; allowed: up to {}, which browsers open; \
                  keep fewer record.frames or record.played",
                 bytes(page),
-                bytes(LARGEST_PAGE)
+                bytes(MAX_PAGE_BYTES)
             );
             return fault("record.frames", problem);
         }
-        let mut moved: Vec<(&str, Kind)> = Vec::new();
+        let mut moved: Vec<(&str, AxisKind)> = Vec::new();
         for (i, axis) in self.axes.iter().enumerate() {
             if self.axes[..i].iter().any(|other| other.name == axis.name) {
                 return fault(&axis.path, format!("found a second axis `{}`; allowed: one of each name", axis.name));
             }
             for key in &axis.keys {
                 let before = moved.iter().find(|(other, _)| other == key);
-                if axis.kind != Kind::Factors && before.is_some() {
+                if axis.kind != AxisKind::Factors && before.is_some() {
                     return fault(
                         &axis.path,
                         format!(
@@ -361,7 +361,7 @@ impl Sweep {
                         ),
                     );
                 }
-                if axis.kind == Kind::Factors && before.is_none() && axis::look_up(&self.tables, key).is_none() {
+                if axis.kind == AxisKind::Factors && before.is_none() && axis::look_up(&self.tables, key).is_none() {
                     return fault(
                         &axis.path,
                         format!("multiplies {key}, which the base scene does not give; add it there or under [set]"),
@@ -385,7 +385,7 @@ impl Sweep {
     /// About the size of the motion that is kept of a case, bytes.
     fn motion_bytes(&self) -> f64 {
         let nodes = axis::look_up(&self.tables, "rod.nodes").and_then(axis::number).unwrap_or(f64::INFINITY);
-        self.record.frames as f64 * (nodes.min(Frame::POINTS as f64) + 1.5) * 2.0 * COORDINATE
+        self.record.frames as f64 * (nodes.min(Frame::POINTS as f64) + 1.5) * 2.0 * BYTES_PER_COORDINATE
     }
 
     /// Whether the results of `cases` of its cases fit into `folder`.
@@ -395,7 +395,8 @@ impl Sweep {
     pub fn fits(&self, cases: usize, folder: &Path) -> Result<()> {
         let rows = cases as f64 * self.record.traces as f64;
         let played = cases.min(self.record.played) as f64;
-        let needed = cases as f64 * ROW + 2.0 * rows * 3.0 * COORDINATE + 2.0 * played * self.motion_bytes();
+        let needed =
+            cases as f64 * BYTES_PER_ROW + 2.0 * rows * 3.0 * BYTES_PER_COORDINATE + 2.0 * played * self.motion_bytes();
         match free_space(folder) {
             Some(free) if needed > free as f64 => {
                 let what = format!(
@@ -429,7 +430,7 @@ impl Sweep {
             let level = &axis.levels[levels[i]];
             for (k, key) in axis.keys.iter().enumerate() {
                 let value = level.get(k).unwrap_or(&level[0]);
-                if axis.kind != Kind::Factors {
+                if axis.kind != AxisKind::Factors {
                     settings.push((i, key.clone(), value.clone()));
                     continue;
                 }
@@ -498,7 +499,7 @@ impl Sweep {
 
     /// A case in words.
     pub fn describe(&self, case: &Case) -> String {
-        let level = |(axis, level): (&Axis, &usize)| format!("{} = {}", axis.name, axis.labels[*level]);
+        let level = |(axis, level): (&SweepAxis, &usize)| format!("{} = {}", axis.name, axis.labels[*level]);
         self.axes.iter().zip(&case.levels).map(level).collect::<Vec<_>>().join(", ")
     }
 
@@ -508,8 +509,8 @@ impl Sweep {
     /// Those of the first wrong case that is found.
     pub fn job(&self, threads: usize) -> Result<Job> {
         let size = self.size();
-        let scenes = if size <= KEPT_CASES { size } else { 0 };
-        let mut checked = Checked {
+        let scenes = if size <= MAX_CACHED_SCENES { size } else { 0 };
+        let mut checked = CheckedScenes {
             hashes: vec![String::new(); size],
             scenes: std::iter::repeat_with(|| None).take(scenes).collect(),
             tables: BTreeSet::new(),
@@ -561,10 +562,10 @@ impl Sweep {
         let old = Journal::read(path)?;
         let grown = Job { hash: job.hash.clone(), size: job.size, ..old.job().clone() };
         let checked = self.checked.get().filter(|_| grown == *job && !old.is_held());
-        let Some(Checked { hashes, .. }) = checked else { return Ok(false) };
+        let Some(CheckedScenes { hashes, .. }) = checked else { return Ok(false) };
         let mut known: HashMap<String, usize> = HashMap::new();
         for index in old.indices() {
-            known.extend(old.get::<Row>(index)?.map(|row| (row.scene_hash, index)));
+            known.extend(old.get::<CaseResult>(index)?.map(|row| (row.scene_hash, index)));
         }
         let own: HashSet<&String> = hashes.iter().collect();
         if !known.keys().all(|hash| own.contains(hash)) {
@@ -576,7 +577,9 @@ impl Sweep {
         let partial = path.with_file_name(format!(".{name}.{}.partial", std::process::id()));
         let mut new = Journal::open(&partial, job)?;
         for (index, hash) in hashes.iter().enumerate() {
-            let Some(mut row) = known.get(hash).map(|at| old.get::<Row>(*at)).transpose()?.flatten() else { continue };
+            let Some(mut row) = known.get(hash).map(|at| old.get::<CaseResult>(*at)).transpose()?.flatten() else {
+                continue;
+            };
             if !self.plays(index) {
                 row.frames.clear();
             } else if row.frames.is_empty() {
@@ -622,7 +625,7 @@ impl Sweep {
 }
 
 /// See [`Sweep::columns`].
-fn columns(axes: &[Axis]) -> Vec<(String, Option<usize>)> {
+fn columns(axes: &[SweepAxis]) -> Vec<(String, Option<usize>)> {
     let keys = || axes.iter().flat_map(|axis| &axis.keys);
     let mut columns: Vec<(String, Option<usize>)> = Vec::new();
     for (i, axis) in axes.iter().enumerate() {
@@ -644,10 +647,10 @@ fn columns(axes: &[Axis]) -> Vec<(String, Option<usize>)> {
 }
 
 /// Why `key` cannot be set beside `axes`: one of them sets what excludes it, or, where it is `asked` for, itself.
-fn excluded(axes: &[Axis], key: &str, asked: bool) -> std::result::Result<(), String> {
+fn excluded(axes: &[SweepAxis], key: &str, asked: bool) -> std::result::Result<(), String> {
     let within = |a: &str, b: &str| a == b || a.strip_prefix(b).is_some_and(|rest| rest.starts_with('.'));
-    let sets = |axis: &&Axis| {
-        axis.kind != Kind::Factors
+    let sets = |axis: &&SweepAxis| {
+        axis.kind != AxisKind::Factors
             && axis
                 .keys
                 .iter()
@@ -662,7 +665,7 @@ fn excluded(axes: &[Axis], key: &str, asked: bool) -> std::result::Result<(), St
 }
 
 /// The axes that advance together: sampled ones with the first of them, every other alone.
-fn dimensions(axes: &[Axis]) -> Vec<Vec<usize>> {
+fn dimensions(axes: &[SweepAxis]) -> Vec<Vec<usize>> {
     let mut dimensions: Vec<Vec<usize>> = Vec::new();
     for (i, axis) in axes.iter().enumerate() {
         match dimensions.iter_mut().find(|dimension| axis.sampled && axes[dimension[0]].sampled) {

@@ -8,11 +8,11 @@ use serde::de::{DeserializeOwned, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use super::{Row, Sweep};
+use super::{CaseResult, Sweep};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::jobs::{self, Job, Journal};
-use crate::report::cases::{Axis, Cases};
+use crate::report::cases::{CaseAxis, Cases};
 #[cfg(feature = "parquet")]
 use crate::report::parquet::parquet_of;
 use crate::report::tables::{ColumnType, Mixed};
@@ -28,14 +28,14 @@ pub(super) const PAGE: &str = "report.html";
 
 /// Rows that are still in memory: what is written at the end need not be read again. Only so many are kept.
 #[derive(Debug, Default)]
-pub struct Fresh(BTreeMap<usize, Row>);
+pub struct RecentResults(BTreeMap<usize, CaseResult>);
 
-impl Fresh {
+impl RecentResults {
     /// Some 15 MB.
     const MOST: usize = 500;
 
     /// Keeps the row of a case, while there is room.
-    pub fn keep(&mut self, index: usize, row: Row) {
+    pub fn keep(&mut self, index: usize, row: CaseResult) {
         if self.0.len() < Self::MOST {
             self.0.insert(index, row);
         }
@@ -44,15 +44,15 @@ impl Fresh {
 
 /// The results of a sweep, in one journal or in those of its shards.
 #[derive(Debug)]
-pub struct Results<'a> {
+pub struct SweepResults<'a> {
     sweep: &'a Sweep,
     journals: Vec<Journal>,
-    fresh: Fresh,
+    fresh: RecentResults,
     /// Which journal has each case.
     holder: Vec<Option<usize>>,
 }
 
-impl<'a> Results<'a> {
+impl<'a> SweepResults<'a> {
     /// The results in `journals`, which must all be of `job`, the sweep's.
     ///
     /// # Errors
@@ -68,12 +68,12 @@ impl<'a> Results<'a> {
                 holder[index].get_or_insert(i);
             }
         }
-        Ok(Self { sweep, journals, fresh: Fresh::default(), holder })
+        Ok(Self { sweep, journals, fresh: RecentResults::default(), holder })
     }
 
     /// The same, of whose rows some are in memory.
     #[must_use]
-    pub fn with(self, fresh: Fresh) -> Self {
+    pub fn with(self, fresh: RecentResults) -> Self {
         Self { fresh, ..self }
     }
 
@@ -83,14 +83,14 @@ impl<'a> Results<'a> {
     }
 
     /// The rows, in the order of the cases; what is missing is left out.
-    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Cow<'_, Row>)>> {
+    pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Cow<'_, CaseResult>)>> {
         self.read(Cow::Borrowed, Cow::Owned)
     }
 
     /// The rows: `kept` of one that is in memory, `read` of what `T` has of one that is not.
     fn read<'b, T: DeserializeOwned, R>(
         &'b self,
-        kept: impl Fn(&'b Row) -> R,
+        kept: impl Fn(&'b CaseResult) -> R,
         read: impl Fn(T) -> R,
     ) -> impl Iterator<Item = Result<(usize, R)>> {
         let row = move |(index, holder): (usize, &Option<usize>)| {
@@ -108,7 +108,7 @@ impl<'a> Results<'a> {
     ///
     /// # Errors
     /// [`Error::Journal`], [`Error::Read`].
-    pub fn write(&self, folder: &mut Folder) -> Result<Written> {
+    pub fn write(&self, folder: &mut Folder) -> Result<WrittenSweep> {
         let path = folder.path().to_path_buf();
         let sweep = self.sweep;
         // A first pass learns the columns and keeps what figures and page need.
@@ -145,7 +145,7 @@ impl<'a> Results<'a> {
             .chain([text("scene_hash"), text("caudal_version")])
             .chain(names.iter().cloned().map(kind))
             .collect();
-        let cells = |row: Result<(usize, Numbers<'_>)>| {
+        let cells = |row: Result<(usize, ResultView<'_>)>| {
             let (index, row) = row?;
             let mut cells = vec![Value::from(index)];
             cells.extend(sweep.values(&sweep.case(index)?).iter().map(json));
@@ -160,16 +160,17 @@ impl<'a> Results<'a> {
             let mut files = Vec::new();
             let place = path.join(TABLE);
             let mut table = Mixed::create(&place, &columns);
-            let rows = self.read(Numbers::Kept, Numbers::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
-                let added = match (&mut table, cells) {
-                    (Ok(table), Ok(cells)) => table.row(cells),
-                    (_, Err(error)) => Err(Error::Journal { path: place.clone(), problem: error.to_string() }),
-                    (Err(_), _) => Ok(()),
-                };
-                if let Err(error) = added {
-                    table = Err(error);
-                }
-            });
+            let rows =
+                self.read(ResultView::Kept, ResultView::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
+                    let added = match (&mut table, cells) {
+                        (Ok(table), Ok(cells)) => table.row(cells),
+                        (_, Err(error)) => Err(Error::Journal { path: place.clone(), problem: error.to_string() }),
+                        (Err(_), _) => Ok(()),
+                    };
+                    if let Err(error) = added {
+                        table = Err(error);
+                    }
+                });
             #[cfg(feature = "parquet")]
             let rows = {
                 let mut rows = rows;
@@ -205,7 +206,7 @@ impl<'a> Results<'a> {
             results.put_file(file, Ok(svg));
         }
         results.put_file(PAGE, page);
-        Ok(Written { kept: results.finish(), failed: cases.into_endings() })
+        Ok(WrittenSweep { kept: results.finish(), failed: cases.into_endings() })
     }
 
     /// The paths of the centres of mass: one row per case and time.
@@ -224,7 +225,7 @@ impl<'a> Results<'a> {
     /// Empty cases for figures and page.
     fn cases(&self) -> Cases {
         let sweep = self.sweep;
-        let axis = |axis: &super::Axis| Axis {
+        let axis = |axis: &super::SweepAxis| CaseAxis {
             name: axis.name.clone(),
             labels: axis.labels.iter().map(label).collect(),
             numbers: axis.labels.iter().map(super::axis::number).collect(),
@@ -237,22 +238,22 @@ impl<'a> Results<'a> {
 
 /// What is written of results.
 #[derive(Debug)]
-pub struct Written {
+pub struct WrittenSweep {
     /// The files.
     pub kept: WrittenFiles,
     /// How the cases ended that did not reach their end.
     pub failed: BTreeMap<usize, String>,
 }
 
-/// What a table needs of a [`Row`].
-enum Numbers<'a> {
+/// What a table needs of a [`CaseResult`].
+enum ResultView<'a> {
     /// It is in memory.
-    Kept(&'a Row),
+    Kept(&'a CaseResult),
     /// It was read.
-    Read(NumbersRead),
+    Read(ResultRead),
 }
 
-impl Numbers<'_> {
+impl ResultView<'_> {
     fn scene_hash(&self) -> &str {
         match self {
             Self::Kept(row) => &row.scene_hash,
@@ -270,7 +271,7 @@ impl Numbers<'_> {
 }
 
 #[derive(Deserialize)]
-struct NumbersRead {
+struct ResultRead {
     scene_hash: String,
     #[serde(deserialize_with = "in_order")]
     quantities: Vec<(String, Value)>,

@@ -7,7 +7,7 @@ use std::sync::{Arc, Mutex};
 use caudal::jobs::{Job, Journal, cores};
 use caudal::report::{Claim, Folder};
 use caudal::scene::Files;
-use caudal::sweep::{Fresh, Results, Sweep, SweepWorker, run as run_cases};
+use caudal::sweep::{RecentResults, Sweep, SweepResults, SweepWorker, run as run_cases};
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PyList};
@@ -30,7 +30,7 @@ pub struct SweepAtWork {
     /// None once the results are made of it.
     journal: Mutex<Option<Journal>>,
     /// Rows of cases that ran here.
-    fresh: Mutex<Fresh>,
+    fresh: Mutex<RecentResults>,
 }
 
 impl SweepAtWork {
@@ -177,7 +177,7 @@ impl SweepAtWork {
         let results = py.detach(|| {
             journal.sync()?;
             let fresh = std::mem::take(&mut *lock_detached(&self.fresh));
-            let results = Results::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
+            let results = SweepResults::new(&self.sweep, &self.job, vec![journal])?.with(fresh);
             let mut held = lock_detached(&self.held);
             held.hold_again()?;
             let written = results.write(&mut held);

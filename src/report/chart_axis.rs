@@ -20,7 +20,7 @@ enum Spacing {
 
 /// An axis from 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Axis {
+pub struct ChartAxis {
     /// What 0 and 1 are: numbers, or their logarithms to base ten; of a signed one the middle and both ends.
     range: [f64; 2],
     spacing: Spacing,
@@ -30,7 +30,7 @@ pub struct Axis {
     pub power: i32,
 }
 
-impl Axis {
+impl ChartAxis {
     /// A linear axis that holds the finite ones of `values`, with a margin.
     pub fn linear(values: impl Iterator<Item = f64>) -> Self {
         Self::from(range(values))

@@ -26,7 +26,7 @@ const LEFT_OUT: [&str; 4] = ["name", "caudal_version", "wall_s", "final_position
 
 /// What came out of a case.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct Row {
+pub struct CaseResult {
     /// Hash of its scene, with all that the axes changed.
     pub scene_hash: String,
     /// The quantities of its summary; of a case that could not start only `complete` and `ending`, its error.
@@ -39,7 +39,7 @@ pub struct Row {
     pub wall_s: f64,
 }
 
-impl Row {
+impl CaseResult {
     /// True where the case reached its end.
     pub fn complete(&self) -> bool {
         self.quantities.get("complete") == Some(&Value::Bool(true))
@@ -62,7 +62,7 @@ pub fn run(
     todo: &[usize],
     threads: usize,
     interrupted: &AtomicBool,
-    mut progress: impl FnMut(usize, Row),
+    mut progress: impl FnMut(usize, CaseResult),
 ) -> Result<()> {
     // Cases that share no steps are done one by one: each is kept the moment it is done. Where every thread has one case at most
     // nobody has to be asked.
@@ -74,7 +74,7 @@ pub fn run(
         let mut first = first.lock().unwrap_or_else(PoisonError::into_inner);
         first.take_if(|(own, _)| *own == index).map(|(_, stepper)| stepper)
     };
-    let work = |indices: &[usize]| rows_of(sweep, indices, interrupted, made);
+    let work = |indices: &[usize]| run_cases_with(sweep, indices, interrupted, made);
     jobs::run_together(todo, threads, together, work, |index, row| {
         let Some(row) = row else { return Ok(ControlFlow::Break(())) };
         journal.add(index, &row)?;
@@ -86,21 +86,21 @@ pub fn run(
 
 /// The rows of some cases, which share their steps where they can; none of a case that was interrupted. The time that a row says it
 /// took is its part of the time of all.
-pub fn rows(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<Row>> {
-    rows_of(sweep, indices, interrupted, |_| None)
+pub fn run_together(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<CaseResult>> {
+    run_cases_with(sweep, indices, interrupted, |_| None)
 }
 
 /// The same, some of whose steppers are `made` already.
-fn rows_of(
+fn run_cases_with(
     sweep: &Sweep,
     indices: &[usize],
     interrupted: &AtomicBool,
     made: impl Fn(usize) -> Option<Stepper>,
-) -> Vec<Option<Row>> {
+) -> Vec<Option<CaseResult>> {
     let start = Instant::now();
     let scenes: Vec<_> = indices.iter().map(|index| scene(sweep, *index)).collect();
-    let mut cases: Vec<Case<'_>> =
-        indices.iter().zip(&scenes).map(|(index, scene)| Case::of(sweep, *index, scene)).collect();
+    let mut cases: Vec<CaseRun<'_>> =
+        indices.iter().zip(&scenes).map(|(index, scene)| CaseRun::of(sweep, *index, scene)).collect();
     let (mut own, mut runs) = (Vec::new(), Vec::new());
     for (case, index) in cases.iter_mut().zip(indices) {
         if let Some(run) = case.begin(made(*index)) {
@@ -118,9 +118,9 @@ fn rows_of(
         }
     }
     let part = start.elapsed().as_secs_f64() / indices.len().max(1) as f64;
-    let dropped = |row: &Row| interrupted.load(Ordering::Relaxed) && !row.complete();
-    let rows = cases.into_iter().map(|case| Row { wall_s: part, ..case.row });
-    rows.map(|row| (!dropped(&row)).then_some(row)).collect()
+    let dropped = |row: &CaseResult| interrupted.load(Ordering::Relaxed) && !row.complete();
+    let run_together = cases.into_iter().map(|case| CaseResult { wall_s: part, ..case.row });
+    run_together.map(|row| (!dropped(&row)).then_some(row)).collect()
 }
 
 /// The scene of a case, and its hash.
@@ -134,21 +134,21 @@ fn scene(sweep: &Sweep, index: usize) -> Result<Hashed<'_>> {
 }
 
 /// A case on its way to its row.
-struct Case<'a> {
+struct CaseRun<'a> {
     scene: &'a Result<Hashed<'a>>,
     warnings: Vec<String>,
-    row: Row,
+    row: CaseResult,
     /// Frames and points of the path that are wanted.
     wanted: [usize; 2],
     /// When the next of them is due, s.
     due: f64,
 }
 
-impl<'a> Case<'a> {
+impl<'a> CaseRun<'a> {
     fn of(sweep: &'a Sweep, index: usize, scene: &'a Result<Hashed<'a>>) -> Self {
         let frames = if sweep.plays(index) { sweep.record.frames } else { 0 };
         let wanted = [frames, sweep.record.traces];
-        Self { scene, warnings: Vec::new(), row: Row::default(), wanted, due: 0.0 }
+        Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, due: 0.0 }
     }
 
     /// Its run at the start, whose stepper may be `made` already; where there is none the row says why.
