@@ -8,7 +8,10 @@ use caudal::error::Error;
 use caudal::integrator::METHODS;
 use caudal::reduced::RUNGS;
 use caudal::report::Claim;
-use caudal::study::{self, Accuracy, Fluid, Scaling, Spectrum, Stability, StudyOutcome, StudyRunner, Vary};
+use caudal::study::{
+    self, AccuracyOptions, FluidOptions, ModesOptions, ScalingOptions, StabilityOptions, StudyOutcome, StudyRunner,
+    Vary,
+};
 use clap::{Args, Subcommand};
 
 use super::run::watch_for_interrupts;
@@ -22,7 +25,7 @@ pub enum Study {
         #[command(flatten)]
         common: Common,
         /// How many of the lowest modes
-        #[arg(long, default_value_t = Spectrum::default().count)]
+        #[arg(long, default_value_t = ModesOptions::default().count)]
         count: usize,
     },
     /// Time, memory and error of a step on meshes from coarse to the finest, in both forms
@@ -33,7 +36,7 @@ pub enum Study {
         #[arg(long, value_delimiter = ',')]
         nodes: Vec<u64>,
         /// Steps of every run
-        #[arg(long, default_value_t = Scaling::default().steps)]
+        #[arg(long, default_value_t = ScalingOptions::default().steps)]
         steps: u64,
     },
     /// Error against cost for every model, method, step and mesh, and which of them to take
@@ -73,10 +76,10 @@ pub enum Study {
         #[arg(long, value_name = "LOW,HIGH", value_parser = low_high)]
         steps: Option<[f64; 2]>,
         /// How many values and how many steps
-        #[arg(long, default_value_t = Stability::default().points)]
+        #[arg(long, default_value_t = StabilityOptions::default().points)]
         points: usize,
         /// Error of the tip's path up to which a run is accurate, relative to how far the tip goes
-        #[arg(long, default_value_t = Stability::default().accurate)]
+        #[arg(long, default_value_t = StabilityOptions::default().accurate)]
         accurate: f64,
     },
 }
@@ -120,14 +123,14 @@ pub struct Common {
 /// Makes a study, with a bar of its runs on a terminal, and writes what it found.
 pub fn study(study: &Study) -> Result<ExitCode, Error> {
     let (common, study) = match study.clone() {
-        Study::Modes { common, count } => (common, study::Study::Modes(Spectrum { count })),
-        Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(Scaling { nodes, steps })),
+        Study::Modes { common, count } => (common, study::Study::Modes(ModesOptions { count })),
+        Study::Scaling { common, nodes, steps } => (common, study::Study::Scaling(ScalingOptions { nodes, steps })),
         Study::Accuracy { common, nodes, steps, tolerances, without } => {
-            (common, study::Study::Accuracy(Accuracy { nodes, steps, tolerances, without }))
+            (common, study::Study::Accuracy(AccuracyOptions { nodes, steps, tolerances, without }))
         }
-        Study::Fluid { common } => (common, study::Study::Fluid(Fluid::default())),
+        Study::Fluid { common } => (common, study::Study::Fluid(FluidOptions::default())),
         Study::Stability { common, vary, range, steps, points, accurate } => {
-            (common, study::Study::Stability(Stability { vary, range, steps, points, accurate }))
+            (common, study::Study::Stability(StabilityOptions { vary, range, steps, points, accurate }))
         }
     };
     let (document, scene) = common.scene.read()?;

@@ -23,28 +23,28 @@ use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::report::{Claim, Findings, Folder, Owner};
 use crate::scene::{Document, NODES, Scene};
-pub use accuracy::Accuracy;
+pub use accuracy::AccuracyOptions;
 pub use distributed::{DistributedStudy, make_runs};
-pub use fluid::Fluid;
-pub use modes::Spectrum;
+pub use fluid::FluidOptions;
+pub use modes::ModesOptions;
 pub use runner::{StudyOutcome, StudyRunner};
-pub use scaling::Scaling;
-pub use stability::{Stability, Vary};
+pub use scaling::ScalingOptions;
+pub use stability::{StabilityOptions, Vary};
 
 /// A study, with what is asked of it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Study {
     /// Natural frequencies and mode shapes.
-    Modes(Spectrum),
+    Modes(ModesOptions),
     /// Time, memory and error of a step over the mesh.
-    Scaling(Scaling),
+    Scaling(ScalingOptions),
     /// Error against cost of methods, steps and meshes.
-    Accuracy(Accuracy),
+    Accuracy(AccuracyOptions),
     /// What methods do over the step and a parameter.
-    Stability(Stability),
+    Stability(StabilityOptions),
     /// The same motion under every law of the fluid.
-    Fluid(Fluid),
+    Fluid(FluidOptions),
 }
 
 impl Study {

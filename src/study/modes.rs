@@ -16,27 +16,27 @@ use crate::rod::Rod;
 use crate::scene::Scene;
 
 /// Up to this many nodes all frequencies are computed: their cost grows as N³ (a second or so here).
-const ALL_UP_TO: usize = 1001;
+const MAX_NODES_FOR_SPECTRUM: usize = 1001;
 /// Up to this many nodes the matrices are written: some 0.3 kB of text a node.
-const MATRICES_UP_TO: usize = 100_001;
+const MAX_NODES_FOR_MATRICES: usize = 100_001;
 /// Up to this many nodes motions with damping are computed: their cost grows as N³, twice as many unknowns as nodes twice.
-const DAMPED_UP_TO: usize = 129;
+const MAX_NODES_FOR_DAMPING: usize = 129;
 /// Shapes in the figure.
-const DRAWN: usize = 5;
+const DRAWN_SHAPES: usize = 5;
 /// Up to this many points of a shape are tabled and drawn.
-const POINTS: usize = 2001;
+const MAX_SHAPE_POINTS: usize = 2001;
 /// A mode of ωΔt up to this is resolved by a step, as a second-order method is then off by ω²Δt²/12 = 0.3 % in frequency.
 const RESOLVED: f64 = 0.2;
 
 /// What is asked for.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Spectrum {
+pub struct ModesOptions {
     /// How many of the lowest modes.
     pub count: usize,
 }
 
-impl Default for Spectrum {
+impl Default for ModesOptions {
     fn default() -> Self {
         Self { count: 12 }
     }
@@ -54,7 +54,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let drive = model.actuation.as_ref().map(|(_, drive)| drive.frequency).filter(|frequency| *frequency > 0.0);
     let outside = |model: Model| (model.forces, model.fluid, model.layers);
     let found = lowest_within(&model.rod, Some(outside(scene.model()?)), count)?;
-    let all = if model.rod.nodes <= ALL_UP_TO { Some(Modes::of_model(scene.model()?)?) } else { None };
+    let all = if model.rod.nodes <= MAX_NODES_FOR_SPECTRUM { Some(Modes::of_model(scene.model()?)?) } else { None };
     let wet = model.forces.are_inertial();
     let Model { rod, forces, fluid, layers, .. } = model;
     let matrices = Matrices::of(&rod, Some((forces, fluid, layers)))?;
@@ -112,7 +112,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
             2.0 / all.highest()
         )),
         None => findings.answers.push(format!(
-            "All frequencies, and with them the limit of explicit methods, are computed up to {ALL_UP_TO} nodes."
+            "All frequencies, and with them the limit of explicit methods, are computed up to {MAX_NODES_FOR_SPECTRUM} nodes."
         )),
     }
     findings.numbers.insert("nodes".into(), json!(rod.nodes));
@@ -123,7 +123,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     findings.tables.push(modes_table(&found, &matrices, step));
     findings.tables.push(shapes_table(&found, &rod));
     let title = |what: &str| format!("{}: {what}", scene.name);
-    let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN).map(|mode| {
+    let shapes = found.iter().filter(|mode| mode.axis == Axis::Bending).take(DRAWN_SHAPES).map(|mode| {
         let label = format!("{:.5} Hz", mode.frequency / TAU);
         Series::new(label, points(&mode.shape).map(|k| (rod.arc_length(k), mode.shape[k])).collect(), Mark::Line)
     });
@@ -146,7 +146,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     let caption = "The natural frequencies, beside that of the drive and what the time step resolves.";
     findings.figures.push(Figure::new("frequencies.svg", caption, frequencies.svg()));
     about_rest(scene, count, &mut findings)?;
-    if rod.nodes <= MATRICES_UP_TO {
+    if rod.nodes <= MAX_NODES_FOR_MATRICES {
         findings.files.extend(matrices.matrix_market().into_iter().map(|(file, text)| (file.to_string(), text)));
     }
     Ok(findings)
@@ -158,8 +158,10 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     if model.forces.is_empty() && model.load.is_none() {
         return Ok(()); // they are the natural modes
     }
-    if model.rod.nodes > DAMPED_UP_TO {
-        findings.answers.push(format!("Motions with damping and in flow are computed up to {DAMPED_UP_TO} nodes."));
+    if model.rod.nodes > MAX_NODES_FOR_DAMPING {
+        findings
+            .answers
+            .push(format!("Motions with damping and in flow are computed up to {MAX_NODES_FOR_DAMPING} nodes."));
         return Ok(());
     }
     let flow = model.fluid.flow.norm();
@@ -276,7 +278,7 @@ fn shapes_table(found: &[Mode], rod: &Rod) -> Table {
 
 /// The nodes of a shape that are shown, head and tip among them.
 fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
-    let (last, shown) = (shape.len() - 1, shape.len().min(POINTS) - 1);
+    let (last, shown) = (shape.len() - 1, shape.len().min(MAX_SHAPE_POINTS) - 1);
     (0..=shown).map(move |i| i * last / shown)
 }
 

@@ -17,25 +17,25 @@ use crate::stepper::Stepper;
 use crate::system::Form;
 
 /// A run is repeated until it took this long in all.
-const LONG_ENOUGH: Duration = Duration::from_millis(300);
+const MIN_MEASURED_TIME: Duration = Duration::from_millis(300);
 /// Growth is fitted from this many nodes on; below, a step's constant costs show.
-const FITTED_FROM: u64 = 129;
+const MIN_FITTED_NODES: u64 = 129;
 /// Memory is measured from this many nodes on; below, what the allocator keeps in stock blurs it.
-const WEIGHED_FROM: u64 = 100_000;
+const MIN_WEIGHED_NODES: u64 = 100_000;
 /// Curvature is compared at this many points and the ends of so many parts.
-const PARTS: usize = 16;
+const COMPARED_POINTS: usize = 16;
 
 /// What is asked for.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Scaling {
+pub struct ScalingOptions {
     /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that every mesh has the nodes of those before.
     pub nodes: Vec<u64>,
     /// Steps of every run.
     pub steps: u64,
 }
 
-impl Default for Scaling {
+impl Default for ScalingOptions {
     fn default() -> Self {
         Self { nodes: Vec::new(), steps: 20 }
     }
@@ -43,7 +43,7 @@ impl Default for Scaling {
 
 /// One run.
 #[derive(Debug)]
-struct Case {
+struct MeshRun {
     nodes: u64,
     form: Form,
     /// Step size, s: the scene's, or a shorter one where positions are only weighed.
@@ -53,7 +53,7 @@ struct Case {
 
 /// What came of it.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-struct Run {
+struct MeshResult {
     /// Why it failed.
     failure: Option<String>,
     /// Time of a mean step, s: its iterations times the time of one in the step where that was least, which other work on
@@ -85,7 +85,7 @@ fn both_or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<[f64; 
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
-pub(super) fn scaling(scene: &Scene, asked: &Scaling, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
+pub(super) fn scaling(scene: &Scene, asked: &ScalingOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let mut nodes = asked.nodes.clone();
     if nodes.is_empty() {
         nodes.extend((4..=20).map(|k| (1 << k) + 1));
@@ -100,16 +100,16 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, runner: StudyRunner<'_>) -
         used.push(chain::form(&rod, step));
         let (nodes, steps) = (*nodes, asked.steps);
         if contracts(&rod, step) {
-            cases.push(Case { nodes, form: Form::Positions, step, steps });
-        } else if nodes >= WEIGHED_FROM {
+            cases.push(MeshRun { nodes, form: Form::Positions, step, steps });
+        } else if nodes >= MIN_WEIGHED_NODES {
             // A step takes the same memory whatever its size.
             let mut short = step;
             while !contracts(&rod, short) {
                 short *= 0.5;
             }
-            cases.push(Case { nodes, form: Form::Positions, step: short, steps: 1 });
+            cases.push(MeshRun { nodes, form: Form::Positions, step: short, steps: 1 });
         }
-        cases.push(Case { nodes, form: Form::Chain, step, steps });
+        cases.push(MeshRun { nodes, form: Form::Chain, step, steps });
     }
     // One after the other: they share the memory's speed, and memory is counted for the whole program.
     let runs = match runner.run_all("scaling", scene, &cases, 1, |case| run(scene, case, runner))? {
@@ -120,7 +120,7 @@ pub(super) fn scaling(scene: &Scene, asked: &Scaling, runner: StudyRunner<'_>) -
     Ok(StudyOutcome::Complete(report(scene, &nodes, &used, &made)?))
 }
 
-fn run(scene: &Scene, case: &Case, runner: StudyRunner<'_>) -> Option<Run> {
+fn run(scene: &Scene, case: &MeshRun, runner: StudyRunner<'_>) -> Option<MeshResult> {
     let before = memory::reset();
     let step = case.step;
     let mut scene = scene.with_pace(Pace::Fixed(step)).with_nodes(case.nodes);
@@ -128,7 +128,7 @@ fn run(scene: &Scene, case: &Case, runner: StudyRunner<'_>) -> Option<Run> {
         Form::Positions => FormKey::Positions,
         Form::Chain => FormKey::Chain,
     };
-    let failed = |reason: String| Run {
+    let failed = |reason: String| MeshResult {
         failure: Some(reason),
         step_s: f64::NAN,
         iterations: 0,
@@ -144,7 +144,7 @@ fn run(scene: &Scene, case: &Case, runner: StudyRunner<'_>) -> Option<Run> {
     };
     let start = stepper.save();
     let (mut fastest, mut total, mut peak) = (f64::INFINITY, Duration::ZERO, None);
-    while total < LONG_ENOUGH {
+    while total < MIN_MEASURED_TIME {
         if total > Duration::ZERO {
             stepper.restore(&start).ok()?; // its own: it fits
         }
@@ -172,7 +172,7 @@ fn run(scene: &Scene, case: &Case, runner: StudyRunner<'_>) -> Option<Run> {
         (kappa[k] + part * (kappa[(k + 1).min(last - 1)] - kappa[k])) / rod.spacing
     };
     let q = &stepper.state().q;
-    Some(Run {
+    Some(MeshResult {
         failure: None,
         step_s: fastest * iterations as f64 / case.steps as f64,
         iterations,
@@ -180,7 +180,7 @@ fn run(scene: &Scene, case: &Case, runner: StudyRunner<'_>) -> Option<Run> {
         fallbacks: stepper.work().linear_fallbacks,
         memory: peak.zip(before).map(|(peak, before)| peak.saturating_sub(before)),
         tip: [q[2 * last], q[2 * last + 1]],
-        curvature: (1..PARTS).map(|i| at(i as f64 / PARTS as f64)).collect(),
+        curvature: (1..COMPARED_POINTS).map(|i| at(i as f64 / COMPARED_POINTS as f64)).collect(),
     })
 }
 
@@ -200,15 +200,15 @@ fn difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
 
-fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -> Result<Findings> {
+fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&MeshRun, &MeshResult)]) -> Result<Findings> {
     let mut findings = Findings { subject: "scaling with the mesh", ..Findings::default() };
     let good = || made.iter().filter(|(_, run)| run.failure.is_none());
     // What is only weighed is neither timed nor compared.
-    let timed = |case: &Case| case.step == scene.typical_step();
+    let timed = |case: &MeshRun| case.step == scene.typical_step();
     let finest = good().filter(|(case, _)| case.form == Form::Chain).max_by_key(|(case, _)| case.nodes);
     let length = scene.rod.length_m.get();
     // Errors of tip (over the length) and curvature (over the largest) against the finest mesh.
-    let errors = |case: &Case, run: &Run| {
+    let errors = |case: &MeshRun, run: &MeshResult| {
         if run.failure.is_some() {
             return None;
         }
@@ -219,7 +219,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     };
     let name = |form: Form| if form == Form::Chain { "chain" } else { "positions" };
     let title = |form: Form| if form == Form::Chain { "Chain form" } else { "Positions" };
-    let per_node = |case: &Case, x: f64| x / case.nodes as f64;
+    let per_node = |case: &MeshRun, x: f64| x / case.nodes as f64;
     let rows = made.iter().map(|(case, run)| {
         let [tip, curvature] = errors(case, run).map_or([None; 2], |e| e.map(Some));
         let auto = nodes.iter().zip(used).any(|(nodes, form)| *nodes == case.nodes && *form == case.form);
@@ -235,7 +235,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
             json!(iterations),
             json!(run.halvings),
             json!(run.fallbacks),
-            json!(run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))),
+            json!(run.memory.filter(|_| case.nodes >= MIN_WEIGHED_NODES).map(|bytes| per_node(case, bytes as f64))),
             json!(tip),
             json!(curvature),
             json!(case.step),
@@ -269,16 +269,16 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     let (mut times, mut iterations, mut accuracy, mut memory) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     for form in [Form::Positions, Form::Chain] {
         let of = || good().filter(|(case, _)| case.form == form);
-        let curve = |y: &dyn Fn(&Case, &Run) -> Option<f64>| -> Vec<(f64, f64)> {
+        let curve = |y: &dyn Fn(&MeshRun, &MeshResult) -> Option<f64>| -> Vec<(f64, f64)> {
             of().filter_map(|(case, run)| Some((case.nodes as f64, y(case, run)?))).collect()
         };
-        let each = |run: &Run, case: &Case| run.iterations.max(1) as f64 / case.steps as f64;
+        let each = |run: &MeshResult, case: &MeshRun| run.iterations.max(1) as f64 / case.steps as f64;
         let steps = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s)));
         let single = curve(&|case, run| timed(case).then(|| 1e9 * per_node(case, run.step_s) / each(run, case)));
         // Beyond the meshes that take positions by themselves rounding costs iterations: there the chain form is the cure.
         let is_fitted = |n: f64| {
             let takes = |(nodes, used): (&u64, &Form)| *nodes as f64 == n && (*used == form || form == Form::Chain);
-            n >= FITTED_FROM as f64 && nodes.iter().zip(used).any(takes)
+            n >= MIN_FITTED_NODES as f64 && nodes.iter().zip(used).any(takes)
         };
         let fitted = |curve: &[(f64, f64)]| {
             let points: Vec<_> = curve.iter().copied().filter(|p| is_fitted(p.0)).collect();
@@ -288,14 +288,14 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
         if let Some(((step, last), (iteration, _))) = fitted(&steps).zip(fitted(&single)) {
             let which = if form == Form::Chain { "" } else { ", the meshes that take this form by themselves" };
             findings.answers.push(format!(
-                "{}: the time a step grows as N^{step:.3}, the time an iteration as N^{iteration:.3} (least squares over {FITTED_FROM} to {last} nodes{which}).",
+                "{}: the time a step grows as N^{step:.3}, the time an iteration as N^{iteration:.3} (least squares over {MIN_FITTED_NODES} to {last} nodes{which}).",
                 title(form)
             ));
             findings.numbers.insert(format!("growth_exponent_step_{}", name(form)), json!(step));
             findings.numbers.insert(format!("growth_exponent_iteration_{}", name(form)), json!(iteration));
         }
         let weighed = curve(&|case, run| {
-            run.memory.filter(|_| case.nodes >= WEIGHED_FROM).map(|bytes| per_node(case, bytes as f64))
+            run.memory.filter(|_| case.nodes >= MIN_WEIGHED_NODES).map(|bytes| per_node(case, bytes as f64))
         });
         if let Some((nodes, bytes)) = weighed.last() {
             findings.numbers.insert(format!("memory_bytes_per_node_{}", name(form)), json!(bytes));
@@ -311,7 +311,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     }
     times.extend(iterations);
     let ratios: Vec<_> = good()
-        .filter(|(case, _)| case.form == Form::Chain && case.nodes >= FITTED_FROM)
+        .filter(|(case, _)| case.form == Form::Chain && case.nodes >= MIN_FITTED_NODES)
         .filter_map(|(case, run)| {
             let mut positions = good().filter(|(other, _)| other.form == Form::Positions && timed(other));
             let (_, other) = positions.find(|(other, _)| other.nodes == case.nodes)?;
@@ -322,7 +322,7 @@ fn report(scene: &Scene, nodes: &[u64], used: &[Form], made: &[(&Case, &Run)]) -
     {
         findings.numbers.insert("cost_ratio_of_forms".into(), json!([low, high]));
         findings.answers.push(format!(
-            "A step in the chain form costs {low:.2} to {high:.2} times one in positions, where both work (from {FITTED_FROM} nodes on)."
+            "A step in the chain form costs {low:.2} to {high:.2} times one in positions, where both work (from {MIN_FITTED_NODES} nodes on)."
         ));
     }
     let switch = nodes.iter().zip(used).find(|(_, form)| **form == Form::Chain).map(|(nodes, _)| *nodes);

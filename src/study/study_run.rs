@@ -18,20 +18,20 @@ use crate::scene::Scene;
 use crate::stepper::Stepper;
 
 /// A run is repeated until all repetitions took so long together, or there are so many; the fastest counts.
-const LONG_ENOUGH: Duration = Duration::from_millis(100);
-const REPETITIONS: u32 = 30;
+const MIN_MEASURED_TIME: Duration = Duration::from_millis(100);
+const MAX_REPETITIONS: u32 = 30;
 
 /// Energy from nowhere, over the largest energy or work, from which on a run is given up: it only grows.
-const EXPLODED: f64 = 1e3;
+const MAX_ENERGY_DEFECT: f64 = 1e3;
 
 /// Energies below so many times what one rounding of the positions makes are noise: over 10⁴ steps at rest it comes to a third of one.
-const NOISE: f64 = 1e3;
+const ENERGY_NOISE: f64 = 1e3;
 
 /// A tip that goes no further than this part of the length is at rest.
-const AT_REST: f64 = 1e-9;
+const MIN_TRAVEL: f64 = 1e-9;
 
 /// Parameters worth comparing beside the defaults: the source study's Newmark.
-const ALSO: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
+const EXTRA_PARAMETERS: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 
 /// A model, and the method with its parameters that solves the whole one.
 #[derive(Clone, PartialEq)]
@@ -95,7 +95,7 @@ impl SimulationMethod {
         let mut all = Vec::new();
         for method in METHODS {
             all.push(Self::whole(method, method.defaults()));
-            let also = ALSO.iter().filter(|(name, _)| *name == method.name);
+            let also = EXTRA_PARAMETERS.iter().filter(|(name, _)| *name == method.name);
             all.extend(also.map(|(_, values)| Self::whole(method, values.to_vec())));
         }
         if let Ok((method, values)) = scene.method() {
@@ -131,7 +131,7 @@ impl SimulationMethod {
 }
 
 /// Averages over cycles that tables of runs show.
-pub const SHOWN: [Measure; 3] = [cycle::FORWARD_SPEED, cycle::THRUST, cycle::EFFICIENCY];
+pub const TABLE_MEASURES: [Measure; 3] = [cycle::FORWARD_SPEED, cycle::THRUST, cycle::EFFICIENCY];
 
 /// How a run failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -178,9 +178,9 @@ pub struct StudyRun {
     /// Mean force (N) on a held head over the run, and the mean of its modulus.
     #[serde(default)]
     pub head_force: Option<([f64; 2], f64)>,
-    /// Means of [`SHOWN`] over the last whole cycles.
+    /// Means of [`TABLE_MEASURES`] over the last whole cycles.
     #[serde(default)]
-    pub cycles: [Option<f64>; SHOWN.len()],
+    pub cycles: [Option<f64>; TABLE_MEASURES.len()],
     /// Energy put in by actuation, loads, head and flow, J.
     pub work_in: f64,
     /// The largest size of that during the run: more than at the end, where most of it comes back.
@@ -218,20 +218,20 @@ impl StudyRun {
     }
 
     /// Runs `scene`; `None` if it was interrupted.
-    pub fn of(scene: &Scene, manner: RunOptions, interrupted: &AtomicBool) -> Option<Self> {
-        let mut trial = Self::once(scene, manner, interrupted)?;
-        let (mut total, mut repetitions) = (trial.processor_s, 1);
-        while manner.timed && total < LONG_ENOUGH.as_secs_f64() && repetitions < REPETITIONS {
-            let again = Self::once(scene, manner, interrupted)?;
-            trial.wall_s = trial.wall_s.min(again.wall_s);
-            trial.processor_s = trial.processor_s.min(again.processor_s);
+    pub fn of(scene: &Scene, options: RunOptions, interrupted: &AtomicBool) -> Option<Self> {
+        let mut run = Self::once(scene, options, interrupted)?;
+        let (mut total, mut repetitions) = (run.processor_s, 1);
+        while options.timed && total < MIN_MEASURED_TIME.as_secs_f64() && repetitions < MAX_REPETITIONS {
+            let again = Self::once(scene, options, interrupted)?;
+            run.wall_s = run.wall_s.min(again.wall_s);
+            run.processor_s = run.processor_s.min(again.processor_s);
             (total, repetitions) = (total + again.processor_s, repetitions + 1);
         }
-        Some(trial)
+        Some(run)
     }
 
-    fn once(scene: &Scene, manner: RunOptions, interrupted: &AtomicBool) -> Option<Self> {
-        let mut trial = Self {
+    fn once(scene: &Scene, options: RunOptions, interrupted: &AtomicBool) -> Option<Self> {
+        let mut run = Self {
             failure: None,
             steps: 0,
             iterations: 0,
@@ -242,50 +242,50 @@ impl StudyRun {
             length: scene.rod.length_m.get(),
             displacement: [0.0; 2],
             head_force: None,
-            cycles: [None; SHOWN.len()],
+            cycles: [None; TABLE_MEASURES.len()],
             work_in: 0.0,
             largest_work_in: 0.0,
-            tip: Vec::with_capacity(manner.samples + 1),
-            created: Vec::with_capacity(manner.samples + 1),
+            tip: Vec::with_capacity(options.samples + 1),
+            created: Vec::with_capacity(options.samples + 1),
         };
         let mut stepper = match Stepper::of(scene) {
             Ok(stepper) => stepper,
             Err(error) => {
-                trial.failure = Some((Failure::of(&error), 0.0, error.to_string()));
-                return Some(trial);
+                run.failure = Some((Failure::of(&error), 0.0, error.to_string()));
+                return Some(run);
             }
         };
-        stepper.halve_failing_steps(manner.halving);
+        stepper.halve_failing_steps(options.halving);
         let (clock, processor) = (Instant::now(), processor_time());
-        let outcome = trial.drive(scene, &mut stepper, manner, interrupted);
-        trial.wall_s = clock.elapsed().as_secs_f64();
-        trial.processor_s = processor_time().zip(processor).map_or(trial.wall_s, |(now, then)| now - then);
+        let outcome = run.drive(scene, &mut stepper, options, interrupted);
+        run.wall_s = clock.elapsed().as_secs_f64();
+        run.processor_s = processor_time().zip(processor).map_or(run.wall_s, |(now, then)| now - then);
         match outcome {
             Ok(ControlFlow::Continue(())) => {}
             Ok(ControlFlow::Break(())) => return None,
-            Err(error) => trial.failure = Some((Failure::of(&error), stepper.time(), error.to_string())),
+            Err(error) => run.failure = Some((Failure::of(&error), stepper.time(), error.to_string())),
         }
         let (meter, work) = (stepper.meter(), stepper.work());
-        trial.steps = meter.totals.steps;
-        trial.halvings = meter.totals.halvings;
-        trial.iterations = work.newton_iterations;
-        trial.factorisations = work.factorisations;
-        trial.displacement = (meter.now.com - meter.first.1).into();
-        trial.head_force = stepper.cycles().since_start().filter(|_| stepper.model().head.is_some()).map(|run| {
+        run.steps = meter.totals.steps;
+        run.halvings = meter.totals.halvings;
+        run.iterations = work.newton_iterations;
+        run.factorisations = work.factorisations;
+        run.displacement = (meter.now.com - meter.first.1).into();
+        run.head_force = stepper.cycles().since_start().filter(|_| stepper.model().head.is_some()).map(|run| {
             let (mean, modulus) = run.mean_head_force();
             (mean.into(), modulus)
         });
         let averages = stepper.cycles().averages(stepper.view().dynamics);
-        trial.cycles = SHOWN.map(|measure| averages.mean(&measure));
-        trial.work_in = put_in(&meter.totals.work);
-        Some(trial)
+        run.cycles = TABLE_MEASURES.map(|measure| averages.mean(&measure));
+        run.work_in = put_in(&meter.totals.work);
+        Some(run)
     }
 
     fn drive(
         &mut self,
         scene: &Scene,
         stepper: &mut Stepper,
-        manner: RunOptions,
+        options: RunOptions,
         interrupted: &AtomicBool,
     ) -> Result<ControlFlow<()>> {
         let duration = scene.solver.duration_s.get();
@@ -294,11 +294,11 @@ impl StudyRun {
         self.created.push(0.0);
         // Of a rod at rest there is nothing but rounding.
         let (mut scale, mut largest) = (
-            stepper.meter().first_energy.max(NOISE * rounding_energy(&stepper.model().rod, &stepper.state().q)),
+            stepper.meter().first_energy.max(ENERGY_NOISE * rounding_energy(&stepper.model().rod, &stepper.state().q)),
             0.0_f64,
         );
-        if let Some(part) = manner.push {
-            push(stepper, scene, part)?;
+        if let Some(part) = options.push {
+            displace_tip(stepper, scene, part)?;
         }
         let mut stopped = false;
         let mut failed = None;
@@ -317,10 +317,10 @@ impl StudyRun {
                 if excess > 0.0 {
                     largest = largest.max(excess / scale.max(f64::MIN_POSITIVE));
                 }
-                while self.tip.len() <= manner.samples {
-                    let t = duration * self.tip.len() as f64 / manner.samples as f64;
+                while self.tip.len() <= options.samples {
+                    let t = duration * self.tip.len() as f64 / options.samples as f64;
                     // The last sample is the end itself, whatever its rounding.
-                    let t = if self.tip.len() == manner.samples && stepper.time() >= t * (1.0 - 1e-9) {
+                    let t = if self.tip.len() == options.samples && stepper.time() >= t * (1.0 - 1e-9) {
                         stepper.time()
                     } else {
                         t
@@ -340,7 +340,7 @@ impl StudyRun {
                     self.created.push(largest);
                     largest = 0.0;
                 }
-                let exploded = largest.max(self.created.last().copied().unwrap_or(0.0)) > EXPLODED;
+                let exploded = largest.max(self.created.last().copied().unwrap_or(0.0)) > MAX_ENERGY_DEFECT;
                 if stopped || exploded { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
             });
             self.created.push(largest); // what came after the last sample
@@ -362,12 +362,12 @@ impl StudyRun {
     pub fn travel(&self) -> f64 {
         let first = self.tip.first().copied().unwrap_or_default();
         let distance = |tip: &[f64; 2]| (tip[0] - first[0]).hypot(tip[1] - first[1]);
-        self.tip.iter().map(distance).fold(AT_REST * self.length, f64::max)
+        self.tip.iter().map(distance).fold(MIN_TRAVEL * self.length, f64::max)
     }
 
     /// True if it reached its end.
-    pub fn is_complete(&self, manner: RunOptions) -> bool {
-        self.failure.is_none() && self.tip.len() > manner.samples
+    pub fn is_complete(&self, options: RunOptions) -> bool {
+        self.failure.is_none() && self.tip.len() > options.samples
     }
 }
 
@@ -389,7 +389,7 @@ fn put_in(work: &Power) -> f64 {
 
 /// Moves the tip across the rod by about this part of the length: pushes and stops it within two short steps, so that no
 /// momentum is left that would carry it off.
-fn push(stepper: &mut Stepper, scene: &Scene, part: f64) -> Result<()> {
+fn displace_tip(stepper: &mut Stepper, scene: &Scene, part: f64) -> Result<()> {
     let rod = &stepper.model().rod;
     let step = 0.01 * scene.typical_step().min(0.01 * scene.solver.duration_s.get());
     let last = rod.nodes - 1;

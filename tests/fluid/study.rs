@@ -10,7 +10,7 @@ use caudal::report::Findings;
 use caudal::rod::{Edge, node};
 use caudal::scene::Scene;
 use caudal::stepper::Stepper;
-use caudal::study::{Fluid, Study, StudyOutcome, StudyRunner};
+use caudal::study::{FluidOptions, Study, StudyOutcome, StudyRunner};
 use common::{claimed, scene_of};
 use nalgebra::Vector2;
 
@@ -22,7 +22,7 @@ const WORM: &str = include_str!("../../models/worm-over-a-wall.toml");
 fn study(scene: &Scene, folder: &Path, most: usize) -> StudyOutcome {
     let interrupted = AtomicBool::new(false);
     let progress = |done: usize, _: usize| interrupted.store(done >= most, Ordering::Relaxed);
-    let study = Study::Fluid(Fluid::default());
+    let study = Study::Fluid(FluidOptions::default());
     let held = claimed(&study, scene, folder);
     study.run(scene, StudyRunner::new(&held, &interrupted, &progress)).unwrap()
 }

@@ -14,15 +14,15 @@ use crate::study::study_run::StudyRun;
 pub const PUSH: f64 = 1e-9;
 
 /// Two runs that come apart by this factor make a motion that cannot be predicted.
-const CHAOTIC: f64 = 1e4;
+const CHAOTIC_GROWTH: f64 = 1e4;
 
 /// The growth is followed up to this part of the length, over windows of these parts of the duration, in the longest that
 /// shows so many samples of it.
-const GROWN: f64 = 1e-3;
+const SATURATION: f64 = 1e-3;
 
 pub const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 
-const FOLLOWED: usize = 100;
+const MIN_SAMPLES: usize = 100;
 
 /// What there is to say where the references disagree.
 pub fn without_reference(
@@ -44,7 +44,7 @@ pub fn without_reference(
         None => {
             let failures: Vec<_> = four
                 .iter()
-                .filter_map(|trial| trial.failure.as_ref())
+                .filter_map(|run| run.failure.as_ref())
                 .map(|(_, t, reason)| format!("at t = {t:.4} s: {reason}"))
                 .collect();
             format!("a run meant as reference failed {}", failures.first().map_or("", String::as_str))
@@ -60,7 +60,8 @@ pub fn without_reference(
     let windows: Vec<_> = pairs.chunks(2).zip(WINDOWS).map(distances).collect();
     let widest = windows.iter().flatten().map(|p| p.1).fold(0.0, f64::max);
     // The longest window in which the growth can be followed.
-    let followed = |apart: &&Vec<(f64, f64)>| apart.iter().take_while(|p| p.1 < GROWN * length).count() >= FOLLOWED;
+    let followed =
+        |apart: &&Vec<(f64, f64)>| apart.iter().take_while(|p| p.1 < SATURATION * length).count() >= MIN_SAMPLES;
     let apart = windows.iter().find(followed).or(windows.last()).cloned().unwrap_or_default();
     if let Some((rate, end)) = growth(&apart, length) {
         findings.numbers.insert("separation_growth_rate_1_s".into(), json!(rate));
@@ -68,7 +69,7 @@ pub fn without_reference(
             "Two runs that start {PUSH:e} of the length apart separate as e^({rate:.3} t/s) until t = {end:.4} s, and come to {:.1e} of the length",
             widest / length
         );
-        findings.answers.push(if widest > CHAOTIC * PUSH * length {
+        findings.answers.push(if widest > CHAOTIC_GROWTH * PUSH * length {
             format!("{common}: no error stays small, and no method or step has an accuracy here. Means over many runs or long times may still mean something.")
         } else {
             format!("{common}: the motion is not chaotic but not resolved; smaller --steps may find a reference.")
@@ -96,7 +97,7 @@ pub fn without_reference(
 /// Rate (1/s) at which a distance grows by least squares of its logarithm, up to the time (s, also returned) where it is a
 /// thousandth of `length`, or the end.
 fn growth(apart: &[(f64, f64)], length: f64) -> Option<(f64, f64)> {
-    let until = apart.iter().position(|p| p.1 > GROWN * length).unwrap_or(apart.len()).max(3).min(apart.len());
+    let until = apart.iter().position(|p| p.1 > SATURATION * length).unwrap_or(apart.len()).max(3).min(apart.len());
     let logs: Vec<_> = apart[..until].iter().filter(|p| p.1 > 0.0).map(|p| (p.0, p.1.ln())).collect();
     let count = logs.len() as f64;
     let mean = |of: fn(&(f64, f64)) -> f64| logs.iter().map(of).sum::<f64>() / count;

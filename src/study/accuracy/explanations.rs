@@ -3,8 +3,8 @@
 use serde_json::json;
 
 use super::plan::PlannedRun;
-use super::quantities::{Quantity, describe_errors, quantities};
-use super::reference::{RUN_OPTIONS, Reference, Results};
+use super::quantities::{ComparedQuantity, describe_errors, quantities};
+use super::reference::{RUN_OPTIONS, Reference, RunResults};
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::Findings;
@@ -13,10 +13,10 @@ use crate::study::study_run::{SimulationMethod, StudyRun};
 use crate::words::{percent, two_digits};
 
 /// From this error on, relative, a cheaper model computes another motion.
-const USELESS: f64 = 1.0;
+const MEANINGLESS_ERROR: f64 = 1.0;
 
 /// A cheaper model is as good as it gets where its error is at most this multiple of the one that no step removes.
-const SETTLED: f64 = 1.1;
+const CONVERGED: f64 = 1.1;
 
 /// The errors that a user is told how to reach.
 const TARGETS: [f64; 2] = [1e-2, 1e-4];
@@ -27,7 +27,7 @@ pub struct AccuracyReport<'a> {
     pub meshes: &'a [u64],
     pub references: &'a [Reference],
     pub cases: &'a [PlannedRun],
-    pub trials: &'a [StudyRun],
+    pub runs: &'a [StudyRun],
     /// Which methods are left out, and why.
     pub left_out: &'a [String],
 }
@@ -35,7 +35,7 @@ pub struct AccuracyReport<'a> {
 /// A run with its errors.
 pub struct Row<'a> {
     pub case: &'a PlannedRun,
-    pub trial: &'a StudyRun,
+    pub run: &'a StudyRun,
     /// Against the reference on its own mesh: what the steps do. `None` where the run failed.
     pub time: Option<[f64; 3]>,
     /// Against the limit of fine meshes.
@@ -79,7 +79,7 @@ fn milliseconds(seconds: f64) -> String {
 
 impl AccuracyReport<'_> {
     /// What is compared.
-    pub fn quantities(&self) -> [&'static Quantity; 3] {
+    pub fn quantities(&self) -> [&'static ComparedQuantity; 3] {
         quantities(self.scene)
     }
 
@@ -95,7 +95,7 @@ impl AccuracyReport<'_> {
     pub fn findings(&self) -> Result<Findings> {
         let limit = self.mesh_limit();
         let rows: Vec<Row<'_>> =
-            self.cases.iter().zip(self.trials).map(|(case, trial)| self.row(case, trial, limit.as_ref())).collect();
+            self.cases.iter().zip(self.runs).map(|(case, run)| self.row(case, run, limit.as_ref())).collect();
         let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
         self.references_in_words(&mut findings);
         self.own_setting(&rows, &mut findings);
@@ -112,7 +112,7 @@ impl AccuracyReport<'_> {
 
     /// The limit of fine meshes by Richardson's extrapolation with the order that three meshes show, and its uncertainty:
     /// half of what the extrapolation adds.
-    fn mesh_limit(&self) -> Option<(Results, [f64; 3], f64)> {
+    fn mesh_limit(&self) -> Option<(RunResults, [f64; 3], f64)> {
         let [.., a, b, c] = self.references else { return None };
         let [.., na, nb, nc] = self.meshes else { return None };
         let ratio = (nc - 1) as f64 / (nb - 1) as f64;
@@ -121,18 +121,18 @@ impl AccuracyReport<'_> {
         }
         let change = b.result.apart(&a.result) / c.result.apart(&b.result);
         let order = change.log(ratio).clamp(0.5, 4.0);
-        let limit = Results::extrapolated(&b.result, &c.result, ratio.powf(order));
+        let limit = RunResults::extrapolated(&b.result, &c.result, ratio.powf(order));
         let added = c.result.errors(&limit);
         Some((limit, added.map(|e| 0.5 * e), order))
     }
 
-    fn row<'r>(&self, case: &'r PlannedRun, trial: &'r StudyRun, limit: Option<&(Results, [f64; 3], f64)>) -> Row<'r> {
-        let result = trial.is_complete(RUN_OPTIONS).then(|| Results::of(trial));
+    fn row<'r>(&self, case: &'r PlannedRun, run: &'r StudyRun, limit: Option<&(RunResults, [f64; 3], f64)>) -> Row<'r> {
+        let result = run.is_complete(RUN_OPTIONS).then(|| RunResults::of(run));
         let mesh = self.meshes.iter().position(|nodes| *nodes == case.nodes);
         let reference = mesh.and_then(|mesh| self.references.get(mesh));
         Row {
             case,
-            trial,
+            run,
             time: result.as_ref().zip(reference).map(|(result, reference)| result.errors(&reference.result)),
             total: result.as_ref().zip(limit).map(|(result, limit)| result.errors(&limit.0)),
         }
@@ -172,7 +172,7 @@ impl AccuracyReport<'_> {
                 "The scene as it stands, {} on {nodes} nodes: its steps make an error of {}, in {}.",
                 row.setting(),
                 describe_errors(self.quantities(), errors.map(|e| format!("{:.2} %", 100.0 * e))),
-                milliseconds(row.trial.processor_s)
+                milliseconds(row.run.processor_s)
             ));
         }
     }
@@ -239,14 +239,14 @@ impl AccuracyReport<'_> {
         let own_method = self.scene.method().ok().map(|(method, values)| SimulationMethod::whole(method, values));
         for (finest, errors) in self.settled(rows) {
             let model = on_mesh().filter(|row| row.case.recipe == finest.case.recipe);
-            let Some(row) = self.cheapest(model, first, SETTLED * errors[0]) else { continue };
-            let (name, seconds) = (row.case.recipe.rung.name, row.trial.processor_s);
+            let Some(row) = self.cheapest(model, first, CONVERGED * errors[0]) else { continue };
+            let (name, seconds) = (row.case.recipe.rung.name, row.run.processor_s);
             let mut numbers = json!({ "processor_s": seconds });
             for (quantity, error) in self.quantities().iter().zip(errors) {
                 numbers[format!("{}_error", quantity.key)] = json!(error);
             }
             let mut text = format!("The model \"{name}\" ({})", row.case.recipe.rung.meaning);
-            if errors[0] >= USELESS {
+            if errors[0] >= MEANINGLESS_ERROR {
                 text += &format!(" leaves out what decides this motion: its {} is another.", what.name);
                 findings.answers.push(text);
                 findings.numbers.insert(format!("model_{name}"), numbers);
@@ -260,14 +260,14 @@ impl AccuracyReport<'_> {
             // The scene's own method with steps that still err more, so that it is not made dearer than it is.
             let own = on_mesh().filter(|row| Some(&row.case.recipe) == own_method.as_ref());
             let own = own.filter(|row| first(row).is_some_and(|e| e >= errors[0]));
-            let own = own.max_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s));
+            let own = own.max_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s));
             let whole = on_mesh().filter(|row| row.case.recipe.is_whole());
             let best = self.cheapest(whole, first, errors[0]);
             for (key, errs, other) in [("own_method", "errs no less", own), ("best_method", "errs no more", best)] {
                 let Some((other, error)) = other.and_then(|other| Some((other, first(other)?))) else {
                     continue;
                 };
-                let ratio = other.trial.processor_s / seconds;
+                let ratio = other.run.processor_s / seconds;
                 text += &format!(
                     " The whole model by {}, which {errs} in {} ({}), takes {} times as long.",
                     other.setting(),
@@ -305,7 +305,7 @@ impl AccuracyReport<'_> {
                     })
                     .all(|other| error(other).is_some_and(|e| e <= target))
         };
-        rows.iter().filter(holds).min_by(|a, b| a.trial.processor_s.total_cmp(&b.trial.processor_s)).copied()
+        rows.iter().filter(holds).min_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s)).copied()
     }
 
     fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
@@ -317,7 +317,7 @@ impl AccuracyReport<'_> {
                 findings.answers.push(match time {
                     Some(row) => format!(
                         "For {percent} % on the {quantity} of this rod of {nodes} nodes: {}: {} and {} linear solves.",
-                        row.setting(), milliseconds(row.trial.processor_s), row.trial.factorisations
+                        row.setting(), milliseconds(row.run.processor_s), row.run.factorisations
                     ),
                     None => format!("For {percent} % on the {quantity} of this rod of {nodes} nodes: none of these steps does it; finer --steps may."),
                 });
@@ -327,7 +327,7 @@ impl AccuracyReport<'_> {
                         "For {percent} % on the {quantity} with the mesh's error in it: {} on {} nodes: {}.",
                         row.setting(),
                         row.case.nodes,
-                        milliseconds(row.trial.processor_s)
+                        milliseconds(row.run.processor_s)
                     ));
                 }
                 findings.numbers.insert(
@@ -338,7 +338,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    fn meshes_in_words(&self, limit: Option<&(Results, [f64; 3], f64)>, findings: &mut Findings) {
+    fn meshes_in_words(&self, limit: Option<&(RunResults, [f64; 3], f64)>, findings: &mut Findings) {
         let Some((limit, uncertain, order)) = limit else { return };
         findings.answers.push(format!(
             "In the limit of fine meshes: {} (±{:.1e} relative, extrapolated; its error falls as N^-{order:.2}).",

@@ -3,37 +3,37 @@
 use serde_json::{Value, json};
 
 use super::explanations::{AccuracyReport, Row};
-use super::reference::Results;
+use super::reference::RunResults;
 use crate::error::Result;
 use crate::integrator::Pace;
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
-use crate::study::study_run::{SHOWN, StudyRun};
+use crate::study::study_run::{StudyRun, TABLE_MEASURES};
 
 /// An error is shown down to this multiple of the reference's own.
-const TRUSTED: f64 = 2.0;
+const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
 
 impl AccuracyReport<'_> {
     pub(super) fn charts(
         &self,
         rows: &[Row<'_>],
-        limit: Option<&(Results, [f64; 3], f64)>,
+        limit: Option<&(RunResults, [f64; 3], f64)>,
         findings: &mut Findings,
     ) -> Result<()> {
         let nodes = self.nodes();
         let reference = self.meshes.iter().position(|n| *n == nodes).and_then(|mesh| self.references.get(mesh));
         type Cost = fn(&StudyRun) -> f64;
         let costs: [(&str, &str, Cost); 2] = [
-            ("time", "processor time (s)", |trial| trial.processor_s),
-            ("work", "linear solves", |trial| trial.factorisations as f64),
+            ("time", "processor time (s)", |run| run.processor_s),
+            ("work", "linear solves", |run| run.factorisations as f64),
         ];
         for (i, (quantity, key)) in self.quantities().iter().map(|quantity| (quantity.name, quantity.key)).enumerate() {
-            let floor = reference.map_or(0.0, |reference| TRUSTED * reference.errors[i]);
+            let floor = reference.map_or(0.0, |reference| MIN_ERROR_OVER_REFERENCE * reference.errors[i]);
             for (file, label, cost) in &costs {
                 let mut series: Vec<Series> = Vec::new();
                 for row in self.on(rows, nodes) {
                     let Some(error) = row.time.map(|e| e[i]).filter(|e| *e > floor && *e < 10.0) else { continue };
-                    let point = (cost(row.trial), error);
+                    let point = (cost(row.run), error);
                     if point.0 <= 0.0 {
                         continue; // a model that solves no equations
                     }
@@ -78,7 +78,7 @@ impl AccuracyReport<'_> {
     }
 
     /// Error of the first quantity by the steps, one line per method, and by each mesh, as level lines.
-    fn decomposition(&self, rows: &[Row<'_>], limit: &Results) -> Chart {
+    fn decomposition(&self, rows: &[Row<'_>], limit: &RunResults) -> Chart {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
@@ -122,7 +122,7 @@ impl AccuracyReport<'_> {
                 let of: Vec<_> = of.collect();
                 for target in targets {
                     let found = self.cheapest(of.iter().copied(), |row| row.time.map(|e| e[i]), target);
-                    line.push(found.map_or(Value::Null, |row| json!(row.trial.factorisations)));
+                    line.push(found.map_or(Value::Null, |row| json!(row.run.factorisations)));
                 }
                 out.push(line);
             }
@@ -143,23 +143,23 @@ impl AccuracyReport<'_> {
             .into_iter()
             .chain(StudyRun::COSTS)
             .chain(first.columns.iter().chain(energy.columns).copied())
-            .chain(SHOWN.map(|measure| measure.key))
+            .chain(TABLE_MEASURES.map(|measure| measure.key))
             .map(str::to_string)
             .chain(["time", "total"].into_iter().flat_map(errors))
             .chain(["failure".to_string()])
             .collect();
         let line = |row: &Row<'_>| {
-            let (trial, recipe) = (row.trial, &row.case.recipe);
+            let (run, recipe) = (row.run, &row.case.recipe);
             let (step, tolerance) = match row.case.pace {
                 Pace::Fixed(step) => (json!(step), Value::Null),
                 Pace::Adaptive(tolerance) => (Value::Null, json!(tolerance)),
             };
             let done = row.time.is_some();
-            let found = Results::of(trial).first.into_iter().take(first.columns.len()).chain([trial.work_in]);
-            let found = found.map(Some).chain(trial.cycles).map(|value| json!(value.filter(|_| done)));
+            let found = RunResults::of(run).first.into_iter().take(first.columns.len()).chain([run.work_in]);
+            let found = found.map(Some).chain(run.cycles).map(|value| json!(value.filter(|_| done)));
             let errors =
                 [row.time, row.total].into_iter().flat_map(|errors| [0, 1, 2].map(|i| json!(errors.map(|e| e[i]))));
-            let failure = match &trial.failure {
+            let failure = match &run.failure {
                 Some((_, _, reason)) => json!(reason),
                 None if done => Value::Null,
                 None => json!("its energy grew without bound"),
@@ -171,7 +171,7 @@ impl AccuracyReport<'_> {
                 tolerance,
                 json!(row.case.nodes),
             ];
-            line.extend(trial.costs().into_iter().chain(found).chain(errors).chain([failure]));
+            line.extend(run.costs().into_iter().chain(found).chain(errors).chain([failure]));
             line
         };
         Table { file: "accuracy.csv", title: "All runs", rows: rows.iter().map(line).collect(), columns }

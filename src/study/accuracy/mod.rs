@@ -41,7 +41,7 @@ const MAX_EXPLICIT_STEPS: f64 = 1e7;
 /// What is asked for.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Accuracy {
+pub struct AccuracyOptions {
     /// Meshes, their numbers of nodes; empty for the scene's own and two finer ones.
     pub nodes: Vec<u64>,
     /// Fixed steps (s); empty for eight times the scene's down to a thirty-second.
@@ -64,7 +64,7 @@ fn alpha() -> Option<SimulationMethod> {
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
-pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
+pub(super) fn accuracy(scene: &Scene, asked: &AccuracyOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let own = scene.rod.nodes.get() as u64;
     let meshes =
         if asked.nodes.is_empty() { (0..3).map(|i| ((own - 1) << i) + 1).collect() } else { asked.nodes.clone() };
@@ -103,12 +103,12 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, runner: StudyRunner<'_>)
         }
         StudyRun::of(&scene, RunOptions { push: case.push, ..RUN_OPTIONS }, runner.interrupted)
     };
-    let trials = match runner.run_all("references", scene, &cases, jobs::cores(), run)? {
-        Ok(trials) => trials,
+    let runs = match runner.run_all("references", scene, &cases, jobs::cores(), run)? {
+        Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
     };
     let mut references = Vec::new();
-    for (nodes, four) in meshes.iter().zip(trials.chunks(4)) {
+    for (nodes, four) in meshes.iter().zip(runs.chunks(4)) {
         match Reference::of(four) {
             Some(reference) if reference.errors[..2].iter().all(|e| *e < MAX_REFERENCE_ERROR) => {
                 references.push(reference)
@@ -140,8 +140,8 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, runner: StudyRunner<'_>)
     }
 
     let (cases, left_out) = plan(scene, &meshes, &steps, &tolerances, &asked.without)?;
-    let trials = match runner.run_all("runs", scene, &cases, jobs::cores(), run)? {
-        Ok(trials) => trials,
+    let runs = match runner.run_all("runs", scene, &cases, jobs::cores(), run)? {
+        Ok(runs) => runs,
         Err(interrupted) => return Ok(interrupted),
     };
     Ok(StudyOutcome::Complete(
@@ -150,7 +150,7 @@ pub(super) fn accuracy(scene: &Scene, asked: &Accuracy, runner: StudyRunner<'_>)
             meshes: &meshes,
             references: &references,
             cases: &cases,
-            trials: &trials,
+            runs: &runs,
             left_out: &left_out,
         }
         .findings()?,

@@ -9,14 +9,14 @@ pub const SAMPLES: usize = 500;
 pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, halving: true, timed: true };
 
 /// The part of the mean modulus of a force that errors of its mean are relative to where the mean is smaller.
-const MEAN: f64 = 1e-3;
+const MIN_MEAN_FORCE: f64 = 1e-3;
 
 /// The part of the tip's path that errors of a displacement are relative to where the displacement is smaller.
-const PATH: f64 = 1e-5;
+const MIN_DISPLACEMENT: f64 = 1e-5;
 
 /// What runs are compared by, see [`quantities`](super::quantities::quantities).
 #[derive(Debug, Clone)]
-pub struct Results {
+pub struct RunResults {
     /// Net displacement (m) along x and nothing, or mean force (N) on a held head along x and y.
     pub first: [f64; 2],
     /// Errors of it are relative to no less than this.
@@ -29,15 +29,15 @@ pub struct Results {
     pub largest_work: f64,
 }
 
-impl Results {
-    pub fn of(trial: &StudyRun) -> Self {
+impl RunResults {
+    pub fn of(run: &StudyRun) -> Self {
         Self {
-            first: trial.head_force.map_or([trial.displacement[0], 0.0], |(mean, _)| mean),
-            least: trial.head_force.map_or(PATH * trial.travel(), |(_, modulus)| MEAN * modulus),
-            travel: trial.travel(),
-            tip: trial.tip.iter().copied().take(SAMPLES + 1).collect(),
-            work: trial.work_in,
-            largest_work: trial.largest_work_in,
+            first: run.head_force.map_or([run.displacement[0], 0.0], |(mean, _)| mean),
+            least: run.head_force.map_or(MIN_DISPLACEMENT * run.travel(), |(_, modulus)| MIN_MEAN_FORCE * modulus),
+            travel: run.travel(),
+            tip: run.tip.iter().copied().take(SAMPLES + 1).collect(),
+            work: run.work_in,
+            largest_work: run.largest_work_in,
         }
     }
 
@@ -82,19 +82,19 @@ impl Results {
 
 /// A reference and its own relative errors.
 pub struct Reference {
-    pub result: Results,
+    pub result: RunResults,
     pub errors: [f64; 3],
 }
 
 impl Reference {
     /// From runs of both methods with two steps each; `None` where one of them failed.
-    pub fn of(trials: &[StudyRun]) -> Option<Self> {
-        let [first, second, coarse, fine] = trials else { return None };
-        if !trials.iter().all(|trial| trial.is_complete(RUN_OPTIONS)) {
+    pub fn of(runs: &[StudyRun]) -> Option<Self> {
+        let [first, second, coarse, fine] = runs else { return None };
+        if !runs.iter().all(|run| run.is_complete(RUN_OPTIONS)) {
             return None;
         }
-        let [first, second, coarse, fine] = [first, second, coarse, fine].map(Results::of);
-        let other = Results::extrapolated(&coarse, &fine, 4.0);
+        let [first, second, coarse, fine] = [first, second, coarse, fine].map(RunResults::of);
+        let other = RunResults::extrapolated(&coarse, &fine, 4.0);
         let [own, others] = [first.errors(&second), other.errors(&second)];
         let errors = std::array::from_fn(|i| f64::max(own[i], others[i]));
         Some(Self { result: second, errors })

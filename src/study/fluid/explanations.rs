@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use super::fluid_models::{FluidModel, FluidModels};
-use super::swim::Swim;
+use super::model_run::FluidModelRun;
 use crate::cycle::Means;
 use crate::fluid::laws::Reach;
 use crate::report::{Findings, Table};
@@ -15,7 +15,7 @@ use crate::words::{percent, two_digits};
 pub struct FluidReport<'a> {
     pub scene: &'a Scene,
     pub models: &'a FluidModels,
-    pub swims: &'a [Swim],
+    pub swims: &'a [FluidModelRun],
     /// The model that differences are against.
     pub reference: Option<usize>,
     pub held: bool,
@@ -25,7 +25,7 @@ pub struct FluidReport<'a> {
 #[derive(Clone, Copy)]
 pub struct Row<'a> {
     pub model: &'a FluidModel,
-    pub swim: &'a Swim,
+    pub swim: &'a FluidModelRun,
     /// Differences of motion and power from the reference, relative.
     pub differences: Option<[f64; 2]>,
     pub is_reference: bool,
@@ -95,7 +95,7 @@ impl<'a> FluidReport<'a> {
         for (key, of) in [("uncertainty_motion", 0), ("uncertainty_power", 1)] {
             findings.numbers.insert(key.into(), json!(uncertain.map(|both| both[of])));
         }
-        let seconds = reference.swim.trial.processor_s;
+        let seconds = reference.swim.run.processor_s;
         for row in rows.iter().filter(|row| !row.is_reference) {
             let own = if row.model.own { ", the scene's own," } else { "" };
             let range = if row.model.holds { "" } else { ", out of its range" };
@@ -105,12 +105,12 @@ impl<'a> FluidReport<'a> {
                     row.model,
                     signed(of_motion),
                     signed(of_power),
-                    two_digits(row.swim.trial.processor_s / seconds)
+                    two_digits(row.swim.run.processor_s / seconds)
                 ),
                 None => format!(
                     "{}{own} fails{range}: {}",
                     row.model,
-                    row.swim.trial.failure.as_ref().map_or("no number came out", |(_, _, reason)| reason)
+                    row.swim.run.failure.as_ref().map_or("no number came out", |(_, _, reason)| reason)
                 ),
             });
         }
@@ -199,7 +199,7 @@ impl<'a> FluidReport<'a> {
         .chain(StudyRun::COSTS)
         .chain(["failure"]);
         let line = |row: &Row<'_>| {
-            let (trial, means) = (&row.swim.trial, row.swim.means);
+            let (run, means) = (&row.swim.run, row.swim.means);
             let published = row.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
             let mut line = vec![
                 json!(row.model.law.name),
@@ -215,8 +215,8 @@ impl<'a> FluidReport<'a> {
                 json!(published.map(|both| both[0])),
                 json!(published.map(|both| both[1])),
             ];
-            line.extend(trial.costs());
-            line.push(trial.failure.as_ref().map_or(Value::Null, |(_, _, reason)| json!(reason)));
+            line.extend(run.costs());
+            line.push(run.failure.as_ref().map_or(Value::Null, |(_, _, reason)| json!(reason)));
             line
         };
         Table {

@@ -1,14 +1,14 @@
 //! Error against cost, forces by what they come from, and the swimmers side by side.
 
 use super::explanations::{FluidReport, Row};
-use super::swim::{PHASES, Part};
+use super::model_run::{ForceBreakdown, PHASES};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Frame, Motion};
 use crate::words::percent;
 
 /// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
-const LANE: f64 = 1.15;
-const NARROWEST: f64 = 0.2;
+const LANE_WIDTH: f64 = 1.15;
+const MIN_LANE_WIDTH: f64 = 0.2;
 
 impl FluidReport<'_> {
     pub(super) fn charts(&self, rows: &[Row<'_>], findings: &mut Findings) {
@@ -17,7 +17,7 @@ impl FluidReport<'_> {
         for (i, what) in [self.motion(), "power"].into_iter().enumerate() {
             let shown = rows.iter().filter_map(|row| {
                 let error = row.differences?[i].abs();
-                (!row.is_reference && error > 0.0).then(|| (row.model.to_string(), row.swim.trial.processor_s, error))
+                (!row.is_reference && error > 0.0).then(|| (row.model.to_string(), row.swim.run.processor_s, error))
             });
             let mut series: Vec<Series> =
                 shown.map(|(name, cost, error)| Series::new(name, vec![(cost, error)], Mark::Dots)).collect();
@@ -25,11 +25,11 @@ impl FluidReport<'_> {
                 continue;
             }
             if let Some(level) = uncertain.map(|both| both[i]) {
-                let costs = || rows.iter().map(|row| row.swim.trial.processor_s).filter(|cost| *cost > 0.0);
+                let costs = || rows.iter().map(|row| row.swim.run.processor_s).filter(|cost| *cost > 0.0);
                 let (low, high) = (0.7 * costs().fold(f64::INFINITY, f64::min), 1.4 * costs().fold(0.0, f64::max));
                 series.push(Series::new(
                     reference.model.to_string(),
-                    vec![(reference.swim.trial.processor_s, level)],
+                    vec![(reference.swim.run.processor_s, level)],
                     Mark::Dots,
                 ));
                 let name = format!("published uncertainty ±{}", percent(level));
@@ -59,21 +59,25 @@ impl FluidReport<'_> {
     /// Forces of a row by what they come from.
     fn forces(&self, row: &Row<'_>, file: &str, findings: &mut Findings) {
         let whose = if row.model.own { format!("{}, the scene's own", row.model) } else { row.model.to_string() };
-        let mut figure =
-            |name: &str, title: &str, x: &str, y: &str, caption: &str, of: &dyn Fn(&Part) -> Vec<(f64, f64)>| {
-                let mut series: Vec<Series> =
-                    row.swim.parts.iter().map(|part| Series::new(part.name.clone(), of(part), Mark::Line)).collect();
-                series.retain(|series| series.points.iter().any(|point| point.1 != 0.0));
-                if series.is_empty() {
-                    return;
-                }
-                let chart = Chart::new(format!("{title}: {whose}"), x, y, Scale::Linear, series);
-                findings.figures.push(Figure::new(
-                    format!("{name}-{file}.svg"),
-                    format!("{caption} ({whose})."),
-                    chart.svg(),
-                ));
-            };
+        let mut figure = |name: &str,
+                          title: &str,
+                          x: &str,
+                          y: &str,
+                          caption: &str,
+                          of: &dyn Fn(&ForceBreakdown) -> Vec<(f64, f64)>| {
+            let mut series: Vec<Series> =
+                row.swim.parts.iter().map(|part| Series::new(part.name.clone(), of(part), Mark::Line)).collect();
+            series.retain(|series| series.points.iter().any(|point| point.1 != 0.0));
+            if series.is_empty() {
+                return;
+            }
+            let chart = Chart::new(format!("{title}: {whose}"), x, y, Scale::Linear, series);
+            findings.figures.push(Figure::new(
+                format!("{name}-{file}.svg"),
+                format!("{caption} ({whose})."),
+                chart.svg(),
+            ));
+        };
         let at = |values: &[f64]| -> Vec<(f64, f64)> {
             let last = values.len().saturating_sub(1).max(1) as f64;
             values.iter().enumerate().map(|(k, y)| (k as f64 / last, *y)).collect()
@@ -115,7 +119,7 @@ impl FluidReport<'_> {
         };
         let first = &swam.first()?.swim.frames[0].points;
         let length: f64 = first.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum();
-        let lane = swam.iter().map(|row| heights(&row)).fold(NARROWEST * length, f64::max) * LANE;
+        let lane = swam.iter().map(|row| heights(&row)).fold(MIN_LANE_WIDTH * length, f64::max) * LANE_WIDTH;
         let on_lane = |i: usize, row: &Row<'_>| -> Vec<Frame> {
             let down = i as f64 * lane;
             let mut frames = row.swim.frames[..frames].to_vec();

@@ -7,13 +7,13 @@
 mod explanations;
 mod figures;
 mod fluid_models;
-mod swim;
+mod model_run;
 
 use serde::{Deserialize, Serialize};
 
 use self::explanations::FluidReport;
 use self::fluid_models::{FluidModel, FluidModels, most_accurate};
-use self::swim::Swim;
+use self::model_run::FluidModelRun;
 use super::runner::{StudyOutcome, StudyRunner};
 use crate::error::Result;
 use crate::jobs;
@@ -22,16 +22,16 @@ use crate::scene::{HeadKind, Scene};
 /// What is asked for.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Fluid {}
+pub struct FluidOptions {}
 
 /// Runs `scene` under every law that can hold.
 ///
 /// # Errors
 /// Those of [`Scene::model`]; [`Error::Scene`](crate::Error::Scene) without a medium; [`Error::Write`](crate::Error::Write),
 /// [`Error::Journal`](crate::Error::Journal).
-pub(super) fn fluid(scene: &Scene, _: &Fluid, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
+pub(super) fn fluid(scene: &Scene, _: &FluidOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     let models = FluidModels::of(scene)?;
-    let run = |model: &FluidModel| Swim::of(&model.scene, runner.interrupted);
+    let run = |model: &FluidModel| FluidModelRun::of(&model.scene, runner.interrupted);
     let swims = match runner.run_all("laws", scene, &models.models, jobs::cores(), run)? {
         Ok(swims) => swims,
         Err(interrupted) => return Ok(interrupted),

@@ -21,17 +21,17 @@ use crate::variable::View;
 /// Phases of the last period at which forces are looked at.
 pub const PHASES: usize = 48;
 /// Periods from the start that are played, and frames of each; of a scene without a period, frames in all.
-const PLAYED: f64 = 8.0;
-const FRAMES: f64 = 30.0;
+const ANIMATED_PERIODS: f64 = 8.0;
+const FRAMES_PER_PERIOD: f64 = 30.0;
 /// Most points of a frame.
-const POINTS: usize = 40;
+const MAX_FRAME_POINTS: usize = 40;
 
 /// A short run is repeated for its time.
 const RUN_OPTIONS: RunOptions = RunOptions { samples: 8, push: None, halving: true, timed: true };
 
 /// What one cause does to the rod, along the way in which its head looks.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Part {
+pub struct ForceBreakdown {
     /// The cause.
     pub name: String,
     /// Mean force per length over the last period at every node of the rod, N/m.
@@ -44,28 +44,28 @@ pub struct Part {
 
 /// A run under one law.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct Swim {
+pub struct FluidModelRun {
     /// Its cost, and how it failed.
-    pub trial: StudyRun,
+    pub run: StudyRun,
     /// Motion and power.
     pub means: Option<Means>,
     /// Mean power of the actuation (W) and efficiency.
     pub actuation_power: Option<f64>,
     pub efficiency: Option<f64>,
     /// By what the forces come from.
-    pub parts: Vec<Part>,
+    pub parts: Vec<ForceBreakdown>,
     pub frames: Vec<Frame>,
 }
 
 /// Times, from first to last in equal parts.
-struct Times {
+struct SampleTimes {
     next: usize,
     count: usize,
     from: f64,
     by: f64,
 }
 
-impl Times {
+impl SampleTimes {
     /// The next one, where it is over by `now`.
     fn pass(&mut self, now: f64) -> Option<f64> {
         let t = self.from + self.by * self.next as f64;
@@ -76,23 +76,23 @@ impl Times {
     }
 }
 
-impl Swim {
+impl FluidModelRun {
     /// Runs `scene`; `None` if it was interrupted.
     pub fn of(scene: &Scene, interrupted: &AtomicBool) -> Option<Self> {
-        let trial = StudyRun::of(scene, RUN_OPTIONS, interrupted)?;
+        let run = StudyRun::of(scene, RUN_OPTIONS, interrupted)?;
         let mut swim =
-            Self { trial, means: None, actuation_power: None, efficiency: None, parts: Vec::new(), frames: Vec::new() };
+            Self { run, means: None, actuation_power: None, efficiency: None, parts: Vec::new(), frames: Vec::new() };
         if swim.is_complete()
             && let Err(error) = swim.follow(scene, interrupted)
         {
-            swim.trial.failure = Some((crate::study::study_run::Failure::Step, 0.0, error.to_string()));
+            swim.run.failure = Some((crate::study::study_run::Failure::Step, 0.0, error.to_string()));
         }
         (!interrupted.load(Ordering::Relaxed)).then_some(swim)
     }
 
     /// True if it reached its end.
     pub fn is_complete(&self) -> bool {
-        self.trial.is_complete(RUN_OPTIONS)
+        self.run.is_complete(RUN_OPTIONS)
     }
 
     fn follow(&mut self, scene: &Scene, interrupted: &AtomicBool) -> Result<()> {
@@ -100,17 +100,17 @@ impl Swim {
         let duration = scene.solver.duration_s.get();
         let period = Spectrum::of_model(stepper.model()).slowest().map(f64::recip).filter(|period| *period < duration);
         let last = period.unwrap_or(duration);
-        let mut phases = Times {
+        let mut phases = SampleTimes {
             next: 0,
             count: PHASES,
             from: duration - last * (1.0 - 0.5 / PHASES as f64),
             by: last / PHASES as f64,
         };
-        let played = period.map_or(duration, |period| duration.min(PLAYED * period));
-        let count = (FRAMES * period.map_or(PLAYED, |period| played / period)).round().max(2.0);
-        let mut shown = Times { next: 1, count: count as usize + 1, from: 0.0, by: played / count };
+        let played = period.map_or(duration, |period| duration.min(ANIMATED_PERIODS * period));
+        let count = (FRAMES_PER_PERIOD * period.map_or(ANIMATED_PERIODS, |period| played / period)).round().max(2.0);
+        let mut shown = SampleTimes { next: 1, count: count as usize + 1, from: 0.0, by: played / count };
         let causes = scene.parts_of_fluid(&stepper.model().rod)?;
-        let mut forces = Forces::new(causes.iter().map(|(_, force)| &**force).collect());
+        let mut forces = ForceSamples::new(causes.iter().map(|(_, force)| &**force).collect());
         let mut frames = vec![frame(&stepper.view())];
         let mut failed = None;
         for span in scene.spans() {
@@ -162,14 +162,14 @@ fn at<T>(stepper: &mut Stepper, t: f64, mut look: impl FnMut(&View<'_>) -> T) ->
 fn frame(view: &View<'_>) -> Frame {
     let mut frame = Frame::of(view);
     let last = frame.points.len() - 1;
-    if last >= POINTS {
-        frame.points = (0..POINTS).map(|i| frame.points[i * last / (POINTS - 1)]).collect();
+    if last >= MAX_FRAME_POINTS {
+        frame.points = (0..MAX_FRAME_POINTS).map(|i| frame.points[i * last / (MAX_FRAME_POINTS - 1)]).collect();
     }
     frame
 }
 
 /// The forces of every cause on every node, at every time looked at.
-struct Forces<'a> {
+struct ForceSamples<'a> {
     causes: Vec<&'a dyn Force>,
     /// For every time and cause, what it gives every node, N.
     seen: Vec<Vec<Vec<Vector2<f64>>>>,
@@ -177,7 +177,7 @@ struct Forces<'a> {
     ahead: Vector2<f64>,
 }
 
-impl<'a> Forces<'a> {
+impl<'a> ForceSamples<'a> {
     fn new(causes: Vec<&'a dyn Force>) -> Self {
         Self { causes, seen: Vec::with_capacity(PHASES), ahead: Vector2::zeros() }
     }
@@ -197,7 +197,7 @@ impl<'a> Forces<'a> {
     }
 
     /// What cause `i` does.
-    fn part(&self, rod: &Rod, i: usize, name: &str) -> Part {
+    fn part(&self, rod: &Rod, i: usize, name: &str) -> ForceBreakdown {
         let ahead = self.ahead.try_normalize(0.0).unwrap_or(Vector2::x());
         let times = self.seen.len().max(1) as f64;
         let first = usize::from(rod.body.is_some());
@@ -208,7 +208,7 @@ impl<'a> Forces<'a> {
             spread / (times * rod.spacing * if ends { 0.5 } else { 1.0 })
         };
         let sum = |k: usize, of: &dyn Fn(Vector2<f64>) -> f64| self.seen.iter().map(|at| of(at[i][k])).sum::<f64>();
-        Part {
+        ForceBreakdown {
             name: name.to_string(),
             along: (first..rod.nodes).map(|k| sum(k, &|force| force.dot(&ahead)) * per_length(k)).collect(),
             across: (first..rod.nodes)
