@@ -13,7 +13,7 @@ use super::table::{Goal, Variable};
 use crate::cycle::MEASURES;
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::{Figure, Findings, Frame, Motion, Table};
+use crate::report::{Animation, Figure, Findings, Frame, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 
@@ -601,7 +601,7 @@ impl Design {
         }
     }
 
-    fn motion(&self, rod: &Rod) -> Option<(Motion, String)> {
+    fn motion(&self, rod: &Rod) -> Option<(Animation, String)> {
         let [before, after] = &self.evidence.motions[..] else { return None };
         let frames = |motion: &Trajectory| -> Vec<Frame> {
             let every = motion.times.len().div_ceil(POINTS);
@@ -618,7 +618,7 @@ impl Design {
             (0..motion.times.len()).step_by(every).map(frame).collect()
         };
         let shown = format!("In grey: the same with {BASELINE}.");
-        Some((Motion::of(&frames(after)).beside("", &frames(before)), shown))
+        Some((Animation::of(&frames(after)).beside("", &frames(before)), shown))
     }
 }
 

@@ -6,9 +6,9 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::chart::{Chart, EffectAxis, Effects, Figure, Mark, Scale, Series};
-use super::heat_map::{HeatMap, Levels};
-use super::page::{Motion, Script, render};
-use super::record::Frame;
+use super::heat_map::{HeatMap, HeatMapAxis};
+use super::page::{Animation, RawJson, render};
+use super::run_record::Frame;
 use crate::error::Result;
 use crate::words::number;
 
@@ -39,17 +39,17 @@ pub const QUANTITIES: [SummaryQuantity; 22] = [
 ];
 
 /// Lines that join cases in a figure, at most.
-const JOINED: usize = 200;
+const MAX_JOINED_LINES: usize = 200;
 /// Dots of a figure, at most.
-const DOTS: usize = 2000;
+const MAX_DOTS: usize = 2000;
 /// Parts in which a sampled axis is averaged.
-const PARTS: usize = 10;
+const SAMPLE_BINS: usize = 10;
 /// Rows of the page's table, at most.
-const ROWS: usize = 20_000;
+const MAX_TABLE_ROWS: usize = 20_000;
 /// Paths in a figure, at most.
-const PATHS: usize = 120;
+const MAX_PATHS: usize = 120;
 /// Cells of a heat map, at most.
-const CELLS: usize = 10_000;
+const MAX_CELLS: usize = 10_000;
 
 /// A quantity of a summary.
 #[derive(Debug, Clone, Copy)]
@@ -118,7 +118,7 @@ impl CaseAxis {
             let (at, labels) = order.iter().map(|level| (at[*level], self.labels[*level].clone())).unzip();
             return Groups { of, at, labels };
         }
-        let parts = PARTS.min(at.len());
+        let parts = SAMPLE_BINS.min(at.len());
         let mut group = vec![0; at.len()];
         // On a logarithmic axis the middle is that of the logarithms.
         let [onto, back]: [fn(f64) -> f64; 2] =
@@ -177,7 +177,7 @@ pub struct Cases {
 
 /// A case in the page's data.
 #[derive(Serialize)]
-struct Content<'a> {
+struct PageContent<'a> {
     name: &'a str,
     version: &'static str,
     size: usize,
@@ -187,18 +187,18 @@ struct Content<'a> {
     played: usize,
     text: &'a str,
     figures: &'a [Figure],
-    data: Script<Data<'a>>,
+    data: RawJson<PageData<'a>>,
 }
 
 #[derive(Serialize)]
-struct Data<'a> {
+struct PageData<'a> {
     axes: Vec<(&'a str, &'a [String])>,
     quantities: Vec<(&'static str, &'static str)>,
     indices: Vec<usize>,
     levels: Vec<Vec<usize>>,
     columns: Vec<Vec<Option<f64>>>,
     endings: &'a BTreeMap<usize, String>,
-    motions: BTreeMap<usize, Motion>,
+    motions: BTreeMap<usize, Animation>,
 }
 
 impl Cases {
@@ -255,7 +255,7 @@ impl Cases {
     /// The figures: heat maps of a sweep along two axes, each axis' effect on the displacement or thrust, main effects on every quantity, paths of the centres of mass, and the
     /// split's levels against each other.
     pub fn figures(&self) -> Vec<Figure> {
-        let (mut figures, mut names) = (Vec::new(), Names::default());
+        let (mut figures, mut names) = (Vec::new(), FileNames::default());
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
         let known = |column: &[f64]| column.iter().any(|x| x.is_finite());
         let shown: Vec<usize> =
@@ -327,7 +327,8 @@ impl Cases {
         cases: &[usize],
     ) -> Option<HeatMap> {
         let of = axes.map(|axis| &self.axes[axis]);
-        if of.iter().any(|axis| axis.sampled) || of.iter().map(|axis| axis.labels.len()).product::<usize>() > CELLS {
+        if of.iter().any(|axis| axis.sampled) || of.iter().map(|axis| axis.labels.len()).product::<usize>() > MAX_CELLS
+        {
             return None;
         }
         let [across, up] = of.map(CaseAxis::groups);
@@ -336,7 +337,7 @@ impl Cases {
             (across.of[x], up.of[y], column[*i], self.indices[*i])
         };
         let cells = cases.iter().map(cell).collect();
-        let levels = |axis: &CaseAxis, groups: &Groups| Levels {
+        let levels = |axis: &CaseAxis, groups: &Groups| HeatMapAxis {
             name: axis.name.clone(),
             at: groups.at.clone(),
             scale: axis.scale(),
@@ -371,10 +372,10 @@ impl Cases {
             }
         }
         joined.values_mut().for_each(|line| line.sort_by(|a, b| a.0.total_cmp(&b.0)));
-        let stride = order.len().div_ceil(JOINED).max(1);
+        let stride = order.len().div_ceil(MAX_JOINED_LINES).max(1);
         let lines = order.iter().step_by(stride).map(|key| joined[key].clone()).filter(|line| line.len() > 1);
         let mut series: Vec<_> = lines.map(|line| Series::new("", line, Mark::Ghost)).collect();
-        let stride = cases().count().div_ceil(DOTS).max(1);
+        let stride = cases().count().div_ceil(MAX_DOTS).max(1);
         series.push(Series::new("cases", cases().step_by(stride).map(point).collect(), Mark::Dots));
         let groups = of.groups();
         let means = groups.means(cases().map(|i| (self.levels[axis][i], column[i])));
@@ -437,7 +438,7 @@ impl Cases {
         let series = parts.iter().map(|(label, cases)| {
             let place =
                 |i: &usize| Some((*rank.get(&others(*i))? as f64, column[*i])).filter(|point| point.1.is_finite());
-            let stride = cases.len().div_ceil(DOTS).max(1);
+            let stride = cases.len().div_ceil(MAX_DOTS).max(1);
             Series::new(label.clone(), cases.iter().step_by(stride).filter_map(place).collect(), Mark::Dots)
         });
         let size = |of: fn(f64, f64) -> f64, start| column.iter().map(|x| x.abs()).filter(|x| *x > 0.0).fold(start, of);
@@ -462,7 +463,7 @@ impl Cases {
         moved.sort_by(|a, b| far(a.1).abs().total_cmp(&far(b.1).abs()));
         let path =
             |frames: &[Frame]| frames.iter().map(|frame| (frame.time, frame.com[0] - frames[0].com[0])).collect();
-        let stride = moved.len().div_ceil(PATHS).max(1);
+        let stride = moved.len().div_ceil(MAX_PATHS).max(1);
         let mut series: Vec<_> =
             moved.iter().step_by(stride).map(|(_, frames)| Series::new("", path(frames), Mark::Ghost)).collect();
         let last = moved.len().checked_sub(1)?;
@@ -489,13 +490,13 @@ impl Cases {
     /// # Errors
     /// [`Error::Page`](crate::Error::Page).
     pub fn page(&self, figures: &[Figure]) -> Result<String> {
-        let stride = self.indices.len().div_ceil(ROWS).max(1);
+        let stride = self.indices.len().div_ceil(MAX_TABLE_ROWS).max(1);
         // Six digits are plenty to look at; the table has them all.
         let short = |x: &f64| format!("{x:.5e}").parse().ok().filter(|x: &f64| x.is_finite());
         let shown: Vec<usize> = self.indices.iter().step_by(stride).copied().collect();
         let quantities: Vec<usize> =
             (0..QUANTITIES.len()).filter(|k| self.columns[*k].iter().any(|x| x.is_finite())).collect();
-        let content = Content {
+        let content = PageContent {
             name: &self.name,
             version: env!("CARGO_PKG_VERSION"),
             size: self.size,
@@ -505,7 +506,7 @@ impl Cases {
             played: self.motions.len(),
             text: &self.text,
             figures,
-            data: Script(Data {
+            data: RawJson(PageData {
                 axes: self.axes.iter().map(|axis| (axis.name.as_str(), axis.labels.as_slice())).collect(),
                 quantities: quantities.iter().map(|k| (QUANTITIES[*k].name, QUANTITIES[*k].unit)).collect(),
                 indices: shown,
@@ -515,7 +516,7 @@ impl Cases {
                     .map(|k| self.columns[*k].iter().step_by(stride).map(short).collect())
                     .collect(),
                 endings: &self.endings,
-                motions: self.motions.iter().map(|(index, frames)| (*index, Motion::of(frames))).collect(),
+                motions: self.motions.iter().map(|(index, frames)| (*index, Animation::of(frames))).collect(),
             }),
         };
         render(include_str!("cases.html"), &content)
@@ -524,16 +525,16 @@ impl Cases {
 
 /// Names of files, each given once.
 #[derive(Debug, Default)]
-struct Names(Vec<String>);
+struct FileNames(Vec<String>);
 
 /// At most so many letters of a part are in the name of a file.
-const PART: usize = 40;
+const MAX_NAME_LENGTH: usize = 40;
 
-impl Names {
+impl FileNames {
     /// The name of a figure's file: letters, digits and few signs of its parts, with a number where that is taken already.
     fn file(&mut self, parts: &[&str]) -> String {
         let sign = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
-        let clean = |part: &&str| part.chars().take(PART).map(sign).collect::<String>();
+        let clean = |part: &&str| part.chars().take(MAX_NAME_LENGTH).map(sign).collect::<String>();
         let parts: Vec<String> = parts.iter().filter(|part| !part.is_empty()).map(clean).collect();
         let stem = parts.join("_");
         // Some file systems take A for a.

@@ -17,7 +17,7 @@ pub(super) const LABEL: f64 = 13.0;
 
 /// Height of a line of the legend, px, and most lines of it.
 pub(super) const LINE: f64 = 19.0;
-const LINES: usize = 8;
+const MAX_LEGEND_LINES: usize = 8;
 
 /// How a series is drawn.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -118,7 +118,7 @@ impl Figure {
 
 /// The frame of a plot, px.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Frame {
+pub(super) struct PlotArea {
     pub(super) left: f64,
     pub(super) top: f64,
     pub(super) width: f64,
@@ -147,7 +147,7 @@ impl Chart {
             .collect();
         let legend = Legend::of(&entries);
         let [x, y] = self.axes();
-        let frame = Frame::about(&y, legend.height());
+        let frame = PlotArea::about(&y, legend.height());
         let [x, y] = match self.scale {
             Scale::Equal => {
                 let pixel = (x.size() / frame.width).max(y.size() / frame.height);
@@ -201,7 +201,7 @@ impl Chart {
         series: &Series,
         points: &[Option<(f64, f64)>],
         named: usize,
-        (frame, slot): (&Frame, f64),
+        (frame, slot): (&PlotArea, f64),
     ) {
         let there = || points.iter().flatten().copied();
         let categories = matches!(self.scale, Scale::Categories(_));
@@ -252,9 +252,9 @@ fn pieces(points: &[Option<(f64, f64)>]) -> impl Iterator<Item = Vec<(f64, f64)>
 }
 
 /// What is seen of a line, px.
-const SEEN: f64 = 0.1;
+const VISIBLE: f64 = 0.1;
 
-/// The line through `points` without those that it passes within [`SEEN`] all the same: from the last point kept, directions
+/// The line through `points` without those that it passes within [`VISIBLE`] all the same: from the last point kept, directions
 /// that pass all points since within that are a cone, and a point beyond it, or nearer than the one before, begins anew.
 fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
     let Some(mut from) = points.next() else { return Vec::new() };
@@ -265,16 +265,17 @@ fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
         let mut way = point - from;
         let inside =
             |way: &Vector2<f64>| cone.is_none_or(|[right, left]| right.perp(way) >= 0.0 && way.perp(&left) >= 0.0);
-        if let Some(passed) = last.filter(|_| (way.norm_squared() < reached && reached > SEEN * SEEN) || !inside(&way))
+        if let Some(passed) =
+            last.filter(|_| (way.norm_squared() < reached && reached > VISIBLE * VISIBLE) || !inside(&way))
         {
             kept.push((passed.x, passed.y));
             (from, cone) = (passed, None);
             way = point - from;
         }
         (last, reached) = (Some(point), way.norm_squared());
-        if reached > SEEN * SEEN {
-            let side = Vector2::new(-way.y, way.x) * SEEN;
-            let ahead = way * (reached - SEEN * SEEN).sqrt();
+        if reached > VISIBLE * VISIBLE {
+            let side = Vector2::new(-way.y, way.x) * VISIBLE;
+            let ahead = way * (reached - VISIBLE * VISIBLE).sqrt();
             let [right, left] = [ahead - side, ahead + side];
             cone = Some(cone.map_or([right, left], |[old_right, old_left]| {
                 [
@@ -306,7 +307,7 @@ impl Legend {
                 if left > 20.0 && left + room > WIDTH - 8.0 {
                     (left, line) = (20.0, line + 1);
                 }
-                if line == LINES {
+                if line == MAX_LEGEND_LINES {
                     let last: Option<&mut (usize, f64, f64, String)> = entries.last_mut();
                     if let Some(last) = last {
                         last.3 = format!("{} … and {} more", last.3, labels.len() - k);
@@ -317,7 +318,7 @@ impl Legend {
                 left += room;
             }
         }
-        let lines = entries.last().map_or(0, |_| line.min(LINES - 1) + 1);
+        let lines = entries.last().map_or(0, |_| line.min(MAX_LEGEND_LINES - 1) + 1);
         Self { entries, lines }
     }
 
@@ -343,7 +344,7 @@ pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
     }
 }
 
-impl Frame {
+impl PlotArea {
     /// The plot under a title and a legend of some height, with room for the labels of y.
     pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
@@ -420,7 +421,7 @@ pub struct EffectAxis {
 }
 
 /// Least width of a panel of main effects, px.
-const PANEL: f64 = 110.0;
+const MIN_PANEL_WIDTH: f64 = 110.0;
 
 impl Effects {
     /// The figure as an SVG document: the panels in as many rows as they need.
@@ -428,26 +429,26 @@ impl Effects {
         let entries: Vec<_> = self.series.iter().map(|(label, _)| label.as_str()).enumerate().collect();
         let legend = Legend::of(&entries);
         let y = ChartAxis::linear(self.series.iter().flat_map(|(_, axes)| axes.iter().flatten().copied()));
-        let first = Frame::about(&y, legend.height());
-        let columns = self.axes.len().clamp(1, (first.width / PANEL) as usize);
+        let first = PlotArea::about(&y, legend.height());
+        let columns = self.axes.len().clamp(1, (first.width / MIN_PANEL_WIDTH) as usize);
         let rows = self.axes.len().div_ceil(columns).max(1);
         let pitch = PLOT + 62.0;
         let mut svg = Svg::new(WIDTH, first.top + pitch * rows as f64 - 6.0, &self.title);
         svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
         legend.draw(&mut svg);
         for (row, axes) in self.axes.chunks(columns).enumerate() {
-            let frame = Frame { top: first.top + pitch * row as f64, ..first };
+            let frame = PlotArea { top: first.top + pitch * row as f64, ..first };
             frame.draw_y(&mut svg, &y, &self.y);
             for (column, axis) in axes.iter().enumerate() {
                 let panel = frame.width / columns as f64;
-                let inside = Frame { left: frame.left + panel * column as f64, width: panel, ..frame };
+                let inside = PlotArea { left: frame.left + panel * column as f64, width: panel, ..frame };
                 self.panel(&mut svg, &inside, &y, axis, row * columns + column);
             }
         }
         svg.finish()
     }
 
-    fn panel(&self, svg: &mut Svg, frame: &Frame, y: &ChartAxis, axis: &EffectAxis, index: usize) {
+    fn panel(&self, svg: &mut Svg, frame: &PlotArea, y: &ChartAxis, axis: &EffectAxis, index: usize) {
         let count = axis.labels.len();
         let place = |level: usize| match axis.joined && count > 1 {
             true => 0.14 + 0.72 * level as f64 / (count - 1) as f64,

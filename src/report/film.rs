@@ -10,13 +10,13 @@ use std::process::{Command, Stdio};
 use gif::{Encoder, Frame, Repeat};
 
 use super::chart::{Chart, Mark, Scale, Series};
-use super::picture::Painter;
+use super::picture::SvgRenderer;
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error};
 
 /// How a film is made.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Film {
+pub struct FilmSettings {
     /// Pictures per second.
     pub per_second: u32,
     /// Seconds of the run per second of the film.
@@ -27,18 +27,18 @@ pub struct Film {
     pub window: [f64; 2],
 }
 
-impl Default for Film {
+impl Default for FilmSettings {
     fn default() -> Self {
         Self { per_second: 25, speed: 1.0, sharpness: 1.0, window: [f64::NEG_INFINITY, f64::INFINITY] }
     }
 }
 
 /// The most pictures of a film.
-const MOST: f64 = 100_000.0;
+const MAX_FRAMES: f64 = 100_000.0;
 
 /// A rod over time: positions by rows, one per time and with one entry per node.
 #[derive(Debug, Clone, Copy)]
-pub struct Motion<'a> {
+pub struct RodMotion<'a> {
     /// Name of the scene.
     pub name: &'a str,
     /// Times, s, rising.
@@ -49,7 +49,7 @@ pub struct Motion<'a> {
     pub y: &'a [f64],
 }
 
-impl Motion<'_> {
+impl RodMotion<'_> {
     /// The rod at a time, linear between those that are there.
     fn at(&self, time: f64) -> Vec<(f64, f64)> {
         let nodes = self.x.len() / self.times.len();
@@ -88,7 +88,7 @@ impl Motion<'_> {
     }
 }
 
-impl Film {
+impl FilmSettings {
     /// Writes a film to `path`, which ends in .gif or .mp4; `watch` is asked before every picture, with the part that is done.
     ///
     /// # Errors
@@ -96,7 +96,7 @@ impl Film {
     pub fn write(
         &self,
         path: &Path,
-        motion: &Motion<'_>,
+        motion: &RodMotion<'_>,
         mut watch: impl FnMut(f64) -> ControlFlow<()>,
     ) -> Result<ControlFlow<()>> {
         let refuse = |reason: String| Error::Write { path: path.to_path_buf(), reason };
@@ -117,11 +117,11 @@ impl Film {
             return Err(refuse(format!("found {from} to {until} s; allowed: a part of the run, {begin} to {end} s")));
         }
         let count = ((last - first) / self.speed * f64::from(self.per_second)).round().max(2.0);
-        if !(count <= MOST && self.per_second > 0 && self.speed > 0.0) {
+        if !(count <= MAX_FRAMES && self.per_second > 0 && self.speed > 0.0) {
             let found = format!("{} pictures per second at {} times the speed", self.per_second, self.speed);
-            return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MOST} pictures")));
+            return Err(refuse(format!("found {found}; allowed: positive numbers, and at most {MAX_FRAMES} pictures")));
         }
-        let (painter, corners) = (Painter::new(), motion.corners([first, last]));
+        let (painter, corners) = (SvgRenderer::new(), motion.corners([first, last]));
         let draw = |n: f64| {
             let time = first + (last - first) * n / (count - 1.0);
             painter.pixels(&motion.svg(time, &corners), self.sharpness).map_err(refuse)

@@ -5,14 +5,14 @@ use serde_json::{Map, Value, json};
 
 use super::chart::Figure;
 use super::folder::Folder;
-use super::page::{Motion, Script, render};
+use super::page::{Animation, RawJson, render};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::scene::Document;
 use crate::words::number;
 
 /// Up to this many rows of a table are on the page.
-const ROWS: usize = 60;
+const MAX_TABLE_ROWS: usize = 60;
 
 /// A table of texts and numbers.
 #[derive(Debug, Clone)]
@@ -43,7 +43,7 @@ pub struct Findings {
     /// Other files: name and text.
     pub files: Vec<(String, String)>,
     /// A motion that the page plays, and what it shows.
-    pub motion: Option<Box<(Motion, String)>>,
+    pub motion: Option<Box<(Animation, String)>>,
 }
 
 #[derive(Serialize)]
@@ -89,7 +89,7 @@ impl Findings {
             "answers": self.answers,
             "figures": self.figures,
             "tables": tables,
-            "motion": self.motion.as_ref().map(|motion| Script(&motion.0)),
+            "motion": self.motion.as_ref().map(|motion| RawJson(&motion.0)),
             "shown": self.motion.as_ref().map(|motion| &motion.1),
             "scene": document.text(),
             "overrides": document.overrides(),
@@ -121,8 +121,8 @@ impl Table {
             title: self.title,
             file: self.file,
             columns: self.columns.clone(),
-            rows: self.rows.iter().take(ROWS).map(|row| row.iter().map(cell).collect()).collect(),
-            more: self.rows.len().saturating_sub(ROWS),
+            rows: self.rows.iter().take(MAX_TABLE_ROWS).map(|row| row.iter().map(cell).collect()).collect(),
+            more: self.rows.len().saturating_sub(MAX_TABLE_ROWS),
         }
     }
 }

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 use serde::{Deserialize, Serialize};
 use tempfile::NamedTempFile;
 
-use super::tables::Csv;
+use super::tables::CsvTable;
 use crate::error::{Error, Result};
 use crate::files::{CreatedFolders, PARTIAL, WrittenFiles, partial_file, partial_file_with, persist, write_error};
 use crate::jobs::{BUILD, Journal};
@@ -28,7 +28,7 @@ const NO_MANIFEST: &str = "it is no manifest of results; choose another folder w
 pub const JOURNAL: &str = ".journal";
 
 /// How long a claim that is held for moments only is waited for.
-const PATIENCE: Duration = Duration::from_secs(10);
+const LOCK_TIMEOUT: Duration = Duration::from_secs(10);
 
 /// Whose results they are.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -165,7 +165,7 @@ impl Folder {
     /// # Errors
     /// Those of [`claim`](Self::claim).
     pub fn claim_shared(path: &Path, owner: Owner, claim: Claim, certain: &[&str]) -> Result<Self> {
-        Self::claim_within(path, owner, claim, certain, PATIENCE)
+        Self::claim_within(path, owner, claim, certain, LOCK_TIMEOUT)
     }
 
     fn claim_within(path: &Path, owner: Owner, claim: Claim, certain: &[&str], patience: Duration) -> Result<Self> {
@@ -191,7 +191,7 @@ impl Folder {
     /// # Errors
     /// [`Error::Busy`], [`Error::Read`], [`Error::Write`].
     pub fn export(path: &Path, owner: Owner, claim: Claim) -> Result<Self> {
-        let folder = Self::hold(path, owner, claim, PATIENCE)?;
+        let folder = Self::hold(path, owner, claim, LOCK_TIMEOUT)?;
         folder.clear_leftovers();
         Ok(folder)
     }
@@ -380,13 +380,13 @@ impl Folder {
     }
 
     /// Begins to write its results.
-    pub fn results(&mut self) -> Writing<'_> {
-        Writing { folder: self, kept: WrittenFiles::default(), exports: false, earlier: BTreeSet::new() }
+    pub fn results(&mut self) -> FolderWriter<'_> {
+        FolderWriter { folder: self, kept: WrittenFiles::default(), exports: false, earlier: BTreeSet::new() }
     }
 
     /// Begins to write files that are made of results.
-    pub fn exports(&mut self) -> Writing<'_> {
-        Writing { folder: self, kept: WrittenFiles::default(), exports: true, earlier: BTreeSet::new() }
+    pub fn exports(&mut self) -> FolderWriter<'_> {
+        FolderWriter { folder: self, kept: WrittenFiles::default(), exports: true, earlier: BTreeSet::new() }
     }
 
     fn remove<'a>(&self, names: impl Iterator<Item = &'a String>) {
@@ -431,7 +431,7 @@ impl Drop for Folder {
 
 /// Files on their way into a [`Folder`]: each is put there whole, and none is lost because a later one fails.
 #[derive(Debug)]
-pub struct Writing<'a> {
+pub struct FolderWriter<'a> {
     folder: &'a mut Folder,
     kept: WrittenFiles,
     exports: bool,
@@ -439,7 +439,7 @@ pub struct Writing<'a> {
     earlier: BTreeSet<String>,
 }
 
-impl Writing<'_> {
+impl FolderWriter<'_> {
     /// The folder.
     pub fn path(&self) -> &Path {
         &self.folder.path
@@ -489,7 +489,7 @@ impl Writing<'_> {
     }
 
     /// The same for a table in the making.
-    pub fn put_table(&mut self, table: Csv) {
+    pub fn put_table(&mut self, table: CsvTable) {
         let name = table.path().file_name().unwrap_or_default().to_string_lossy().into_owned();
         match table.complete() {
             Ok((file, _, lost)) => {

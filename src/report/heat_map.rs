@@ -1,14 +1,14 @@
 //! Heat maps: a number over two axes as the colour of cells, with the largest and the least marked.
 
-use super::chart::{Frame, LABEL, LINE, Scale, TITLE, WIDTH};
+use super::chart::{LABEL, LINE, PlotArea, Scale, TITLE, WIDTH};
 use super::chart_axis::ChartAxis;
-use super::map::edges;
+use super::outcome_map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
 use crate::words::significant;
 
 /// Colours from the least to the largest number, of rising lightness, so that print and any kind of colour vision keep their
 /// order: matplotlib's viridis at equal steps.
-const RISING: [[u8; 3]; 10] = [
+const SEQUENTIAL: [[u8; 3]; 10] = [
     [68, 1, 84],
     [72, 40, 120],
     [62, 73, 137],
@@ -21,18 +21,18 @@ const RISING: [[u8; 3]; 10] = [
     [253, 231, 37],
 ];
 /// Colours from one sign to the other, zero in the middle: ColorBrewer's RdBu, from blue to red.
-const SIGNED: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
+const DIVERGING: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
 
 /// Different colours of a map.
-const SHADES: usize = 64;
+const COLOUR_COUNT: usize = 64;
 /// Positive numbers whose largest is this many times the least are coloured by their logarithms.
-const WIDE: f64 = 100.0;
+const LOG_SCALE_RANGE: f64 = 100.0;
 /// Room for the scale of colours with its labels, px.
-const SCALE: f64 = 88.0;
+const SCALE_WIDTH: f64 = 88.0;
 
 /// An axis of a heat map.
 #[derive(Debug, Clone)]
-pub struct Levels {
+pub struct HeatMapAxis {
     /// Its name.
     pub name: String,
     /// Where its levels are drawn, rising; of categories 0, 1, 2 …
@@ -41,7 +41,7 @@ pub struct Levels {
     pub scale: Scale,
 }
 
-impl Levels {
+impl HeatMapAxis {
     /// The borders between the levels.
     fn edges(&self) -> Vec<f64> {
         edges(&self.at, self.scale != Scale::LogX)
@@ -67,9 +67,9 @@ pub struct HeatMap {
     /// Title.
     pub title: String,
     /// The axes.
-    pub x: Levels,
+    pub x: HeatMapAxis,
     /// The axis upwards.
-    pub y: Levels,
+    pub y: HeatMapAxis,
     /// What the number is, with its unit.
     pub value: String,
     /// Level of x, level of y, number, and the case that has it. A cell of several cases has the last.
@@ -82,10 +82,10 @@ impl HeatMap {
         let known = || self.cells.iter().filter(|cell| cell.2.is_finite());
         let by_value = |a: &&(usize, usize, f64, usize), b: &&(usize, usize, f64, usize)| a.2.total_cmp(&b.2);
         let (least, largest) = (known().min_by(by_value), known().max_by(by_value));
-        let scale = Shades::of(known().map(|cell| cell.2));
+        let scale = ColourScale::of(known().map(|cell| cell.2));
         let (x, y) = (self.x.axis(), self.y.axis());
-        let frame = Frame::about(&y, LINE);
-        let frame = Frame { width: frame.width - SCALE, ..frame };
+        let frame = PlotArea::about(&y, LINE);
+        let frame = PlotArea { width: frame.width - SCALE_WIDTH, ..frame };
         let mut svg = Svg::new(WIDTH, frame.top + frame.height + 50.0, &self.title);
         svg.text((WIDTH / 2.0, 24.0), &cut(&self.title, TITLE, WIDTH - 20.0), TITLE, Anchor::Middle, Colour::INK);
         frame.draw_y(&mut svg, &y, &self.y.name);
@@ -97,7 +97,7 @@ impl HeatMap {
             let (low, high) = (frame.at(columns[i], rows[j]), frame.at(columns[i + 1], rows[j + 1]));
             [low.0, high.1, high.0 - low.0, low.1 - high.1]
         };
-        let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); SHADES];
+        let mut fields: Vec<Vec<[f64; 4]>> = vec![Vec::new(); COLOUR_COUNT];
         for (i, j, value, _) in known() {
             fields[scale.shade(*value)].push(field(*i, *j));
         }
@@ -133,12 +133,12 @@ impl HeatMap {
 }
 
 /// The colours of numbers.
-struct Shades {
+struct ColourScale {
     axis: ChartAxis,
     signed: bool,
 }
 
-impl Shades {
+impl ColourScale {
     fn of(values: impl Iterator<Item = f64> + Clone) -> Self {
         let least = values.clone().fold(f64::INFINITY, f64::min);
         let largest = values.clone().fold(f64::NEG_INFINITY, f64::max);
@@ -146,7 +146,7 @@ impl Shades {
         let axis = if signed {
             let most = largest.max(-least);
             ChartAxis::linear([-most, most].into_iter())
-        } else if least > 0.0 && largest > WIDE * least {
+        } else if least > 0.0 && largest > LOG_SCALE_RANGE * least {
             ChartAxis::logarithmic(values)
         } else {
             ChartAxis::linear(values)
@@ -156,13 +156,13 @@ impl Shades {
 
     fn shade(&self, value: f64) -> usize {
         let place = self.axis.place(value).unwrap_or(0.0).clamp(0.0, 1.0);
-        ((place * SHADES as f64) as usize).min(SHADES - 1)
+        ((place * COLOUR_COUNT as f64) as usize).min(COLOUR_COUNT - 1)
     }
 
     /// That of a shade: linear between the colours that are given.
     fn colour(&self, shade: usize) -> [u8; 3] {
-        let given: &[[u8; 3]] = if self.signed { &SIGNED } else { &RISING };
-        let place = shade as f64 / (SHADES - 1) as f64 * (given.len() - 1) as f64;
+        let given: &[[u8; 3]] = if self.signed { &DIVERGING } else { &SEQUENTIAL };
+        let place = shade as f64 / (COLOUR_COUNT - 1) as f64 * (given.len() - 1) as f64;
         let low = (place as usize).min(given.len() - 2);
         let part = place - low as f64;
         let mixed = |k: usize| (1.0 - part) * f64::from(given[low][k]) + part * f64::from(given[low + 1][k]);
@@ -170,10 +170,10 @@ impl Shades {
     }
 
     /// The scale, right of the map.
-    fn draw(&self, svg: &mut Svg, frame: &Frame, name: &str) {
-        let (left, wide, step) = (frame.left + frame.width + 16.0, 14.0, frame.height / SHADES as f64);
-        for shade in 0..SHADES {
-            let top = frame.top + step * (SHADES - 1 - shade) as f64;
+    fn draw(&self, svg: &mut Svg, frame: &PlotArea, name: &str) {
+        let (left, wide, step) = (frame.left + frame.width + 16.0, 14.0, frame.height / COLOUR_COUNT as f64);
+        for shade in 0..COLOUR_COUNT {
+            let top = frame.top + step * (COLOUR_COUNT - 1 - shade) as f64;
             svg.cell([left, top], [wide, step + 0.3], self.colour(shade));
         }
         for (place, label) in self.axis.ticks.iter().filter(|(_, label)| !label.is_empty()) {
@@ -195,8 +195,8 @@ mod tests {
         let categories = Scale::Categories(["water", "oil"].map(str::to_string).to_vec());
         HeatMap {
             title: "thrust".to_string(),
-            x: Levels { name: "frequency (Hz)".to_string(), at: vec![1.0, 2.0, 8.0], scale: Scale::LogX },
-            y: Levels { name: "fluid".to_string(), at: vec![0.0, 1.0], scale: categories },
+            x: HeatMapAxis { name: "frequency (Hz)".to_string(), at: vec![1.0, 2.0, 8.0], scale: Scale::LogX },
+            y: HeatMapAxis { name: "fluid".to_string(), at: vec![0.0, 1.0], scale: categories },
             value: "thrust (N)".to_string(),
             cells,
         }
@@ -206,15 +206,15 @@ mod tests {
     fn the_colours_of_a_rising_map_grow_lighter_and_those_of_a_signed_one_are_lightest_at_zero() {
         let light = |[r, g, b]: [u8; 3]| 0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b);
         let of = |values: &[f64]| {
-            let scale = Shades::of(values.iter().copied());
-            (0..SHADES).map(|shade| light(scale.colour(shade))).collect::<Vec<_>>()
+            let scale = ColourScale::of(values.iter().copied());
+            (0..COLOUR_COUNT).map(|shade| light(scale.colour(shade))).collect::<Vec<_>>()
         };
         assert!(of(&[1.0, 2.0]).windows(2).all(|pair| pair[0] < pair[1]));
         let signed = of(&[-1.0, 3.0]);
-        assert!(signed[..SHADES / 2].windows(2).all(|pair| pair[0] < pair[1]));
-        assert!(signed[SHADES / 2..].windows(2).all(|pair| pair[0] > pair[1]));
-        let scale = Shades::of([-1.0, 3.0].into_iter());
-        assert_eq!(scale.shade(0.0), SHADES / 2, "zero is in the middle");
+        assert!(signed[..COLOUR_COUNT / 2].windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(signed[COLOUR_COUNT / 2..].windows(2).all(|pair| pair[0] > pair[1]));
+        let scale = ColourScale::of([-1.0, 3.0].into_iter());
+        assert_eq!(scale.shade(0.0), COLOUR_COUNT / 2, "zero is in the middle");
     }
 
     #[test]

@@ -3,20 +3,20 @@
 pub mod cases;
 pub mod chart;
 mod chart_axis;
-mod figures;
 #[cfg(feature = "pictures")]
 pub mod film;
 mod findings;
 mod folder;
 mod heat_map;
-pub mod map;
+pub mod outcome_map;
 mod output;
 mod page;
 #[cfg(feature = "parquet")]
 pub mod parquet;
 #[cfg(feature = "pictures")]
 pub mod picture;
-mod record;
+mod run_figures;
+mod run_record;
 mod summary;
 mod svg;
 pub mod tables;
@@ -25,8 +25,8 @@ pub mod vtk;
 
 pub use chart::Figure;
 pub use findings::{Findings, Table};
-pub use folder::{Claim, Folder, JOURNAL, MANIFEST, Owner, Writing};
+pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner};
 pub use output::Output;
-pub use page::Motion;
-pub use record::Frame;
+pub use page::Animation;
+pub use run_record::Frame;
 pub use summary::{FluidError, Summary};

@@ -7,7 +7,7 @@ use serde::{Serialize, Serializer};
 
 use super::Summary;
 use super::chart::Figure;
-use super::record::Frame;
+use super::run_record::Frame;
 use crate::error::{Error, Result};
 use crate::words::number;
 
@@ -37,12 +37,12 @@ struct Content<'a> {
     notes: &'a [String],
     scene: &'a str,
     overrides: &'a [String],
-    motion: Script<Motion>,
+    motion: RawJson<Animation>,
 }
 
 /// The animation's data: every number rounded to a length of a few micrometres in a rod of a metre.
 #[derive(Debug, Clone, Serialize)]
-pub struct Motion {
+pub struct Animation {
     times: Vec<f64>,
     points: Vec<Vec<f64>>,
     com: Vec<[f64; 2]>,
@@ -125,9 +125,9 @@ pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
 
 /// Data that a page takes into a script: to the template it is a text, JSON that may stand there. A template that saw the data itself
 /// would make a value of its own of every number first.
-pub struct Script<T>(pub T);
+pub struct RawJson<T>(pub T);
 
-impl<T: Serialize> Serialize for Script<T> {
+impl<T: Serialize> Serialize for RawJson<T> {
     fn serialize<S: Serializer>(&self, serializer: S) -> std::result::Result<S::Ok, S::Error> {
         let mut text = serde_json::to_string(&self.0).map_err(S::Error::custom)?;
         for (sign, escape) in [('<', "\\u003c"), ('>', "\\u003e"), ('&', "\\u0026"), ('\'', "\\u0027")] {
@@ -163,13 +163,13 @@ impl Page<'_> {
             notes: self.notes,
             scene: self.scene.0,
             overrides: self.scene.1,
-            motion: Script(Motion::of(self.frames)),
+            motion: RawJson(Animation::of(self.frames)),
         };
         render(include_str!("page.html"), &content)
     }
 }
 
-impl Motion {
+impl Animation {
     /// The motion of `frames`.
     pub fn of(frames: &[Frame]) -> Self {
         // Six digits of the rod's own extent, wherever it is.

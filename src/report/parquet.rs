@@ -18,10 +18,10 @@ use crate::error::{Error, Result};
 use crate::files::{partial_file, write_error};
 
 /// Rows of a Parquet file that are kept in memory before they are written as one group.
-const GROUP: usize = 1 << 17;
+const ROWS_PER_GROUP: usize = 1 << 17;
 
 /// The same of tables of cases, whose rows are some 5 kB.
-const CASES: usize = 1 << 10;
+const CASES_PER_GROUP: usize = 1 << 10;
 
 /// A Parquet file in the making: one row per time and node, with the columns time_s, node, x_m, y_m.
 pub struct Parquet {
@@ -56,7 +56,7 @@ impl Parquet {
             self.nodes.push(*k as i32); // at most 10⁷
             self.x.push(q[2 * k]);
             self.y.push(q[2 * k + 1]);
-            if self.times.len() == GROUP {
+            if self.times.len() == ROWS_PER_GROUP {
                 self.write_group()?;
             }
         }
@@ -143,7 +143,7 @@ pub fn parquet_of(
     let mut writer = parquet_writer(path, schema)?;
     let mut rows = rows.peekable();
     while rows.peek().is_some() {
-        let group: Vec<Vec<Value>> = rows.by_ref().take(CASES).collect::<Result<_>>()?;
+        let group: Vec<Vec<Value>> = rows.by_ref().take(CASES_PER_GROUP).collect::<Result<_>>()?;
         let mut out = writer.next_row_group().map_err(failed)?;
         for (i, (_, kind)) in header.iter().enumerate() {
             let cells = || group.iter().map(|row| &row[i]);

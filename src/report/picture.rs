@@ -17,14 +17,14 @@ pub const SHARPNESS: f64 = 2.0;
 
 /// A kind of file that a figure can be turned into.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Format {
+pub enum PictureFormat {
     /// Pixels.
     Png,
     /// Vectors, letters as outlines.
     Pdf,
 }
 
-impl Format {
+impl PictureFormat {
     fn ending(self) -> &'static str {
         match self {
             Self::Png => "png",
@@ -35,11 +35,11 @@ impl Format {
 
 /// What draws: the fonts of the system.
 #[derive(Debug)]
-pub struct Painter {
+pub struct SvgRenderer {
     options: Options<'static>,
 }
 
-impl Painter {
+impl SvgRenderer {
     /// Finds the fonts.
     pub fn new() -> Self {
         let mut options = Options::default();
@@ -70,10 +70,10 @@ impl Painter {
     ///
     /// # Errors
     /// Why it cannot be drawn.
-    pub fn bytes(&self, svg: &str, format: Format) -> std::result::Result<Vec<u8>, String> {
+    pub fn bytes(&self, svg: &str, format: PictureFormat) -> std::result::Result<Vec<u8>, String> {
         match format {
-            Format::Png => self.pixels(svg, SHARPNESS)?.encode_png().map_err(|error| error.to_string()),
-            Format::Pdf => {
+            PictureFormat::Png => self.pixels(svg, SHARPNESS)?.encode_png().map_err(|error| error.to_string()),
+            PictureFormat::Pdf => {
                 let outlines = self.tree(svg)?.to_string(&WriteOptions::default());
                 let (conversion, page) = (svg2pdf::ConversionOptions::default(), svg2pdf::PageOptions::default());
                 svg2pdf::to_pdf(&self.tree(&outlines)?, conversion, page).map_err(|error| error.to_string())
@@ -89,7 +89,7 @@ impl Painter {
     }
 }
 
-impl Default for Painter {
+impl Default for SvgRenderer {
     fn default() -> Self {
         Self::new()
     }
@@ -103,7 +103,7 @@ impl Default for Painter {
 pub fn convert(
     folder: &Path,
     names: Option<&[String]>,
-    formats: &[Format],
+    formats: &[PictureFormat],
     out: &Path,
     claim: Claim,
 ) -> Result<WrittenFiles> {
@@ -121,7 +121,7 @@ pub fn convert(
     if files.is_empty() {
         return Err(read(folder, "it holds no figures (.svg); `caudal run` leaves some".to_string()));
     }
-    let painter = Painter::new();
+    let painter = SvgRenderer::new();
     let of = folder.canonicalize().unwrap_or_else(|_| folder.to_path_buf());
     let name = of.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let fingerprint = of.display().to_string();

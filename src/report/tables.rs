@@ -12,7 +12,7 @@ use crate::files::{partial_file, write_error};
 
 /// A CSV file in the making.
 #[derive(Debug)]
-pub struct Csv {
+pub struct CsvTable {
     path: PathBuf,
     file: NamedTempFile,
     /// Whole rows on their way to the file.
@@ -24,7 +24,7 @@ pub struct Csv {
 }
 
 /// Rows go to the file in pieces of about this size, bytes.
-const PIECE: usize = 1 << 16;
+const CHUNK_BYTES: usize = 1 << 16;
 
 /// Adds the shortest text that is read as `x` again.
 fn push_number(text: &mut String, x: f64) {
@@ -38,7 +38,7 @@ fn push_number(text: &mut String, x: f64) {
     }
 }
 
-impl Csv {
+impl CsvTable {
     /// Begins the file with a header of plain names.
     pub fn create(path: PathBuf, columns: impl Iterator<Item = String>) -> Result<Self> {
         let file = partial_file(&path)?;
@@ -58,7 +58,7 @@ impl Csv {
             push_number(&mut self.rows, x);
         }
         self.rows.push('\n');
-        if self.rows.len() >= PIECE {
+        if self.rows.len() >= CHUNK_BYTES {
             self.flush()?;
         }
         self.last = Some(time);
@@ -117,12 +117,12 @@ fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
 
 /// A CSV table of texts, numbers and truths in the making.
 #[derive(Debug)]
-pub struct Mixed {
+pub struct MixedCsvTable {
     path: PathBuf,
     writer: csv::Writer<NamedTempFile>,
 }
 
-impl Mixed {
+impl MixedCsvTable {
     /// Begins the table at `path` with its header.
     ///
     /// # Errors

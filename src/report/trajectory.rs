@@ -5,8 +5,8 @@ use std::ops::ControlFlow;
 use serde::Serialize;
 
 use super::Summary;
-use super::page::{Motion, Script, render};
-use super::record::{Record, Times};
+use super::page::{Animation, RawJson, render};
+use super::run_record::{RecordingTimes, RunRecord};
 use crate::error::Result;
 use crate::scene::{NodesTable, Scene};
 use crate::stepper::Stepper;
@@ -28,14 +28,14 @@ pub struct Column {
 
 /// Variables at the times that a scene records.
 #[derive(Debug)]
-pub struct Trajectory {
+pub struct TrajectoryTable {
     columns: Vec<Column>,
-    times: Times,
+    times: RecordingTimes,
     last: f64,
-    record: Record,
+    record: RunRecord,
 }
 
-impl Trajectory {
+impl TrajectoryTable {
     /// Begins with the state now. Beside the time it holds the variables `names`; without names those of trajectory.csv,
     /// and the node positions of `scene.record` if they are tabled.
     ///
@@ -59,8 +59,12 @@ impl Trajectory {
             Column { variable, nodes, values: Vec::new() }
         };
         let columns = chosen.into_iter().map(column).collect();
-        let mut trajectory =
-            Self { columns, times: Times::of(scene, stepper), last: 0.0, record: Record::start(scene, stepper) };
+        let mut trajectory = Self {
+            columns,
+            times: RecordingTimes::of(scene, stepper),
+            last: 0.0,
+            record: RunRecord::start(scene, stepper),
+        };
         trajectory.row(&stepper.view());
         Ok(trajectory)
     }
@@ -120,8 +124,8 @@ impl Trajectory {
         #[derive(Serialize)]
         struct Content<'a> {
             summary: &'a Summary,
-            motion: Script<Motion>,
+            motion: RawJson<Animation>,
         }
-        render(include_str!("inline.html"), &Content { summary, motion: Script(Motion::of(self.record.frames())) })
+        render(include_str!("inline.html"), &Content { summary, motion: RawJson(Animation::of(self.record.frames())) })
     }
 }

@@ -15,7 +15,7 @@ use crate::error::{Error, Result};
 use crate::jobs;
 use crate::linear_stability::{SteadyState, Unsteady, grows};
 use crate::report::chart::{Chart, Mark, Scale, Series};
-use crate::report::map::{Category, Map, Panel};
+use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Figure, Findings, Table};
 use crate::scene::{HeadKind, Scene};
 
@@ -351,7 +351,7 @@ impl FlutterReport<'_> {
         let index =
             |point: &FlutterPoint| RestStability::ALL.iter().position(|other| *other == point.outcome).unwrap_or(0);
         let cells = map.iter().map(|(_, column)| column.points.iter().map(index).collect()).collect();
-        let figure = Map {
+        let figure = OutcomeMap {
             title: format!("{}: what the flow does to the tail", scene.name),
             x: ("mass ratio m_a/(m + m_a)".into(), map.iter().map(|(case, _)| case.share).collect()),
             linear: true,

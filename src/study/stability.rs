@@ -13,7 +13,7 @@ use crate::integrator::{Pace, stability_limit};
 use crate::jobs;
 use crate::modes::Modes;
 use crate::report::Figure;
-use crate::report::map::{Category, Map, Panel};
+use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Findings, Table};
 use crate::scene::{HeadKind, NODES, Scene};
 
@@ -320,7 +320,7 @@ impl StabilityReport<'_> {
             );
         }
         findings.numbers.insert("limits_by_theory".into(), json!(limits));
-        let map = Map {
+        let map = OutcomeMap {
             title: format!("{}: what each step does", self.scene.name),
             x: (self.asked.vary.label().into(), self.values.to_vec()),
             linear: false,

@@ -15,7 +15,7 @@ use crate::jobs::{self, Job, Journal};
 use crate::report::cases::{CaseAxis, Cases};
 #[cfg(feature = "parquet")]
 use crate::report::parquet::parquet_of;
-use crate::report::tables::{ColumnType, Mixed};
+use crate::report::tables::{ColumnType, MixedCsvTable};
 use crate::report::{Figure, Folder};
 
 /// From this number of cases on the table is there as Parquet too.
@@ -159,7 +159,7 @@ impl<'a> SweepResults<'a> {
         let tables = || {
             let mut files = Vec::new();
             let place = path.join(TABLE);
-            let mut table = Mixed::create(&place, &columns);
+            let mut table = MixedCsvTable::create(&place, &columns);
             let rows =
                 self.read(ResultView::Kept, ResultView::Read).map(cells).inspect(|cells: &Result<Vec<Value>>| {
                     let added = match (&mut table, cells) {
@@ -181,7 +181,7 @@ impl<'a> SweepResults<'a> {
                 rows
             };
             rows.for_each(drop);
-            files.push((TABLE, table.and_then(Mixed::complete)));
+            files.push((TABLE, table.and_then(MixedCsvTable::complete)));
             if sweep.record.traces > 0 {
                 files.push(("traces.csv", self.traces(&path.join("traces.csv"))));
             }
@@ -212,7 +212,7 @@ impl<'a> SweepResults<'a> {
     /// The paths of the centres of mass: one row per case and time.
     fn traces(&self, path: &Path) -> Result<tempfile::NamedTempFile> {
         let header = ["case", "time_s", "x_com_m", "y_com_m"].map(str::to_string);
-        let mut table = Mixed::create(path, &header)?;
+        let mut table = MixedCsvTable::create(path, &header)?;
         for row in self.rows() {
             let (index, row) = row?;
             for [t, x, y] in &row.trace {

@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use caudal::Error;
 use caudal::assessment::Assessment;
 use caudal::report::Summary;
-use caudal::report::film::{Film, Motion};
-use caudal::report::picture::{self, Format};
-use caudal::report::trajectory::{Column, Trajectory};
+use caudal::report::film::{FilmSettings, RodMotion};
+use caudal::report::picture::{self, PictureFormat};
+use caudal::report::trajectory::{Column, TrajectoryTable};
 use caudal::report::vtk;
 use caudal::report::{Claim, Folder, Output, Owner};
 use caudal::run::Ending;
@@ -44,7 +44,7 @@ pub fn run<'py>(
     if let Some(fault) = &assessment.refusal {
         return Err(exception(py, &document.refuse(fault)));
     }
-    let mut trajectory = Trajectory::start(scene, &stepper, record.as_deref()).or_raise(py)?;
+    let mut trajectory = TrajectoryTable::start(scene, &stepper, record.as_deref()).or_raise(py)?;
     let claim = Claim::forced(force);
     let mut output = out.map(|folder| Output::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
     let duration = scene.solver.duration_s.get();
@@ -150,8 +150,8 @@ pub fn pictures(
     out: PathBuf,
 ) -> PyResult<Vec<PathBuf>> {
     let format = |name: &String| match name.as_str() {
-        "png" => Ok(Format::Png),
-        "pdf" => Ok(Format::Pdf),
+        "png" => Ok(PictureFormat::Png),
+        "pdf" => Ok(PictureFormat::Pdf),
         _ => Err(PyValueError::new_err(format!("found {name:?}; allowed: \"png\", \"pdf\""))),
     };
     let formats = formats.iter().map(format).collect::<PyResult<Vec<_>>>()?;
@@ -174,8 +174,8 @@ pub fn write_film(
     let (per_second, speed, sharpness, window) = look;
     let mut attention = Attention::new();
     let written = py.detach(|| {
-        let motion = Motion { name, times: &times, x: &positions[0], y: &positions[1] };
-        let film = Film { per_second, speed, sharpness, window };
+        let motion = RodMotion { name, times: &times, x: &positions[0], y: &positions[1] };
+        let film = FilmSettings { per_second, speed, sharpness, window };
         film.write(&path, &motion, |_| attention.pay(|_| Ok(ControlFlow::Continue(()))))
     });
     match attention.failure {

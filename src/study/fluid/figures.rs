@@ -3,7 +3,7 @@
 use super::explanations::{FluidReport, Row};
 use super::model_run::{ForceBreakdown, PHASES};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
-use crate::report::{Findings, Frame, Motion};
+use crate::report::{Animation, Findings, Frame};
 use crate::words::percent;
 
 /// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
@@ -109,7 +109,7 @@ impl FluidReport<'_> {
     }
 
     /// All swimmers that came to their end, each on a lane of its own.
-    pub(super) fn motions(rows: &[Row<'_>]) -> Option<Box<(Motion, String)>> {
+    pub(super) fn motions(rows: &[Row<'_>]) -> Option<Box<(Animation, String)>> {
         let mut swam: Vec<&Row<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
         swam.sort_by_key(|row| !row.is_reference);
         let frames = swam.iter().map(|row| row.swim.frames.len()).min()?;
@@ -130,7 +130,7 @@ impl FluidReport<'_> {
             frames
         };
         let names: Vec<String> = swam.iter().map(|row| row.model.to_string()).collect();
-        let motion = Motion::of(&on_lane(0, swam[0]));
+        let motion = Animation::of(&on_lane(0, swam[0]));
         let motion =
             swam.iter().enumerate().skip(1).fold(motion, |motion, (i, row)| motion.beside(&names[i], &on_lane(i, row)));
         let shown = format!(

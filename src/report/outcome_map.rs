@@ -31,7 +31,7 @@ pub struct Panel {
 
 /// The whole map.
 #[derive(Debug, Clone)]
-pub struct Map {
+pub struct OutcomeMap {
     /// Title.
     pub title: String,
     /// Label of the x axis, and its values, rising.
@@ -48,7 +48,7 @@ pub struct Map {
     pub panels: Vec<Panel>,
 }
 
-impl Map {
+impl OutcomeMap {
     /// The map as an SVG document.
     pub fn svg(&self) -> String {
         let rows = self.panels.len().div_ceil(2).max(1) as f64;

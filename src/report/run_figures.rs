@@ -1,10 +1,10 @@
 //! The figures of a run: those of the source study (its Figures 3–9), the energy balance, and what holds a held head.
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
-use super::record::{Frame, Record};
+use super::run_record::{Frame, RunRecord};
 
 /// Earlier shapes drawn behind the last one.
-const GHOSTS: usize = 8;
+const EARLIER_SHAPES: usize = 8;
 
 /// Names of all figures that a run may have.
 pub const FILES: [&str; 12] = [
@@ -23,7 +23,7 @@ pub const FILES: [&str; 12] = [
 ];
 
 /// The figures that a run has.
-pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
+pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let chart =
         |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
     // Curves of one variable each; those of a quantity that never changes say nothing that a number does not.
@@ -105,7 +105,7 @@ pub fn all(name: &str, record: &Record, period: Option<f64>) -> Vec<Figure> {
 
 /// What put energy into the rod since the start (J, above zero), and what took it or has it stored (below zero): as the variables say,
 /// they add up to zero. Parts that are always zero are left out.
-pub fn energy_balance(record: &Record) -> Vec<Series> {
+pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
     let parts = [
         ("actuation", "actuation_work_j", 1.0),
         ("loads", "load_work_j", 1.0),
@@ -136,7 +136,7 @@ fn shapes(frames: &[Frame], period: Option<f64>) -> Vec<Series> {
     let start = period.map_or(f64::NEG_INFINITY, |period| last.time - period);
     let recent = &frames[frames.partition_point(|frame| frame.time < start)..];
     let points = |frame: &Frame| frame.points.iter().map(|p| (p[0], p[1])).collect::<Vec<_>>();
-    let stride = recent.len().div_ceil(GHOSTS).max(1);
+    let stride = recent.len().div_ceil(EARLIER_SHAPES).max(1);
     let ghosts = recent.iter().step_by(stride).filter(|frame| frame.time < last.time);
     let mut series: Vec<_> = ghosts.map(|frame| Series::new("", points(frame), Mark::Ghost)).collect();
     let mark = if last.points.len() <= 40 { Mark::Dotted } else { Mark::Line };
@@ -162,7 +162,7 @@ mod tests {
             document.set("solver.duration_s=0.5").unwrap();
             let scene = document.scene().unwrap();
             let mut stepper = Stepper::of(&scene).unwrap();
-            let mut record = Record::start(&scene, &stepper);
+            let mut record = RunRecord::start(&scene, &stepper);
             for _ in 0..50 {
                 stepper.do_step(0.01).unwrap();
                 record.pass(&mut stepper).unwrap();

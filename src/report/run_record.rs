@@ -14,20 +14,20 @@ use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
 /// Between half of this and this many times are kept for a curve.
-const SAMPLES: usize = 2500;
+const MAX_SAMPLES: usize = 2500;
 /// The same for frames of the animation.
-const FRAMES: usize = 1200;
+const MAX_FRAMES: usize = 1200;
 
 /// Which times are recorded.
 #[derive(Debug, Clone, Copy)]
-pub enum Times {
+pub enum RecordingTimes {
     /// Every so many steps; the last one that was passed.
     Steps(u64, u64),
     /// The multiples of so many seconds; the next multiple.
     Every(f64, u64),
 }
 
-impl Times {
+impl RecordingTimes {
     /// Those that a scene asks for, after the first state. Where `stepper` takes steps of its own instead of the scene's,
     /// they are where the scene's would have ended.
     pub fn of(scene: &Scene, stepper: &Stepper) -> Self {
@@ -74,14 +74,14 @@ impl Times {
 /// Multiple `k` of `interval` (s), where it is not after `now` (s), which it is where both differ by rounding alone.
 fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
     let time = k as f64 * interval;
-    match (time - now).abs() <= SAME * interval + 4.0 * f64::EPSILON * now {
+    match (time - now).abs() <= SAME_TIME * interval + 4.0 * f64::EPSILON * now {
         true => Some(now),
         false => (time < now).then_some(time),
     }
 }
 
 /// Times that differ by less than this part of the interval between them are one.
-const SAME: f64 = 1e-9;
+const SAME_TIME: f64 = 1e-9;
 
 /// The rod at a time.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -164,34 +164,35 @@ impl<T> Thinned<T> {
 
 /// Curves and frames of a run, at times of their own: what is recorded in tables does not thin them.
 #[derive(Debug)]
-pub struct Record {
-    times: Times,
+pub struct RunRecord {
+    times: RecordingTimes,
     columns: Vec<&'static Variable>,
     samples: Thinned<Vec<f64>>,
     frames: Thinned<Frame>,
     step: u64,
 }
 
-/// Samples in a period of what drives the tail, and in a run, where steps are chosen by their error; at most [`SAMPLES`] in all.
-const A_PERIOD: f64 = 24.0;
-const A_RUN: f64 = 1000.0;
+/// Samples in a period of what drives the tail, and in a run, where steps are chosen by their error; at most [`MAX_SAMPLES`] in all.
+const SAMPLES_PER_PERIOD: f64 = 24.0;
+const SAMPLES_PER_RUN: f64 = 1000.0;
 
-impl Record {
+impl RunRecord {
     /// A record that begins with the state at the start of a run: of every step, or, where steps are chosen by their error and may be
     /// longer than what happens in them, of equal times.
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
         let drive = Spectrum::of_model(stepper.model()).fastest();
-        let wanted = drive.map_or(A_RUN, |frequency| A_RUN.max(A_PERIOD * frequency * duration));
+        let wanted =
+            drive.map_or(SAMPLES_PER_RUN, |frequency| SAMPLES_PER_RUN.max(SAMPLES_PER_PERIOD * frequency * duration));
         let times = match stepper.pace() {
-            Pace::Fixed(_) => Times::Steps(1, 0),
-            Pace::Adaptive(_) => Times::Every(duration / wanted.min(SAMPLES as f64 - 1.0).ceil(), 1),
+            Pace::Fixed(_) => RecordingTimes::Steps(1, 0),
+            Pace::Adaptive(_) => RecordingTimes::Every(duration / wanted.min(MAX_SAMPLES as f64 - 1.0).ceil(), 1),
         };
         let mut record = Self {
             times,
             columns: stepper.variables().iter().copied().filter(|variable| variable.recorded).collect(),
-            samples: Thinned::new(SAMPLES),
-            frames: Thinned::new(FRAMES),
+            samples: Thinned::new(MAX_SAMPLES),
+            frames: Thinned::new(MAX_FRAMES),
             step: 0,
         };
         let view = stepper.view();
