@@ -26,34 +26,34 @@ use crate::system::Form;
 use crate::words::{signed, significant, two_digits};
 
 /// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
-const MODES_UP_TO: u64 = 201;
+const MAX_NODES_FOR_MODES: u64 = 201;
 /// Stokes number below which the boundary layer's share of the added mass is over a fifth.
-const THIN_LAYER: f64 = 100.0;
+const MIN_STOKES_NUMBER: f64 = 100.0;
 /// Surface tension of water against air, N/m.
 const SURFACE_TENSION: f64 = 0.072;
 /// Part of the displaced mass up to which a swimmer counts as neutral.
-const NEUTRAL: f64 = 0.05;
+const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
 /// Fewest steps in a period of the drive.
-const STEPS_A_PERIOD: f64 = 20.0;
+const MIN_STEPS_PER_PERIOD: f64 = 20.0;
 /// Largest kΔL of waves along a passive tail.
-const WAVE: f64 = 0.5;
+const MAX_WAVE_PHASE: f64 = 0.5;
 /// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
-const RESOLVED: f64 = 0.2;
+const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
 /// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
-const WALL: [f64; 2] = [2e-4, 5e-5];
+const MIN_RELATIVE_WALL: [f64; 2] = [2e-4, 5e-5];
 
 /// True where Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
 pub fn contracts(rod: &Rod, time_step: f64) -> bool {
-    rod.spacing >= WALL[0] * chain::bent_length(rod, time_step)
+    rod.spacing >= MIN_RELATIVE_WALL[0] * chain::bent_length(rod, time_step)
 }
 
 /// Usual length of a number in a table with what parts it from the next, bytes.
-const NUMBER: f64 = 20.0;
+const BYTES_PER_NUMBER: f64 = 20.0;
 
 /// The rows that a run of `scene` records, and about the size of its tables, bytes; `None` where that depends on the steps
 /// it takes.
-pub fn recorded(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
+pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
     let rows = match (scene.record.interval_s, scene.steps()) {
         (Some(interval), _) => scene.solver.duration_s.get() / interval.get(),
         (None, Some(steps)) => steps as f64 / scene.record.every.map_or(1.0, |every| every.get() as f64),
@@ -65,12 +65,12 @@ pub fn recorded(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
         NodesTable::Csv | NodesTable::Parquet => 2 * scene.recorded_nodes().len(),
         NodesTable::None => 0,
     };
-    Some((rows, rows * (columns + positions) as f64 * NUMBER))
+    Some((rows, rows * (columns + positions) as f64 * BYTES_PER_NUMBER))
 }
 
 /// A line of the assessment.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fact {
+pub struct AssessmentLine {
     /// What.
     pub name: &'static str,
     /// Value, unit and meaning.
@@ -93,7 +93,7 @@ pub struct Assessment {
     /// β = ω(ρA + m_a)/ξ_⊥: inertia against drag, with that of the fluid that the rod accelerates.
     pub inertia_ratio: Option<f64>,
     /// All of it in words.
-    pub facts: Vec<Fact>,
+    pub facts: Vec<AssessmentLine>,
     /// What a user should know before trusting the run.
     pub warnings: Vec<String>,
     /// Which forces leave their range in the motion that is foreseen; a run judges its own.
@@ -110,7 +110,8 @@ impl Assessment {
     pub fn of(scene: &Scene, stepper: &Stepper) -> Result<Self> {
         let model = stepper.model();
         let nodes = model.rod.nodes as u64;
-        let coarse = if nodes > MODES_UP_TO { Some(scene.with_nodes(MODES_UP_TO).model()?) } else { None };
+        let coarse =
+            if nodes > MAX_NODES_FOR_MODES { Some(scene.with_nodes(MAX_NODES_FOR_MODES).model()?) } else { None };
         let is_coarse = coarse.is_some();
         let modes = Modes::of_model(coarse.map_or_else(|| scene.model(), Ok)?)?;
         let first_frequency = modes.lowest();
@@ -167,7 +168,7 @@ impl Assessment {
     ///
     /// # Errors
     /// Those of [`Scene::estimates`].
-    pub fn ladder(scene: &Scene, stepper: &Stepper) -> Result<Vec<Fact>> {
+    pub fn models(scene: &Scene, stepper: &Stepper) -> Result<Vec<AssessmentLine>> {
         let known = stepper.choice().and_then(|choice| choice.estimates.clone());
         let estimates = known.map_or_else(|| scene.estimates(), Ok)?;
         let mut facts = Vec::new();
@@ -177,32 +178,32 @@ impl Assessment {
                 Some(Ok(errors)) => format!("estimated errors: {}", errors.in_words()),
                 Some(Err(reason)) => format!("no estimate: {reason}"),
             };
-            facts.push(Fact { name: "model", text: format!("{}: {text} ({})", rung.name, rung.meaning) });
+            facts.push(AssessmentLine { name: "model", text: format!("{}: {text} ({})", rung.name, rung.meaning) });
         }
         if let Some(choice) = stepper.choice() {
             let reason = choice.reason.as_ref().map_or("as the scene says".to_string(), Clone::clone);
-            facts.push(Fact { name: "model taken", text: format!("{}: {reason}", choice.rung.name) });
+            facts.push(AssessmentLine { name: "model taken", text: format!("{}: {reason}", choice.rung.name) });
         }
         Ok(facts)
     }
 
     /// What the laws of the fluid would make of the scene's motion, which is taken where the scene leaves that to the program, and what
     /// the reactive force does; nothing without a medium and drag.
-    pub fn fluids(scene: &Scene, stepper: &Stepper) -> Vec<Fact> {
+    pub fn fluid_models(scene: &Scene, stepper: &Stepper) -> Vec<AssessmentLine> {
         let rod = &stepper.model().rod;
         let Ok(regime) = scene.regime() else { return Vec::new() };
         let mut facts = Vec::new();
-        let mut fact = |name, text: String| facts.push(Fact { name, text });
+        let mut fact = |name, text: String| facts.push(AssessmentLine { name, text });
         let estimates = match &scene.drag {
             Some(_) => scene.fluid_estimates(),
-            None => return vec![Fact { name: "reactive force", text: about_water(&regime, rod) }],
+            None => return vec![AssessmentLine { name: "reactive force", text: describe_added_mass(&regime, rod) }],
         };
         match &estimates {
             Ok(estimates) => {
                 for law in &estimates.laws {
-                    let below = regime.stokes.filter(|stokes| law.reactive && *stokes < THIN_LAYER);
+                    let below = regime.stokes.filter(|stokes| law.reactive && *stokes < MIN_STOKES_NUMBER);
                     let below = below.map_or(String::new(), |stokes| {
-                        format!("; the water's inertia is out of its range, β = {stokes:.1e} for at least {THIN_LAYER}")
+                        format!("; the water's inertia is out of its range, β = {stokes:.1e} for at least {MIN_STOKES_NUMBER}")
                     });
                     let text = if law.errors == [0.0; 2] {
                         let known = estimates.in_words(estimates.uncertainty);
@@ -245,10 +246,10 @@ impl Assessment {
                         if reactive { "without it the motion" } else { "[reactive] would change it: the motion" };
                     format!(
                         "{changes} would have {motion} % {named} and take {power} % power (estimated errors are {MARGIN} times such differences); {}",
-                        about_water(&regime, rod)
+                        describe_added_mass(&regime, rod)
                     )
                 }
-                None => about_water(&regime, rod),
+                None => describe_added_mass(&regime, rod),
             },
         );
         facts
@@ -263,7 +264,7 @@ impl Assessment {
     ) {
         let rod = &stepper.model().rod;
         let (step, duration) = (scene.typical_step(), scene.solver.duration_s.get());
-        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
         fact("scene", scene.name.clone());
         fact(
             "rod",
@@ -275,7 +276,7 @@ impl Assessment {
                 rod.total_mass()
             ),
         );
-        fact("section", about_section(rod));
+        fact("section", describe_section(rod));
         // As the joints have it, with the profile along the rod.
         let joints = rod.joints();
         let [head, middle, tip] = [joints.start, rod.nodes / 2, joints.end - 1].map(|k| rod.joint_stiffness(k));
@@ -288,7 +289,7 @@ impl Assessment {
         );
         if let Some(medium) = &scene.medium {
             let density = regime.map_or(medium.density_kg_m3.get(), |regime| regime.across.fluid.density);
-            fact("mass over displaced mass", about_weight(rod, density, scene.head.kind));
+            fact("mass over displaced mass", describe_weight(rod, density, scene.head.kind));
         }
         let steps = match stepper.pace() {
             Pace::Fixed(step) => {
@@ -311,7 +312,7 @@ impl Assessment {
                 ),
             },
         );
-        let rows = match recorded(scene, stepper) {
+        let rows = match recorded_size(scene, stepper) {
             Some((rows, size)) => format!("about {rows} rows, {}", bytes(size)),
             None => "as many rows as there are steps".to_string(),
         };
@@ -329,7 +330,7 @@ impl Assessment {
                 stretching + bending + kinetic + fluid
             ),
         );
-        let on = if coarse { format!(" (on {MODES_UP_TO} nodes)") } else { String::new() };
+        let on = if coarse { format!(" (on {MAX_NODES_FOR_MODES} nodes)") } else { String::new() };
         let model = stepper.model();
         let with = if model.forces.are_inertial() { "with the fluid that the rod accelerates" } else { "in vacuum" };
         fact("first natural frequency", format!("{} Hz {with}{on}", significant(self.first_frequency / TAU, 5)));
@@ -364,7 +365,7 @@ impl Assessment {
         let Some(regime) = regime else { return };
         let motion = scene.motion(rod, regime.across);
         self.ranges = scene.left_ranges(forces, rod, regime.across);
-        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
         for force in forces.iter() {
             let validity = force.validity();
             let takes = match DragLaw::named(force.name()) {
@@ -383,7 +384,7 @@ impl Assessment {
             );
         }
         if let (Some(stokes), Some(carpenter)) = (regime.stokes, regime.keulegan_carpenter) {
-            let sea = if stokes < THIN_LAYER { "; added mass is larger by 4/√(πβ)" } else { "" };
+            let sea = if stokes < MIN_STOKES_NUMBER { "; added mass is larger by 4/√(πβ)" } else { "" };
             fact(
                 "oscillation",
                 format!(
@@ -393,7 +394,7 @@ impl Assessment {
             );
         }
         self.describe_media(scene, model, regime);
-        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
         // Along and across, at the speeds of the motion.
         let speed = if regime.across.speed > 0.0 { regime.across.speed } else { 1e-9 * rod.length };
         let coefficients = |forces: &Forces| forces.coefficients(rod, regime.across.fluid, speed);
@@ -429,7 +430,7 @@ impl Assessment {
     fn describe_body(&mut self, model: &Model, regime: Option<&Regime>, height: Option<f64>) {
         let Model { rod, forces, fluid, .. } = model;
         let Some(body) = rod.body else { return };
-        let mut fact = |text| self.facts.push(Fact { name: "head body", text });
+        let mut fact = |text| self.facts.push(AssessmentLine { name: "head body", text });
         let form = if body.along > body.across {
             "prolate spheroid"
         } else if body.along < body.across {
@@ -461,7 +462,7 @@ impl Assessment {
     fn describe_media(&mut self, scene: &Scene, model: &Model, regime: &Regime) {
         let Some(layers) = model.layers else { return };
         let rod = &model.rod;
-        let mut fact = |name, text| self.facts.push(Fact { name, text });
+        let mut fact = |name, text| self.facts.push(AssessmentLine { name, text });
         if layers.shear != 0.0 {
             let [x, y]: [f64; 2] = layers.normal.into();
             let [x, y] = [x, y].map(|part| significant(part, 4));
@@ -549,10 +550,10 @@ impl Assessment {
         let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| scene.actuation.is_none());
         let Some(waves) = numbers.map(|(sperm, inertia)| sperm * (1.0 + inertia * inertia).powf(0.125)) else { return };
         let turning = waves * rod.spacing / rod.length;
-        if turning > WAVE {
+        if turning > MAX_WAVE_PHASE {
             self.warnings.push(format!(
-                "the mesh is coarse for the waves along this passive tail: kΔL = {turning:.2} by their wavenumber k (allowed: up to {WAVE}, where its thrust errs by 10 %); take at least {:.0} nodes for 2.5 %",
-                (2.0 * waves / WAVE).ceil() + 1.0
+                "the mesh is coarse for the waves along this passive tail: kΔL = {turning:.2} by their wavenumber k (allowed: up to {MAX_WAVE_PHASE}, where its thrust errs by 10 %); take at least {:.0} nodes for 2.5 %",
+                (2.0 * waves / MAX_WAVE_PHASE).ceil() + 1.0
             ));
         }
     }
@@ -598,17 +599,17 @@ impl Assessment {
         };
         let coarse = omega.zip(fixed).map(|(omega, step)| (TAU / (omega * step), TAU / omega));
         // Rounding is no reason to warn.
-        if let Some((steps, period)) = coarse.filter(|(steps, _)| *steps < STEPS_A_PERIOD * (1.0 - 1e-9)) {
+        if let Some((steps, period)) = coarse.filter(|(steps, _)| *steps < MIN_STEPS_PER_PERIOD * (1.0 - 1e-9)) {
             warnings.push(format!(
-                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {STEPS_A_PERIOD}, solver.time_step_s = {:e}",
-                rounded_down(period / STEPS_A_PERIOD)
+                "the time step is outside its range: {steps:.3} steps in a period of the drive; take at least {MIN_STEPS_PER_PERIOD}, solver.time_step_s = {:e}",
+                rounded_down(period / MIN_STEPS_PER_PERIOD)
             ));
         }
         let strained = stepper.meter().first_energy > 0.0;
         if scene.start.kind == StartKind::Jump && scene.actuation.is_some() && strained {
             let rings = format!("the jump start rings at {} Hz and above", significant(self.first_frequency / TAU, 4));
             match fixed.map(|step| self.first_frequency * step) {
-                Some(ringing) if ringing > RESOLVED => warnings.push(format!(
+                Some(ringing) if ringing > MAX_RESOLVED_PHASE => warnings.push(format!(
                     "{rings}, which the time step does not resolve (ω₁Δt = {ringing:.3}): the result depends on the step and on the method; start.kind = \"shaped\" has no ringing"
                 )),
                 Some(_) => {}
@@ -628,14 +629,14 @@ impl Assessment {
         let part = rod.spacing / bent;
         if stepper.form() == Form::Chain {
             // Its rounding error does not grow with the mesh.
-        } else if part < WALL[0] {
+        } else if part < MIN_RELATIVE_WALL[0] {
             let problem = format!(
                 "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {step:.1e} s, or solver.form = \"auto\"",
                 rod.nodes,
-                WALL[0],
-                (rod.length / (WALL[0] * bent)).floor()
+                MIN_RELATIVE_WALL[0],
+                (rod.length / (MIN_RELATIVE_WALL[0] * bent)).floor()
             );
-            if part < WALL[1] {
+            if part < MIN_RELATIVE_WALL[1] {
                 self.refusal = Some(Fault { key: "rod.nodes".to_string(), problem: problem.clone() });
             }
             warnings.push(format!("rod.nodes: {problem}"));
@@ -659,7 +660,7 @@ fn rounded_up(x: f64) -> f64 {
 }
 
 /// The section in the middle of `rod`, in words.
-fn about_section(rod: &Rod) -> String {
+fn describe_section(rod: &Rod) -> String {
     let (sections, section) = (&rod.sections, rod.sections.at(0.5));
     let (thickness, depth) = (2.0 * section.outer, section.depth);
     let shape = sections.shape.name();
@@ -678,13 +679,13 @@ fn about_section(rod: &Rod) -> String {
 }
 
 /// The mass of `rod`, with that of its body, over the mass of the fluid of this `density` (kg/m³) that it displaces, and what that means.
-fn about_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
+fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
     let ratio = rod.total_mass() / (density * rod.displaced_volume());
     match head {
-        HeadKind::Free if ratio > 1.0 + NEUTRAL => {
+        HeadKind::Free if ratio > 1.0 + NEUTRAL_BUOYANCY_MARGIN => {
             format!("{ratio:.3}: heavier than the fluid, it sinks if nothing holds it")
         }
-        HeadKind::Free if ratio < 1.0 - NEUTRAL => {
+        HeadKind::Free if ratio < 1.0 - NEUTRAL_BUOYANCY_MARGIN => {
             format!("{ratio:.3}: lighter than the fluid, it floats up if nothing holds it")
         }
         _ => format!("{ratio:.3}"),
@@ -699,7 +700,7 @@ fn rounded_down(x: f64) -> f64 {
 }
 
 /// What the water does to the frequencies of `rod`, and whether it is slender enough for its theory.
-fn about_water(regime: &Regime, rod: &Rod) -> String {
+fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
     let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
     let slender = regime.depth / rod.length;
     let decides = if regime.water_decides_stability() {
@@ -736,17 +737,19 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
 }
 
 /// The fully grown natural curvature at a phase of the scene's drive.
-fn natural(model: &Model, phase: f64) -> Vec<f64> {
-    let mut natural = vec![0.0; model.rod.nodes];
+fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
+    let mut natural_curvature = vec![0.0; model.rod.nodes];
     if let Some((actuation, drive)) = &model.actuation {
         let wave = Wave { amplitude: drive.amplitude, gain: 1.0, gain_rate: 0.0, phase, phase_rate: 0.0 };
-        actuation.add(wave, &mut natural, &mut vec![0.0; model.rod.nodes]);
+        actuation.add(wave, &mut natural_curvature, &mut vec![0.0; model.rod.nodes]);
     }
-    natural
+    natural_curvature
 }
 
 /// Largest turning (rad) that the actuation asks of a joint.
 fn sharpest_turning(model: &Model) -> f64 {
-    let at = |phase: f64| natural(model, phase)[model.rod.joints()].iter().fold(0.0, |max: f64, k| max.max(k.abs()));
+    let at = |phase: f64| {
+        natural_curvature(model, phase)[model.rod.joints()].iter().fold(0.0, |max: f64, k| max.max(k.abs()))
+    };
     (0..16).map(|i| bend::turning(at(TAU * f64::from(i) / 16.0))).fold(0.0, f64::max)
 }

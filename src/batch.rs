@@ -46,10 +46,10 @@ impl Batch {
     /// Solves the next internal step of every one of `steppers`, those that the batch is [of](Self::of) or some of them in the same
     /// places. They are at the end of that step already with all that depends on the time alone: each has to do the step before
     /// anything is read from it.
-    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) {
+    pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) {
         #[cfg(target_arch = "x86_64")]
         {
-            self.steps += self.kernel.solve_ahead(steppers);
+            self.steps += self.kernel.presolve(steppers);
         }
         #[cfg(not(target_arch = "x86_64"))]
         let _ = steppers;

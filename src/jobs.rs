@@ -24,7 +24,7 @@ use crate::error::{Error, Result};
 use crate::files::write_error;
 
 /// A cut of power costs at most the results of about this time.
-const SYNC_EVERY: Duration = Duration::from_secs(1);
+const SYNC_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Version and build of this program: results of two builds are not continued as one.
 pub const BUILD: &str = env!("CAUDAL_BUILD");
@@ -77,7 +77,7 @@ struct Entry<T> {
 
 /// What the first line of a file says.
 #[derive(Debug, PartialEq)]
-enum Start {
+enum FirstLine {
     Job(Job),
     /// There is none, or it was not finished.
     Torn,
@@ -133,7 +133,7 @@ fn held_by_others(path: &Path) -> Error {
         (1, _) => format!("process {} is at work on it", holders[0]),
         _ => format!("the processes {} are at work on it", holders.join(", ")),
     };
-    refused(path, format!("{who}; wait for the end, or end what was left behind"))
+    journal_error(path, format!("{who}; wait for the end, or end what was left behind"))
 }
 
 /// Results on disk; at most one program at a time has it open for writing.
@@ -171,25 +171,28 @@ impl Journal {
             synced: Instant::now(),
         };
         let found = journal.scan()?;
-        if found == Start::Torn {
+        if found == FirstLine::Torn {
             journal.file.set_len(0).map_err(failed)?; // nothing is lost by beginning again
         }
         match found {
-            Start::Job(found) => {
+            FirstLine::Job(found) => {
                 if let Some(difference) = job.difference(&found) {
                     let remedy = "finish that one, choose another folder with --out, or begin anew with --restart";
-                    return Err(refused(path, format!("it holds the results of another job: {difference}; {remedy}")));
+                    return Err(journal_error(
+                        path,
+                        format!("it holds the results of another job: {difference}; {remedy}"),
+                    ));
                 }
             }
-            Start::Torn => {
+            FirstLine::Torn => {
                 if let Err(error) = journal.line(&job.clone()) {
                     let _ = std::fs::remove_file(path); // it is empty
                     return Err(error);
                 }
             }
-            Start::Other => {
+            FirstLine::Other => {
                 let problem = "it is no journal of results, or its beginning is damaged; --restart begins anew";
-                return Err(refused(path, problem.to_string()));
+                return Err(journal_error(path, problem.to_string()));
             }
         }
         let end = journal.end;
@@ -212,10 +215,10 @@ impl Journal {
         let empty = lines.peek().is_none();
         // Of a damaged journal some line is whole, or the only one begins as one does.
         let known = |line: std::io::Result<Vec<u8>>| {
-            line.is_ok_and(|line| whole(&line).is_some() || line.get(16..18) == Some(b" {"))
+            line.is_ok_and(|line| checked_json(&line).is_some() || line.get(16..18) == Some(b" {"))
         };
         if !empty && !lines.any(known) {
-            return Err(refused(path, "it is no journal of results, and is not removed".to_string()));
+            return Err(journal_error(path, "it is no journal of results, and is not removed".to_string()));
         }
         std::fs::remove_file(path).map_err(|e| write_error(path, &e))
     }
@@ -225,7 +228,8 @@ impl Journal {
     /// # Errors
     /// [`Error::Read`]; [`Error::Journal`] where it is none.
     pub fn read(path: &Path) -> Result<Self> {
-        Self::read_begun(path)?.ok_or_else(|| refused(path, "it is only begun, and has no results yet".to_string()))
+        Self::read_begun(path)?
+            .ok_or_else(|| journal_error(path, "it is only begun, and has no results yet".to_string()))
     }
 
     /// The same; none where it is empty, or its first line is not written to its end yet.
@@ -238,28 +242,28 @@ impl Journal {
         let mut journal =
             Self { path: path.to_path_buf(), file, job, lines: BTreeMap::new(), end: 0, synced: Instant::now() };
         journal.job = match journal.scan()? {
-            Start::Job(job) => job,
-            Start::Torn => return Ok(None),
-            Start::Other => return Err(refused(path, "it is no journal of results".to_string())),
+            FirstLine::Job(job) => job,
+            FirstLine::Torn => return Ok(None),
+            FirstLine::Other => return Err(journal_error(path, "it is no journal of results".to_string())),
         };
         Ok(Some(journal))
     }
 
     /// Finds all whole lines; returns what the first one says. A line that is not whole counts as not there.
-    fn scan(&mut self) -> Result<Start> {
+    fn scan(&mut self) -> Result<FirstLine> {
         let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
         let mut reader = BufReader::new(&self.file);
         reader.rewind().map_err(failed)?;
-        let (mut line, mut at, mut job) = (Vec::new(), 0, Start::Torn);
+        let (mut line, mut at, mut job) = (Vec::new(), 0, FirstLine::Torn);
         while reader.read_until(b'\n', &mut line).map_err(failed)? > 0 {
-            let whole = content(&line);
+            let json = line_json(&line);
             if at == 0 {
-                let Some(first) = whole.and_then(|json| serde_json::from_slice::<Job>(json).ok()) else {
+                let Some(first) = json.and_then(|json| serde_json::from_slice::<Job>(json).ok()) else {
                     let torn = !line.ends_with(b"\n") && line.iter().take(16).all(u8::is_ascii_hexdigit);
-                    return Ok(if torn { Start::Torn } else { Start::Other });
+                    return Ok(if torn { FirstLine::Torn } else { FirstLine::Other });
                 };
-                job = Start::Job(first);
-            } else if let Some(entry) = whole.and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok()) {
+                job = FirstLine::Job(first);
+            } else if let Some(entry) = json.and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok()) {
                 self.lines.entry(entry.index).or_insert(at);
             }
             if line.ends_with(b"\n") {
@@ -307,8 +311,9 @@ impl Journal {
         reader.seek(SeekFrom::Start(*at)).map_err(failed)?;
         let mut line = Vec::new();
         reader.by_ref().read_until(b'\n', &mut line).map_err(failed)?;
-        let entry = content(&line).and_then(|json| serde_json::from_slice::<Entry<T>>(json).ok());
-        let entry = entry.ok_or_else(|| refused(&self.path, format!("the result of {index} cannot be read back")))?;
+        let entry = line_json(&line).and_then(|json| serde_json::from_slice::<Entry<T>>(json).ok());
+        let entry =
+            entry.ok_or_else(|| journal_error(&self.path, format!("the result of {index} cannot be read back")))?;
         Ok(Some(entry.result))
     }
 
@@ -329,9 +334,10 @@ impl Journal {
     /// # Errors
     /// [`Error::Journal`] where the line is damaged or of no result of this job; [`Error::Write`].
     pub fn add_line(&mut self, line: &[u8]) -> Result<(usize, bool)> {
-        let entry = content(line).and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok());
+        let entry = line_json(line).and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok());
         let index = entry.map(|entry| entry.index).filter(|index| *index < self.job.size);
-        let index = index.ok_or_else(|| refused(&self.path, "a line that was sent to it is damaged".to_string()))?;
+        let index =
+            index.ok_or_else(|| journal_error(&self.path, "a line that was sent to it is damaged".to_string()))?;
         if self.has(index) {
             return Ok((index, false));
         }
@@ -353,7 +359,7 @@ impl Journal {
             return Err(failed(&error));
         }
         self.end += line.len() as u64;
-        if self.synced.elapsed() > SYNC_EVERY {
+        if self.synced.elapsed() > SYNC_INTERVAL {
             self.sync()?;
         }
         Ok(())
@@ -385,7 +391,7 @@ pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
 
 /// The index and the result of a [`line()`] that another program made; `None` where it is damaged.
 pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
-    let entry: Entry<T> = serde_json::from_slice(content(line)?).ok()?;
+    let entry: Entry<T> = serde_json::from_slice(line_json(line)?).ok()?;
     Some((entry.index, entry.result))
 }
 
@@ -399,19 +405,19 @@ fn line_of(content: &impl Serialize) -> std::result::Result<Vec<u8>, String> {
 }
 
 /// The JSON of a line that was finished.
-fn content(line: &[u8]) -> Option<&[u8]> {
-    whole(line.strip_suffix(b"\n")?)
+fn line_json(line: &[u8]) -> Option<&[u8]> {
+    checked_json(line.strip_suffix(b"\n")?)
 }
 
 /// The JSON of a line, without its end, whose checksum is right.
-fn whole(line: &[u8]) -> Option<&[u8]> {
+fn checked_json(line: &[u8]) -> Option<&[u8]> {
     let (checksum, json) = line.split_at_checked(16)?;
     let json = json.strip_prefix(b" ")?;
     let checksum = u64::from_str_radix(std::str::from_utf8(checksum).ok()?, 16).ok()?;
     (checksum == XxHash3_64::oneshot(json)).then_some(json)
 }
 
-fn refused(path: &Path, problem: String) -> Error {
+fn journal_error(path: &Path, problem: String) -> Error {
     Error::Journal { path: path.to_path_buf(), problem }
 }
 
@@ -456,24 +462,24 @@ impl FromStr for Shard {
 
 /// The stack of a thread, B, and what must be free before it is made: the stack, and room for what goes with it.
 const STACK: usize = 2 << 20;
-const ROOM: usize = STACK + (4 << 20);
+const MIN_FREE_MEMORY: usize = STACK + (4 << 20);
 
 /// The number of threads that this machine's cores are for.
 pub fn cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
-/// Does `work` for every index of `todo` as [`run_together`] does, for one at once.
+/// Does `work` for every index of `todo` as [`run_chunks`] does, for one at once.
 ///
 /// # Errors
-/// Those of [`run_together`].
+/// Those of [`run_chunks`].
 pub fn run<T: Send>(
     todo: &[usize],
     threads: usize,
     work: impl Fn(usize) -> T + Sync,
     done: impl FnMut(usize, T) -> Result<ControlFlow<()>>,
 ) -> Result<()> {
-    run_together(todo, threads, 1, |indices| indices.iter().map(|index| work(*index)).collect(), done)
+    run_chunks(todo, threads, 1, |indices| indices.iter().map(|index| work(*index)).collect(), done)
 }
 
 /// Begins `work` on a thread of its own; `Err` says why the system gives none.
@@ -482,7 +488,7 @@ pub(crate) fn spawn<'scope>(
     work: impl FnOnce() + Send + 'scope,
 ) -> std::result::Result<(), String> {
     // A thread that has its stack but no room for what the runtime sets up beside it would end the program.
-    Vec::<u8>::new().try_reserve_exact(ROOM).map_err(|error| error.to_string())?;
+    Vec::<u8>::new().try_reserve_exact(MIN_FREE_MEMORY).map_err(|error| error.to_string())?;
     let builder = std::thread::Builder::new().stack_size(STACK);
     builder.spawn_scoped(scope, work).map(drop).map_err(|error| error.to_string())
 }
@@ -493,7 +499,7 @@ pub(crate) fn spawn<'scope>(
 ///
 /// # Errors
 /// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.
-pub fn run_together<T: Send>(
+pub fn run_chunks<T: Send>(
     todo: &[usize],
     threads: usize,
     together: usize,
@@ -624,7 +630,7 @@ mod tests {
         let todo: Vec<usize> = (0..1000).rev().collect();
         for threads in [1, 2, 7] {
             let mut seen = Vec::new();
-            run_together(
+            run_chunks(
                 &todo,
                 threads,
                 3,

@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::lanes::{Lanes, Two, two};
+use super::lanes::{Lanes, PairLanes, two};
 use crate::fluid::force::{self, OnTip, PowerSums, Powers};
 use crate::fluid::laws::cross_flow::{Coefficients, CrossFlow};
 use crate::fluid::laws::weak_inertia::WeakInertia;
@@ -24,16 +24,16 @@ use crate::system::Direction;
 
 /// What acts on the rods beside a drag in proportion to the velocity.
 #[derive(Debug)]
-pub struct Others {
+pub struct BatchedForces {
     /// Those on edges, with their places.
-    forces: Vec<(usize, Box<dyn InLanes>)>,
+    forces: Vec<(usize, Box<dyn BatchedForce>)>,
     /// The places of those that act on the tip.
     tips: Vec<usize>,
 }
 
 /// How rods in lanes move.
 #[derive(Debug, Clone, Copy)]
-pub struct Motions<'a> {
+pub struct LaneMotion<'a> {
     /// Edges.
     pub edges: &'a [Edge<Lanes>],
     /// Positions, velocities and accelerations.
@@ -41,47 +41,47 @@ pub struct Motions<'a> {
     pub v: &'a [[Lanes; 2]],
     pub a: &'a [[Lanes; 2]],
     /// Velocity of the flow, which does not accelerate.
-    pub flow: Two,
+    pub flow: PairLanes,
 }
 
 /// A force in lanes.
-trait InLanes: Debug + Send {
+trait BatchedForce: Debug + Send {
     /// Adds what opposes the edges to `sums`, where it is not the `first` that does.
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
 
     /// What it comes to on the whole rods.
-    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole;
+    fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals;
 }
 
 /// What a force on whole rods comes to.
 #[derive(Debug, Clone, Copy)]
-pub struct Whole {
+pub struct ForceTotals {
     /// What its powers are summed up from.
     pub sums: PowerSums<Lanes>,
     /// Energy (J) and momentum (N s) that it stores.
     pub stored: (Lanes, [Lanes; 2]),
     /// What it opposes the first node with, N.
-    pub first: Two,
+    pub first: PairLanes,
 }
 
-impl Whole {
+impl ForceTotals {
     /// Nothing yet.
     #[inline(always)]
     pub fn none(zero: Lanes) -> Self {
-        Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: Two::new([zero; 2]) }
+        Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: PairLanes::new([zero; 2]) }
     }
 
     /// That of a case in a `flow`: powers, and what is stored.
     fn of_case(&self, lane: usize, flow: Vector2<f64>) -> (Powers, (f64, Vector2<f64>)) {
         let one = |x: Lanes| x.get(lane);
-        let two = |pair: Two| f64x2::new(pair.to_array().map(one));
+        let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
         let Self { sums: PowerSums { opposing, against_fluid }, stored: (energy, momentum), .. } = *self;
         let sums = PowerSums { opposing: two(opposing), against_fluid: two(against_fluid) };
         (sums.powers(flow), (one(energy), momentum.map(one).into()))
     }
 }
 
-impl Others {
+impl BatchedForces {
     /// The forces of `models`, in steady flows, but for the one at the place `but`; `None` where one of them cannot be in lanes.
     pub fn of(simd: Avx2, models: [&Model; WIDTH], but: Option<usize>) -> Option<Self> {
         let mut others = Self { forces: Vec::new(), tips: Vec::new() };
@@ -119,7 +119,7 @@ impl Others {
     }
 
     /// Writes what opposes the edges to `sums`.
-    pub fn on_edges(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
+    pub fn on_edges(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
         for (i, (_, force)) in self.forces.iter().enumerate() {
             force.add(simd, rods, direction, i == 0, sums);
         }
@@ -130,7 +130,7 @@ impl Others {
         &self,
         forces: &Forces,
         lane: usize,
-        rods: &Motions<'_>,
+        rods: &LaneMotion<'_>,
         fluid: Fluid,
         direction: Direction,
         visit: impl FnMut(OnTip),
@@ -143,7 +143,7 @@ impl Others {
     }
 
     /// Writes what each force on edges comes to at its place in `all`.
-    pub fn measure(&self, simd: Avx2, rods: &Motions<'_>, all: &mut [Whole]) {
+    pub fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>, all: &mut [ForceTotals]) {
         for (i, force) in &self.forces {
             all[*i] = force.measure(simd, rods);
         }
@@ -155,9 +155,9 @@ impl Others {
         &self,
         (i, force): (usize, &dyn Force),
         lane: usize,
-        rods: &Motions<'_>,
+        rods: &LaneMotion<'_>,
         fluid: Fluid,
-        all: &[Whole],
+        all: &[ForceTotals],
     ) -> (Powers, (f64, Vector2<f64>)) {
         if self.tips.contains(&i) {
             let powers = rods.at_end(lane, fluid, |end| force::powers(force, end)).unwrap_or_default();
@@ -167,10 +167,10 @@ impl Others {
     }
 }
 
-impl Motions<'_> {
+impl LaneMotion<'_> {
     /// Looks at the end of the rod of a case, which is all that a force on the tip may depend on.
     fn at_end<R>(&self, lane: usize, fluid: Fluid, look: impl FnOnce(&Kinematics<'_>) -> R) -> Option<R> {
-        let Motions {
+        let LaneMotion {
             edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
         } = *self
         else {
@@ -210,63 +210,73 @@ fn all<F: Force>(cases: [&dyn Force; WIDTH]) -> Option<[&F; WIDTH]> {
 }
 
 /// A local law in lanes.
-trait LawInLanes: Law<Fluids = [f64x2; 3]> {
+trait BatchedLaw: Law<Fluids = [f64x2; 3]> {
     /// What it knows of both halves of an edge.
     type Numbers: Debug + Copy + Send;
 
     /// From what each case knows: `gather` puts pairs into lanes.
-    fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> Two) -> Self::Numbers;
+    fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> PairLanes) -> Self::Numbers;
 
     /// See [`Law::with_slopes`].
-    fn slopes(numbers: &Self::Numbers, fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>);
+    fn slopes(
+        numbers: &Self::Numbers,
+        fluids: [PairLanes; 3],
+        u: PairLanes,
+        w: PairLanes,
+    ) -> (Traction<Lanes>, TractionSlopes<Lanes>);
 }
 
-impl LawInLanes for CrossFlow {
-    type Numbers = Coefficients<Two>;
+impl BatchedLaw for CrossFlow {
+    type Numbers = Coefficients<PairLanes>;
 
-    fn numbers(gather: impl Fn(fn(&Coefficients) -> f64x2) -> Two) -> Coefficients<Two> {
+    fn numbers(gather: impl Fn(fn(&Coefficients) -> f64x2) -> PairLanes) -> Coefficients<PairLanes> {
         Coefficients::gathered(gather)
     }
 
     #[inline(always)]
     fn slopes(
-        numbers: &Coefficients<Two>,
-        fluids: [Two; 3],
-        u: Two,
-        w: Two,
+        numbers: &Coefficients<PairLanes>,
+        fluids: [PairLanes; 3],
+        u: PairLanes,
+        w: PairLanes,
     ) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
         numbers.with_slopes(fluids, u, w)
     }
 }
 
-impl LawInLanes for WeakInertia {
-    type Numbers = [Two; 2];
+impl BatchedLaw for WeakInertia {
+    type Numbers = [PairLanes; 2];
 
-    fn numbers(gather: impl Fn(fn(&[f64x2; 2]) -> f64x2) -> Two) -> [Two; 2] {
+    fn numbers(gather: impl Fn(fn(&[f64x2; 2]) -> f64x2) -> PairLanes) -> [PairLanes; 2] {
         [gather(|halves| halves[0]), gather(|halves| halves[1])]
     }
 
     #[inline(always)]
-    fn slopes(halves: &[Two; 2], fluids: [Two; 3], u: Two, w: Two) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
+    fn slopes(
+        halves: &[PairLanes; 2],
+        fluids: [PairLanes; 3],
+        u: PairLanes,
+        w: PairLanes,
+    ) -> (Traction<Lanes>, TractionSlopes<Lanes>) {
         Self::slopes(*halves, fluids, u, w)
     }
 }
 
 /// A local law on every half of every edge of the rods.
 #[derive(Debug)]
-struct Drag<L: LawInLanes> {
+struct BatchedDrag<L: BatchedLaw> {
     /// Lengths of the halves and what the law knows of them.
-    halves: Vec<(Two, L::Numbers)>,
-    fluids: [Two; 3],
+    halves: Vec<(PairLanes, L::Numbers)>,
+    fluids: [PairLanes; 3],
 }
 
 /// Drag by the law `L`, if that is what the forces are.
-fn drag<L: LawInLanes>(
+fn drag<L: BatchedLaw>(
     simd: Avx2,
     cases: [&dyn Force; WIDTH],
     fluids: [Fluid; WIDTH],
     edges: usize,
-) -> Option<Box<dyn InLanes>> {
+) -> Option<Box<dyn BatchedForce>> {
     let drags = all::<LocalDrag<L>>(cases)?;
     let of_edge = |e: usize| {
         let halves = drags.map(|drag| drag.on_halves(e));
@@ -275,12 +285,12 @@ fn drag<L: LawInLanes>(
     };
     let in_fluids: [[f64x2; 3]; WIDTH] = std::array::from_fn(|lane| drags[lane].law().in_fluids([&fluids[lane]; 2]));
     let fluids = [0, 1, 2].map(|i| two(simd, |lane| in_fluids[lane][i].to_array()));
-    Some(Box::new(Drag::<L> { halves: (0..edges).map(of_edge).collect(), fluids }))
+    Some(Box::new(BatchedDrag::<L> { halves: (0..edges).map(of_edge).collect(), fluids }))
 }
 
-impl<L: LawInLanes> InLanes for Drag<L> {
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
-        let Motions { edges, v, flow, .. } = *rods;
+impl<L: BatchedLaw> BatchedForce for BatchedDrag<L> {
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+        let LaneMotion { edges, v, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
             || {
@@ -294,7 +304,7 @@ impl<L: LawInLanes> InLanes for Drag<L> {
         );
     }
 
-    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole {
+    fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals {
         simd.vectorize(
             #[inline(always)]
             || {
@@ -315,20 +325,20 @@ impl<L: LawInLanes> InLanes for Drag<L> {
 
 /// The velocities (m/s) of the ends of `edge`, `v`, against the `flow`, along and across it.
 #[inline(always)]
-pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: Two) -> [Two; 2] {
-    edge.components([Two::new(v[0]) - flow, Two::new(v[1]) - flow])
+pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: PairLanes) -> [PairLanes; 2] {
+    edge.components([PairLanes::new(v[0]) - flow, PairLanes::new(v[1]) - flow])
 }
 
 /// What drag comes to on the whole rods: `of` finds the traction on `halves` of given lengths, from what is known of them and the
 /// velocities along and across.
 #[inline(always)]
 pub fn measure_drag<K>(
-    rods: &Motions<'_>,
-    halves: impl Iterator<Item = (Two, K)>,
-    of: impl Fn(K, Two, Two) -> Traction<Lanes>,
-) -> Whole {
-    let Motions { edges, v, flow, .. } = *rods;
-    let mut whole = Whole::none(edges[0].length.like(0.0));
+    rods: &LaneMotion<'_>,
+    halves: impl Iterator<Item = (PairLanes, K)>,
+    of: impl Fn(K, PairLanes, PairLanes) -> Traction<Lanes>,
+) -> ForceTotals {
+    let LaneMotion { edges, v, flow, .. } = *rods;
+    let mut whole = ForceTotals::none(edges[0].length.like(0.0));
     for (e, ((edge, v), (lengths, known))) in edges.iter().zip(v.windows(2)).zip(halves).enumerate() {
         let [u, w] = against(edge, v, flow);
         let traction = of(known, u, w);
@@ -342,18 +352,23 @@ pub fn measure_drag<K>(
 
 /// The inertia of the water around the rods: c of both halves of every edge.
 #[derive(Debug)]
-struct Water(Vec<Two>);
+struct BatchedReactive(Vec<PairLanes>);
 
 /// That of [`Reactive`], if that is what the forces are.
-fn water(simd: Avx2, cases: [&dyn Force; WIDTH], fluids: [Fluid; WIDTH], edges: usize) -> Option<Box<dyn InLanes>> {
+fn water(
+    simd: Avx2,
+    cases: [&dyn Force; WIDTH],
+    fluids: [Fluid; WIDTH],
+    edges: usize,
+) -> Option<Box<dyn BatchedForce>> {
     let cases = all::<Reactive>(cases)?;
     let c = |e: usize| two(simd, |lane| cases[lane].inertia(e, [fluids[lane].density; 2]).to_array());
-    Some(Box::new(Water((0..edges).map(c).collect())))
+    Some(Box::new(BatchedReactive((0..edges).map(c).collect())))
 }
 
-impl InLanes for Water {
-    fn add(&self, simd: Avx2, rods: &Motions<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
-        let Motions { edges, v, a, flow, .. } = *rods;
+impl BatchedForce for BatchedReactive {
+    fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]) {
+        let LaneMotion { edges, v, a, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
             || {
@@ -365,19 +380,19 @@ impl InLanes for Water {
         );
     }
 
-    fn measure(&self, simd: Avx2, rods: &Motions<'_>) -> Whole {
-        let Motions { edges, v, a, flow, .. } = *rods;
+    fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals {
+        let LaneMotion { edges, v, a, flow, .. } = *rods;
         simd.vectorize(
             #[inline(always)]
             || {
                 let zero = edges[0].length.like(0.0);
-                let (mut whole, mut stored) = (Whole::none(zero), Stored::none(zero));
+                let (mut whole, mut stored) = (ForceTotals::none(zero), Stored::none(zero));
                 let ends = v.windows(2).zip(a.windows(2));
                 for (e, ((edge, ends), c)) in edges.iter().zip(ends).zip(&self.0).enumerate() {
                     let moving = accelerating(edge, *c, ends, flow);
                     let forces = moving.force_on(edge);
                     for (force, v) in forces.into_iter().zip(ends.0) {
-                        whole.sums.add(force, Two::new(*v) - flow);
+                        whole.sums.add(force, PairLanes::new(*v) - flow);
                     }
                     stored.add(edge, *c, moving.velocity[1]);
                     if e == 0 {
@@ -393,13 +408,18 @@ impl InLanes for Water {
 
 /// How the water around `edge` is accelerated, whose ends have these velocities and accelerations.
 #[inline(always)]
-fn accelerating(edge: &Edge<Lanes>, c: Two, (v, a): (&[[Lanes; 2]], &[[Lanes; 2]]), flow: Two) -> Accelerating<Lanes> {
+fn accelerating(
+    edge: &Edge<Lanes>,
+    c: PairLanes,
+    (v, a): (&[[Lanes; 2]], &[[Lanes; 2]]),
+    flow: PairLanes,
+) -> Accelerating<Lanes> {
     let opening = [v[1][0] - v[0][0], v[1][1] - v[0][1]];
     let (t, n) = (edge.t, edge.n());
     Accelerating {
         c,
         velocity: against(edge, v, flow),
-        acceleration: edge.components([Two::new(a[0]), Two::new(a[1])]),
+        acceleration: edge.components([PairLanes::new(a[0]), PairLanes::new(a[1])]),
         opening: [opening[0] * t.x + opening[1] * t.y, opening[0] * n.x + opening[1] * n.y],
     }
 }

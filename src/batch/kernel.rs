@@ -8,8 +8,8 @@ use nalgebra::Vector2;
 use wide::f64x2;
 
 use super::WIDTH;
-use super::forces::{Motions, Others, Whole, against, measure_drag};
-use super::lanes::{Lanes, Two, two};
+use super::forces::{BatchedForces, ForceTotals, LaneMotion, against, measure_drag};
+use super::lanes::{Lanes, PairLanes, two};
 use crate::fluid::force::{OnTip, Powers};
 use crate::fluid::local::{self, Traction};
 use crate::fluid::{Fluid, Force};
@@ -28,24 +28,24 @@ use crate::stepper::ahead::Ahead;
 use crate::system::{Direction, State};
 
 /// Vectors of each case, one a node.
-type Nodes = Vec<[Lanes; 2]>;
+type NodalVectors = Vec<[Lanes; 2]>;
 
 /// The rods in lanes, with room to work in. Lanes without a case repeat another one.
 #[derive(Debug)]
 pub struct Kernel {
     simd: Avx2,
     models: [Arc<Model>; WIDTH],
-    rods: Rods,
-    others: Others,
-    at: Moment,
-    before: Before,
-    motion: Motion,
-    room: Room,
+    rods: BatchedRods,
+    others: BatchedForces,
+    at: TimeDependent,
+    before: StepStart,
+    motion: NodalMotion,
+    room: Workspace,
 }
 
 /// What of the rods does not change.
 #[derive(Debug)]
-struct Rods {
+struct BatchedRods {
     /// True where the heads are held.
     held: bool,
     cells: Alike<Cell<Lanes>>,
@@ -54,7 +54,7 @@ struct Rods {
     stiffness: Vec<Lanes>,
     /// Lengths of the halves of every edge and drag along and across them, see
     /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag, whose place among the forces is beside it.
-    drag: Vec<[Two; 3]>,
+    drag: Vec<[PairLanes; 3]>,
     in_pass: Option<usize>,
     /// The shortest and the longest that an edge may be.
     lengths: [Lanes; 2],
@@ -63,7 +63,7 @@ struct Rods {
 
 /// What depends on the time alone.
 #[derive(Debug)]
-struct Moment {
+struct TimeDependent {
     natural: Vec<Lanes>,
     natural_rate: Vec<Lanes>,
     /// The tangent before the first joint of a held head.
@@ -73,51 +73,51 @@ struct Moment {
     flow: Vector2<Lanes>,
     /// The fluid of each case.
     fluids: [Fluid; WIDTH],
-    loads: Vec<Nodes>,
+    loads: Vec<NodalVectors>,
     /// Position, velocity and acceleration of a held head.
     head: [[Lanes; 2]; 3],
 }
 
 #[derive(Debug)]
-struct Motion {
-    q: Nodes,
-    v: Nodes,
-    a: Nodes,
+struct NodalMotion {
+    q: NodalVectors,
+    v: NodalVectors,
+    a: NodalVectors,
 }
 
 /// What a step sets out from, with what its method remembers of accelerations.
 #[derive(Debug)]
-struct Before {
-    motion: Motion,
-    memory: Nodes,
+struct StepStart {
+    motion: NodalMotion,
+    memory: NodalVectors,
 }
 
 #[derive(Debug)]
-struct Room {
+struct Workspace {
     edges: Vec<Edge<Lanes>>,
     /// What the other forces do on every edge; empty where there are none.
     around: Vec<OnEdge<Lanes>>,
     /// What each force comes to, at its place.
-    wholes: Vec<Whole>,
-    tips: Vec<Tip>,
+    wholes: Vec<ForceTotals>,
+    tips: Vec<TipForce>,
     joints: Vec<Joint<Lanes>>,
     kappa: Vec<Lanes>,
     /// Moments conjugate to the curvatures.
     moment: Vec<Lanes>,
     rows: Vec<BlockRow<Lanes>>,
-    residual: Nodes,
-    solution: Nodes,
+    residual: NodalVectors,
+    solution: NodalVectors,
     band: BlockBand<Lanes>,
 }
 
 /// What opposes the last node beyond its edge: a force, and what it adds to the first three blocks of the last row.
 #[derive(Debug, Clone, Copy)]
-struct Tip {
+struct TipForce {
     force: [Lanes; 2],
     blocks: [[Lanes; 4]; 3],
 }
 
-impl Tip {
+impl TipForce {
     /// Takes over that of one case.
     fn set(&mut self, lane: usize, tip: &OnTip) {
         for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
@@ -147,7 +147,7 @@ impl Kernel {
             axial: pack(&|lane| rod(lane).cells[e].axial),
         };
         let in_pass = first.model().forces.in_pass().map(|(i, _)| i);
-        let others = Others::of(simd, std::array::from_fn(model), in_pass)?;
+        let others = BatchedForces::of(simd, std::array::from_fn(model), in_pass)?;
         let coefficients = |lane: usize, e: usize| {
             let model = model(lane);
             let (i, drag) = model.forces.in_pass()?;
@@ -169,12 +169,12 @@ impl Kernel {
         let (dragged, around) =
             [in_pass.is_some(), others.are_on_edges()].map(|any| if any { nodes - 1 } else { 0 }).into();
         let none = Block::diagonal(zero);
-        let nothing = OnEdge { force: [Two::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
-        let tip = Tip { force: [zero; 2], blocks: [[zero; 4]; 3] };
+        let nothing = OnEdge { force: [PairLanes::new([zero; 2]); 2], own: [none; 2], edge: [none; 2] };
+        let tip = TipForce { force: [zero; 2], blocks: [[zero; 4]; 3] };
         Some(Self {
             simd,
             models: std::array::from_fn(|lane| dynamics(steppers.get(lane).unwrap_or(first)).model.clone()),
-            rods: Rods {
+            rods: BatchedRods {
                 held: first.model().head.is_some(),
                 cells: Alike::all((0..nodes - 1).map(cell).collect(), cell(nodes - 2)),
                 mass: (0..nodes).map(|k| pack(&|lane| rod(lane).mass[k])).collect(),
@@ -184,7 +184,7 @@ impl Kernel {
                 lengths: [0, 1].map(|i| pack(&|lane| lengths_allowed(rod(lane))[i])),
                 total_mass: pack(&|lane| rod(lane).total_mass()),
             },
-            at: Moment {
+            at: TimeDependent {
                 natural: vec![zero; nodes],
                 natural_rate: vec![zero; nodes],
                 wall: first.model().head.as_ref().map(|_| Vector2::new(zero, zero)),
@@ -194,12 +194,12 @@ impl Kernel {
                 loads: vec![vectors(); loads],
                 head: [[zero; 2]; 3],
             },
-            before: Before { motion: Motion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
-            motion: Motion { q: vectors(), v: vectors(), a: vectors() },
-            room: Room {
+            before: StepStart { motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() }, memory: vectors() },
+            motion: NodalMotion { q: vectors(), v: vectors(), a: vectors() },
+            room: Workspace {
                 edges: vec![edge; nodes - 1],
                 around: vec![nothing; around],
-                wholes: vec![Whole::none(zero); first.model().forces.0.len()],
+                wholes: vec![ForceTotals::none(zero); first.model().forces.0.len()],
                 tips: vec![tip; others.tips()],
                 joints: vec![Joint { couple: zero, stiffness: zero }; nodes],
                 kappa: vec![zero; nodes],
@@ -213,8 +213,8 @@ impl Kernel {
         })
     }
 
-    /// See [`Batch::solve_ahead`](super::Batch::solve_ahead); the number of steps that were solved.
-    pub fn solve_ahead(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
+    /// See [`Batch::presolve`](super::Batch::solve_ahead); the number of steps that were solved.
+    pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
         let mut steps: [Option<Ahead>; WIDTH] = [None; WIDTH];
         for ((step, stepper), model) in steps.iter_mut().zip(steppers.iter_mut()).zip(&self.models) {
             let known = stepper.as_mut().filter(|stepper| Arc::ptr_eq(&dynamics(stepper).model, model));
@@ -284,11 +284,11 @@ impl Kernel {
     }
 
     /// Bends the rods where their steps end.
-    fn end(&mut self) -> Ended {
+    fn end(&mut self) -> StepChecks {
         let Self { simd, rods, at, before, motion, room, .. } = self;
         simd.vectorize(
             #[inline(always)]
-            || Ended {
+            || StepChecks {
                 least: bend(rods, at, &motion.q, &mut room.edges, &mut room.joints, &mut room.kappa),
                 least_turn: {
                     let walls = at.wall_before.zip(at.wall).map(|(before, after)| [before, after]);
@@ -322,7 +322,7 @@ impl Kernel {
 
     /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
     fn load(&mut self, lane: usize, dynamics: &Dynamics, [from, to]: [&State; 2]) {
-        let Self { at, before: Before { motion: Motion { q, v, a }, memory }, .. } = self;
+        let Self { at, before: StepStart { motion: NodalMotion { q, v, a }, memory }, .. } = self;
         for (to, from) in [(q, &from.q), (v, &from.v), (a, &from.a), (memory, &from.memory)] {
             write(to, lane, from, 1.0);
         }
@@ -347,7 +347,7 @@ impl Kernel {
 
     /// Writes the motion of a case to `state`.
     fn unload(&self, lane: usize, state: &mut State) {
-        let Motion { q, v, a } = &self.motion;
+        let NodalMotion { q, v, a } = &self.motion;
         for (from, to) in [(q, &mut state.q), (v, &mut state.v), (a, &mut state.a)] {
             for (from, to) in from.iter().zip(to.as_chunks_mut().0) {
                 *to = [from[0].get(lane), from[1].get(lane)];
@@ -420,14 +420,14 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
 }
 
 /// How steps end.
-struct Ended {
+struct StepChecks {
     /// By how much edges and joints are away from what has no meaning.
     least: [Lanes; 3],
     /// See [`lengths::least_turn`].
     least_turn: Lanes,
 }
 
-impl Ended {
+impl StepChecks {
     /// Of one case, whether its rod has a meaning, and whether it went through no state without.
     fn of(&self, lane: usize) -> [bool; 2] {
         [self.least.iter().all(|least| least.get(lane) > 0.0), self.least_turn.get(lane) >= 0.0]
@@ -438,7 +438,7 @@ impl Measured<Lanes> {
     /// Of one case.
     fn of(&self, lane: usize) -> Measured {
         let one = |number: Lanes| number.get(lane);
-        let two = |pair: Two| f64x2::new(pair.to_array().map(one));
+        let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
         let Self { sums, held } = self;
         Measured {
             sums: Sums {
@@ -458,9 +458,9 @@ impl Measured<Lanes> {
 /// Bends the rods; by how much edges and joints are away from what has no meaning.
 #[inline(always)]
 fn bend(
-    rods: &Rods,
-    at: &Moment,
-    q: &Nodes,
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    q: &NodalVectors,
     edges: &mut [Edge<Lanes>],
     joints: &mut [Joint<Lanes>],
     kappa: &mut [Lanes],
@@ -488,10 +488,10 @@ fn bend(
 /// Makes the guess of a step, see [`Stage::guess`](crate::integrator).
 #[inline(always)]
 fn guess(
-    rods: &Rods,
-    at: &Moment,
-    Before { motion: before, memory }: &Before,
-    Motion { q, v, a }: &mut Motion,
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    StepStart { motion: before, memory }: &StepStart,
+    NodalMotion { q, v, a }: &mut NodalMotion,
     (h, rule, keeps_lengths): (f64, Rule, bool),
 ) {
     let (zero, direction) = (at.flow.x.like(0.0), rule.direction());
@@ -514,14 +514,18 @@ fn guess(
 
 /// How rods of these `edges` move.
 #[inline(always)]
-fn motions<'a>(Motion { q, v, a }: &'a Motion, edges: &'a [Edge<Lanes>], at: &Moment) -> Motions<'a> {
-    Motions { edges, q, v, a, flow: Two::new(at.flow.into()) }
+fn motions<'a>(
+    NodalMotion { q, v, a }: &'a NodalMotion,
+    edges: &'a [Edge<Lanes>],
+    at: &TimeDependent,
+) -> LaneMotion<'a> {
+    LaneMotion { edges, q, v, a, flow: PairLanes::new(at.flow.into()) }
 }
 
 /// Measures bent rods, and what drag comes to on them.
 #[inline(always)]
-fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<Lanes> {
-    let (Room { edges, kappa, moment, wholes, .. }, Motion { q, v, .. }) = (room, motion);
+fn measure(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut Workspace) -> Sums<Lanes> {
+    let (Workspace { edges, kappa, moment, wholes, .. }, NodalMotion { q, v, .. }) = (room, motion);
     let zero = at.flow.x.like(0.0);
     bend::moments(&rods.stiffness, kappa, &at.natural, moment);
     let moving = Moving {
@@ -552,14 +556,19 @@ fn measure(rods: &Rods, at: &Moment, motion: &Motion, room: &mut Room) -> Sums<L
 
 /// M a − F of node 0 of measured rods, where it is held.
 #[inline(always)]
-fn held(rods: &Rods, at: &Moment, Motion { a, .. }: &Motion, room: &Room) -> Vector2<Lanes> {
-    let (Room { edges, joints, wholes, .. }, zero) = (room, at.flow.x.like(0.0));
+fn held(
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    NodalMotion { a, .. }: &NodalMotion,
+    room: &Workspace,
+) -> Vector2<Lanes> {
+    let (Workspace { edges, joints, wholes, .. }, zero) = (room, at.flow.x.like(0.0));
     if !rods.held {
         return Vector2::new(zero, zero);
     }
     let carried = elastic::force(&edges[0], rods.cells[0].tension(&edges[0]), &joints[0], &joints[1]);
     let load = at.loads.iter().fold([zero; 2], |sum, load| [sum[0] + load[0][0], sum[1] + load[0][1]]);
-    let mut opposing = Two::new([zero; 2]);
+    let mut opposing = PairLanes::new([zero; 2]);
     for whole in wholes {
         opposing += whole.first;
     }
@@ -571,16 +580,16 @@ fn held(rods: &Rods, at: &Moment, Motion { a, .. }: &Motion, room: &Room) -> Vec
 /// Assembles, solves and moves bent rods.
 #[inline(always)]
 fn solve(
-    rods: &Rods,
-    at: &Moment,
-    Motion { q, v, a }: &mut Motion,
-    Room { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Room,
+    rods: &BatchedRods,
+    at: &TimeDependent,
+    NodalMotion { q, v, a }: &mut NodalMotion,
+    Workspace { edges, joints, around: others, tips, rows, residual, solution, band, .. }: &mut Workspace,
     direction: Direction,
     going: mask64x4<Avx2>,
-) -> Sizes<Two> {
+) -> Sizes<PairLanes> {
     let zero = at.flow.x.like(0.0);
     let deformed = Deformed { cells: &rods.cells, mass: &rods.mass, edges: &*edges, joints: &*joints, a: &*a };
-    let flow = Two::new(at.flow.into());
+    let flow = PairLanes::new(at.flow.into());
     let around = edges.iter().zip(v.windows(2)).enumerate().map(
         #[inline(always)]
         |(e, (edge, v))| {

@@ -72,7 +72,7 @@ macro_rules! operators {
 }
 
 operators!(Lanes, Add add +, Sub sub -, Mul mul *, Div div /);
-operators!(Two, Add add +, Sub sub -, Mul mul *, Div div /);
+operators!(PairLanes, Add add +, Sub sub -, Mul mul *, Div div /);
 
 impl Lanes {
     #[inline(always)]
@@ -125,21 +125,21 @@ impl Number for Lanes {
 }
 
 impl Real for Lanes {
-    type Pair = Two;
+    type Pair = PairLanes;
 }
 
 /// Two numbers of each case.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Two([Lanes; 2]);
+pub struct PairLanes([Lanes; 2]);
 
-impl Two {
+impl PairLanes {
     #[inline(always)]
     fn with(self, other: Self, of: impl Fn(Lanes, Lanes) -> Lanes) -> Self {
         Self([of(self.0[0], other.0[0]), of(self.0[1], other.0[1])])
     }
 }
 
-impl Neg for Two {
+impl Neg for PairLanes {
     type Output = Self;
 
     #[inline(always)]
@@ -148,7 +148,7 @@ impl Neg for Two {
     }
 }
 
-impl Mul<Lanes> for Two {
+impl Mul<Lanes> for PairLanes {
     type Output = Self;
 
     #[inline(always)]
@@ -157,7 +157,7 @@ impl Mul<Lanes> for Two {
     }
 }
 
-impl Number for Two {
+impl Number for PairLanes {
     #[inline(always)]
     fn like(self, x: f64) -> Self {
         Self([self.0[0].like(x); 2])
@@ -194,7 +194,7 @@ impl Number for Two {
     }
 }
 
-impl Pair<Lanes> for Two {
+impl Pair<Lanes> for PairLanes {
     #[inline(always)]
     fn new(both: [Lanes; 2]) -> Self {
         Self(both)
@@ -212,7 +212,7 @@ impl Pair<Lanes> for Two {
 }
 
 /// Pairs of every case.
-pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> Two {
+pub fn two(simd: Avx2, case: impl Fn(usize) -> [f64; 2]) -> PairLanes {
     let cases: [[f64; 2]; WIDTH] = std::array::from_fn(case);
-    Two::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
+    PairLanes::new([0, 1].map(|i| Lanes::new(simd, cases.map(|pair| pair[i]))))
 }

@@ -12,7 +12,8 @@ use super::{Prepared, SceneArguments, output_folder, print, refuse, say};
 pub fn check(arguments: &SceneArguments, json: bool) -> Result<ExitCode> {
     let Prepared { document, scene, stepper, assessment } = arguments.prepare()?;
     let facts =
-        [&assessment.facts[..], &Assessment::fluids(&scene, &stepper), &Assessment::ladder(&scene, &stepper)?].concat();
+        [&assessment.facts[..], &Assessment::fluid_models(&scene, &stepper), &Assessment::models(&scene, &stepper)?]
+            .concat();
     let refused =
         assessment.refused(&document).or_else(|| Output::fits(&output_folder(&scene), &scene, &stepper).err());
     if json {

@@ -19,7 +19,7 @@ use super::{bar_of, complain, exit, refuse, say, say_kept};
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub struct Arguments {
     #[command(subcommand)]
-    merge: Option<Part>,
+    merge: Option<SweepAction>,
     #[command(flatten)]
     sweep: Option<Common>,
     /// Threads [default: one per core]
@@ -37,7 +37,7 @@ pub struct Arguments {
 }
 
 #[derive(Debug, Subcommand)]
-enum Part {
+enum SweepAction {
     /// Make one table and report of the journals of all shards
     Merge {
         #[command(flatten)]
@@ -75,7 +75,7 @@ impl Common {
 
 pub fn sweep(arguments: &Arguments) -> Result<ExitCode> {
     match (&arguments.merge, &arguments.sweep) {
-        (Some(Part::Merge { sweep, journals, partial }), _) => merge(sweep, journals, *partial),
+        (Some(SweepAction::Merge { sweep, journals, partial }), _) => merge(sweep, journals, *partial),
         (None, Some(common)) if arguments.dry_run => list(common, arguments),
         (None, Some(common)) => run(common, arguments),
         (None, None) => Ok(ExitCode::from(exit::WRONG_INPUT)), // clap asks for the sweep

@@ -14,7 +14,7 @@ use super::run_figures;
 use super::run_record::{RecordingTimes, RunRecord};
 use super::tables::CsvTable;
 use super::{Claim, Folder, FolderWriter, Owner};
-use crate::assessment::recorded;
+use crate::assessment::recorded_size;
 use crate::error::{Error, Result};
 use crate::files::{WrittenFiles, free_space, partial_file_with};
 use crate::scene::{Document, NodesTable, Scene};
@@ -45,7 +45,7 @@ impl Output {
     /// # Errors
     /// [`Error::Room`] where they do not.
     pub fn fits(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<()> {
-        match (recorded(scene, stepper), free_space(folder)) {
+        match (recorded_size(scene, stepper), free_space(folder)) {
             (Some((rows, needed)), Some(free)) if needed > free as f64 => {
                 let what = format!(
                     "{rows:.3e} rows of trajectory.csv and the table of nodes (record.every, record.interval_s)"

@@ -46,7 +46,7 @@ pub fn run_batched(
                 }
             }
         }
-        batch.solve_ahead(&mut going);
+        batch.presolve(&mut going);
         for (i, ((run, span), ending)) in runs.iter_mut().zip(spans).zip(&mut endings).enumerate() {
             if let Some(span) = span {
                 *ending = advance(&mut run.stepper, span, |stepper| observe(i, stepper));

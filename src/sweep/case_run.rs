@@ -75,7 +75,7 @@ pub fn run(
         first.take_if(|(own, _)| *own == index).map(|(_, stepper)| stepper)
     };
     let work = |indices: &[usize]| run_cases_with(sweep, indices, interrupted, made);
-    jobs::run_together(todo, threads, together, work, |index, row| {
+    jobs::run_chunks(todo, threads, together, work, |index, row| {
         let Some(row) = row else { return Ok(ControlFlow::Break(())) };
         journal.add(index, &row)?;
         progress(index, row);
@@ -119,8 +119,8 @@ fn run_cases_with(
     }
     let part = start.elapsed().as_secs_f64() / indices.len().max(1) as f64;
     let dropped = |row: &CaseResult| interrupted.load(Ordering::Relaxed) && !row.complete();
-    let run_together = cases.into_iter().map(|case| CaseResult { wall_s: part, ..case.row });
-    run_together.map(|row| (!dropped(&row)).then_some(row)).collect()
+    let rows = cases.into_iter().map(|case| CaseResult { wall_s: part, ..case.row });
+    rows.map(|row| (!dropped(&row)).then_some(row)).collect()
 }
 
 /// The scene of a case, and its hash.

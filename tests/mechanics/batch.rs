@@ -171,7 +171,7 @@ fn steps_are_solved_ahead_and_those_of_changed_inputs_are_not_taken() {
     let mut batch = Batch::of(&cases.each_ref()).unwrap();
     let changes = [("actuation_amplitude", 0.3), ("viscosity_pa_s", 0.7), ("force_y_n", 0.1)];
     for i in 0..60 {
-        batch.solve_ahead(&mut cases.each_mut().map(Some));
+        batch.presolve(&mut cases.each_mut().map(Some));
         if i == 9 {
             assert!(batch.steps() >= 18, "{} of 20 steps were solved ahead", batch.steps());
         }
