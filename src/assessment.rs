@@ -41,11 +41,11 @@ const MAX_WAVE_PHASE: f64 = 0.5;
 const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
 /// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
-const MIN_RELATIVE_WALL: [f64; 2] = [2e-4, 5e-5];
+const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
 
 /// True where Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
 pub fn contracts(rod: &Rod, time_step: f64) -> bool {
-    rod.spacing >= MIN_RELATIVE_WALL[0] * chain::bent_length(rod, time_step)
+    rod.spacing >= MIN_SPACING[0] * chain::bent_length(rod, time_step)
 }
 
 /// Usual length of a number in a table with what parts it from the next, bytes.
@@ -629,14 +629,14 @@ impl Assessment {
         let part = rod.spacing / bent;
         if stepper.form() == Form::Chain {
             // Its rounding error does not grow with the mesh.
-        } else if part < MIN_RELATIVE_WALL[0] {
+        } else if part < MIN_SPACING[0] {
             let problem = format!(
                 "found {}; so fine a mesh cannot be solved in positions: its spacing is {part:.1e} of the length that a step bends, and Newton's method needs {:e}; allowed: at most {:.0} nodes at steps of {step:.1e} s, or solver.form = \"auto\"",
                 rod.nodes,
-                MIN_RELATIVE_WALL[0],
-                (rod.length / (MIN_RELATIVE_WALL[0] * bent)).floor()
+                MIN_SPACING[0],
+                (rod.length / (MIN_SPACING[0] * bent)).floor()
             );
-            if part < MIN_RELATIVE_WALL[1] {
+            if part < MIN_SPACING[1] {
                 self.refusal = Some(Fault { key: "rod.nodes".to_string(), problem: problem.clone() });
             }
             warnings.push(format!("rod.nodes: {problem}"));

@@ -33,7 +33,7 @@ pub trait DistributableJob: Send {
     /// Stores the result of a part that a worker returned as `line`; false if it was stored before.
     ///
     /// # Errors
-    /// [`Error::Bundle`] or [`Error::Journal`] for a damaged line; [`Error::Write`].
+    /// [`Error::Parcel`] or [`Error::Journal`] for a damaged line; [`Error::Write`].
     fn store(&mut self, line: &[u8]) -> Result<bool>;
 }
 
@@ -88,9 +88,9 @@ impl<T: Serialize> Bundle<T> {
     /// Serialises the bundle, for [`read`](Self::read).
     ///
     /// # Errors
-    /// [`Error::Bundle`] if it cannot be serialised.
+    /// [`Error::Parcel`] if it cannot be serialised.
     pub fn bytes(&self) -> Result<Vec<u8>> {
-        postcard::to_allocvec(self).map_err(|e| Error::Bundle { problem: e.to_string() })
+        postcard::to_allocvec(self).map_err(|e| Error::Parcel { problem: e.to_string() })
     }
 }
 
@@ -98,13 +98,13 @@ impl<T: DeserializeOwned> Bundle<T> {
     /// Reads [`bytes`](Self::bytes) of the same build of the program.
     ///
     /// # Errors
-    /// [`Error::Bundle`] for another build, or damaged bytes.
+    /// [`Error::Parcel`] for another build, or damaged bytes.
     pub fn read(bytes: &[u8]) -> Result<Self> {
-        let failed = |e: postcard::Error| Error::Bundle { problem: e.to_string() };
+        let failed = |e: postcard::Error| Error::Parcel { problem: e.to_string() };
         let (version, _): (String, _) = postcard::take_from_bytes(bytes).map_err(failed)?; // what follows may be others'
         let own = BUILD;
         if version != own {
-            return Err(Error::Bundle { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
+            return Err(Error::Parcel { problem: format!("it comes from caudal {version}, and this is caudal {own}") });
         }
         postcard::from_bytes(bytes).map_err(failed)
     }

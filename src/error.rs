@@ -78,7 +78,7 @@ pub enum Error {
     },
     /// A worker cannot do the work that it was sent, or a result that it returned is damaged.
     #[error("what was sent cannot be done: {problem}")]
-    Bundle {
+    Parcel {
         /// What is wrong with it.
         problem: String,
     },

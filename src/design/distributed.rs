@@ -128,7 +128,7 @@ impl DistributableJob for DistributedDesign {
     }
 
     fn store(&mut self, line: &[u8]) -> Result<bool> {
-        let damaged = || Error::Bundle { problem: format!("a {} that came back is damaged", self.noun()) };
+        let damaged = || Error::Parcel { problem: format!("a {} that came back is damaged", self.noun()) };
         let (index, simulated) = jobs::read_line::<Vec<AnyResult>>(line).ok_or_else(damaged)?;
         let (_, asked) = self.parts.get(index).ok_or_else(damaged)?;
         let new = self.checkpoint.store_part(asked, simulated);
@@ -149,7 +149,7 @@ pub fn simulate(bundle: &[u8], index: usize) -> Result<Vec<u8>> {
     let scene = asked.scene()?;
     let table = DesignTable::of(&scene).map_err(|fault| asked.refuse(&fault))?;
     let document = with_fixed_fluid(&asked, &scene);
-    let refused = |what: &str| Error::Bundle { problem: format!("{what} {index}") };
+    let refused = |what: &str| Error::Parcel { problem: format!("{what} {index}") };
     let mut checkpoint = Checkpoint::recorded();
     match task {
         Task::Starts => {

@@ -74,7 +74,7 @@ impl DistributableJob for DistributedStudy {
 /// of each, s.
 ///
 /// # Errors
-/// Those of [`Bundle::read`]; [`Error::Bundle`] for a run that the study does not have.
+/// Those of [`Bundle::read`]; [`Error::Parcel`] for a run that the study does not have.
 pub fn make_runs(bundle: &[u8], indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
     let (document, (study, known)) = Bundle::<(Study, CachedResults)>::read(bundle)?.scene()?;
     let request = RunRequest { known, indices: indices.to_vec(), ..RunRequest::default() };
@@ -82,6 +82,6 @@ pub fn make_runs(bundle: &[u8], indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>
     let runner = StudyRunner::for_request(&request, &interrupted, &progress);
     match study.run(&document.scene()?, runner)? {
         StudyOutcome::Interrupted(..) => Ok(std::mem::take(&mut *locked(&request.made))),
-        StudyOutcome::Complete(_) => Err(Error::Bundle { problem: "the study needs no runs".to_string() }),
+        StudyOutcome::Complete(_) => Err(Error::Parcel { problem: "the study needs no runs".to_string() }),
     }
 }

@@ -117,7 +117,7 @@ impl<'a> StudyRunner<'a> {
             return request.run_all(name, runs, run);
         }
         let Some(folder) = self.folder else {
-            return Err(Error::Bundle { problem: "it has no folder for its runs".to_string() });
+            return Err(Error::Parcel { problem: "it has no folder for its runs".to_string() });
         };
         let path = locked(folder).journal(&format!("{name}{JOURNAL}"))?;
         let failed = |e: std::io::Error| Error::Write { path: path.clone(), reason: e.to_string() };
@@ -155,7 +155,7 @@ impl<'a> StudyRunner<'a> {
             return Ok(Err(StudyOutcome::Interrupted(results.len(), runs.len())));
         }
         if let Executor::Deferred(plan) = self.executor {
-            let told = serde_json::to_string(&results).map_err(|e| Error::Bundle { problem: e.to_string() })?;
+            let told = serde_json::to_string(&results).map_err(|e| Error::Parcel { problem: e.to_string() })?;
             locked(plan).known.insert(name.to_string(), told);
         }
         Ok(Ok(results))
@@ -174,7 +174,7 @@ impl RunRequest {
         runs: &[R],
         run: impl Fn(&R) -> Option<T>,
     ) -> Result<std::result::Result<Vec<T>, StudyOutcome>> {
-        let refused = |problem: String| Error::Bundle { problem };
+        let refused = |problem: String| Error::Parcel { problem };
         if let Some(known) = self.known.get(name) {
             return serde_json::from_str(known).map(Ok).map_err(|e| refused(e.to_string()));
         }

@@ -47,9 +47,9 @@ impl SweepWorker {
     /// the parcel, and the time that it took, s. A case that fails is a line too.
     ///
     /// # Errors
-    /// [`Error::Bundle`] for a case that the sweep has not.
+    /// [`Error::Parcel`] for a case that the sweep has not.
     pub fn lines(&self, indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
-        let refused = |index: usize| Error::Bundle { problem: format!("it has no case {index}") };
+        let refused = |index: usize| Error::Parcel { problem: format!("it has no case {index}") };
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {
             return Err(refused(*unknown));
         }
