@@ -43,7 +43,7 @@ const MAX_RESOLVED_PHASE: f64 = 0.2;
 /// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
 const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
 
-/// True where Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
+/// True if Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
 pub fn contracts(rod: &Rod, time_step: f64) -> bool {
     rod.spacing >= MIN_SPACING[0] * chain::bent_length(rod, time_step)
 }
@@ -51,7 +51,7 @@ pub fn contracts(rod: &Rod, time_step: f64) -> bool {
 /// Usual length of a number in a table with what parts it from the next, bytes.
 const BYTES_PER_NUMBER: f64 = 20.0;
 
-/// The rows that a run of `scene` records, and about the size of its tables, bytes; `None` where that depends on the steps
+/// The rows that a run of `scene` records, and about the size of its tables, bytes; `None` if that depends on the steps
 /// it takes.
 pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
     let rows = match (scene.record.interval_s, scene.steps()) {
@@ -77,7 +77,7 @@ pub struct AssessmentLine {
     pub text: String,
 }
 
-/// The numbers that decide what a scene's motion is like; `None` where the scene lacks the part.
+/// The numbers that decide what a scene's motion is like; `None` if the scene lacks the part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assessment {
     /// First non-rigid natural frequency ω₁ of the scene's own discrete rod with the fluid that it accelerates, rad/s.

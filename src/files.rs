@@ -58,7 +58,7 @@ impl Drop for CreatedFolders {
     }
 }
 
-/// Room on the disk of `folder`, or of what it would be made in, bytes; `None` where the system does not say.
+/// Room on the disk of `folder`, or of what it would be made in, bytes; `None` if the system does not say.
 pub fn free_space(folder: &Path) -> Option<u64> {
     #[cfg(unix)]
     {

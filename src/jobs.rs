@@ -57,7 +57,7 @@ impl Job {
         Self { name: name.to_string(), hash: hash(inputs), caudal_version, size, kept: String::new() }
     }
 
-    /// How `other` differs, in words; `None` where it is the same.
+    /// How `other` differs, in words; `None` if it is the same.
     pub fn difference(&self, other: &Self) -> Option<String> {
         let differs = |what: &str, mine: &str, its: &str| (mine != its).then(|| format!("{what} {its}, now {mine}"));
         differs("of", &self.name, &other.name)
@@ -152,7 +152,7 @@ impl Journal {
     /// Opens the journal of `job` at `path` to go on with it, or begins it; what a kill left half-written is cut off.
     ///
     /// # Errors
-    /// [`Error::Journal`] where it belongs to another job or another program is at work on it; [`Error::Write`].
+    /// [`Error::Journal`] if it belongs to another job or another program is at work on it; [`Error::Write`].
     pub fn open(path: &Path, job: &Job) -> Result<Self> {
         let failed = |e: std::io::Error| write_error(path, &e);
         let file = OpenOptions::new().read(true).append(true).create(true).open(path).map_err(failed)?;
@@ -203,7 +203,7 @@ impl Journal {
     /// Removes the journal at `path`, damaged or not, so that the next one begins anew.
     ///
     /// # Errors
-    /// [`Error::Journal`] where it is another kind of file or another program is at work on it; [`Error::Read`],
+    /// [`Error::Journal`] if it is another kind of file or another program is at work on it; [`Error::Read`],
     /// [`Error::Write`].
     pub fn clear(path: &Path) -> Result<()> {
         let failed = |e: std::io::Error| Error::Read { path: path.to_path_buf(), reason: e.to_string() };
@@ -226,13 +226,13 @@ impl Journal {
     /// Opens a finished or unfinished journal to read its results.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Journal`] where it is none.
+    /// [`Error::Read`]; [`Error::Journal`] if it is none.
     pub fn read(path: &Path) -> Result<Self> {
         Self::read_begun(path)?
             .ok_or_else(|| journal_error(path, "it is only begun, and has no results yet".to_string()))
     }
 
-    /// The same; none where it is empty, or its first line is not written to its end yet.
+    /// The same; `None` if it is empty, or its first line is not written to its end yet.
     ///
     /// # Errors
     /// Those of [`read`](Self::read).
@@ -275,7 +275,7 @@ impl Journal {
         Ok(job)
     }
 
-    /// True where a program has it open for writing.
+    /// True if a program has it open for writing.
     pub fn is_held(&self) -> bool {
         matches!(self.file.try_lock(), Err(TryLockError::WouldBlock))
     }
@@ -290,7 +290,7 @@ impl Journal {
         &self.path
     }
 
-    /// True where it has the result of `index`.
+    /// True if it has the result of `index`.
     pub fn has(&self, index: usize) -> bool {
         self.lines.contains_key(&index)
     }
@@ -303,7 +303,7 @@ impl Journal {
     /// The result of `index`, if it is there.
     ///
     /// # Errors
-    /// [`Error::Read`]; [`Error::Journal`] where its line has changed on disk or is no such result.
+    /// [`Error::Read`]; [`Error::Journal`] if its line has changed on disk or is no such result.
     pub fn get<T: DeserializeOwned>(&self, index: usize) -> Result<Option<T>> {
         let Some(at) = self.lines.get(&index) else { return Ok(None) };
         let failed = |e: std::io::Error| Error::Read { path: self.path.clone(), reason: e.to_string() };
@@ -328,11 +328,11 @@ impl Journal {
         Ok(())
     }
 
-    /// Adds the result in a `line` that another program made by [`line()`]; returns its index, and false where the result of
+    /// Adds the result in a `line` that another program made by [`line()`]; returns its index, and false if the result of
     /// that index is there already, which stays.
     ///
     /// # Errors
-    /// [`Error::Journal`] where the line is damaged or of no result of this job; [`Error::Write`].
+    /// [`Error::Journal`] if the line is damaged or of no result of this job; [`Error::Write`].
     pub fn add_line(&mut self, line: &[u8]) -> Result<(usize, bool)> {
         let entry = line_json(line).and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok());
         let index = entry.map(|entry| entry.index).filter(|index| *index < self.job.size);
@@ -384,12 +384,12 @@ impl Drop for Journal {
     }
 }
 
-/// The line of a result in a journal, for [`Journal::add_line`] of another program; `None` where it cannot be told as JSON.
+/// The line of a result in a journal, for [`Journal::add_line`] of another program; `None` if it cannot be told as JSON.
 pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
     line_of(&Entry { index, result }).ok()
 }
 
-/// The index and the result of a [`line()`] that another program made; `None` where it is damaged.
+/// The index and the result of a [`line()`] that another program made; `None` if it is damaged.
 pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
     let entry: Entry<T> = serde_json::from_slice(line_json(line)?).ok()?;
     Some((entry.index, entry.result))
@@ -498,7 +498,7 @@ pub(crate) fn spawn<'scope>(
 /// work is begun, and what is under way is dropped when it ends: `work` should look at the same sign that made `done` break.
 ///
 /// # Errors
-/// Those of `done`; [`Error::Threads`] where the system does not give so many, before any work is begun.
+/// Those of `done`; [`Error::Threads`] if the system does not give so many, before any work is begun.
 pub fn run_chunks<T: Send>(
     todo: &[usize],
     threads: usize,

@@ -1,4 +1,4 @@
-//! Forces on rods in lanes: those that know each edge by itself, and what leaves the tail.
+//! Forces in SIMD lanes: local drag laws, the reactive force (added mass) on edges, and the wake at the tip.
 
 use std::any::Any;
 use std::fmt::Debug;
@@ -22,16 +22,16 @@ use crate::rod::Edge;
 use crate::rod::around::OnEdge;
 use crate::system::Direction;
 
-/// What acts on the rods beside a drag in proportion to the velocity.
+/// All forces on the rods other than a drag that is linear in velocity.
 #[derive(Debug)]
 pub struct BatchedForces {
-    /// Those on edges, with their places.
+    /// The forces on edges, with their indices.
     forces: Vec<(usize, Box<dyn BatchedForce>)>,
-    /// The places of those that act on the tip.
+    /// The indices of forces on the tip.
     tips: Vec<usize>,
 }
 
-/// How rods in lanes move.
+/// The motion of rods in lanes.
 #[derive(Debug, Clone, Copy)]
 pub struct LaneMotion<'a> {
     /// Edges.
@@ -44,34 +44,34 @@ pub struct LaneMotion<'a> {
     pub flow: PairLanes,
 }
 
-/// A force in lanes.
+/// A force on edges, in lanes.
 trait BatchedForce: Debug + Send {
-    /// Adds what opposes the edges to `sums`, where it is not the `first` that does.
+    /// Adds its opposing forces to `sums`, or sets `sums` if it is the `first` force.
     fn add(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, first: bool, sums: &mut [OnEdge<Lanes>]);
 
-    /// What it comes to on the whole rods.
+    /// Its totals over the rods.
     fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>) -> ForceTotals;
 }
 
-/// What a force on whole rods comes to.
+/// Totals of a force over the rods.
 #[derive(Debug, Clone, Copy)]
 pub struct ForceTotals {
-    /// What its powers are summed up from.
+    /// Sums from which its powers follow.
     pub sums: PowerSums<Lanes>,
     /// Energy (J) and momentum (N s) that it stores.
     pub stored: (Lanes, [Lanes; 2]),
-    /// What it opposes the first node with, N.
+    /// Its opposing force on the first node, N.
     pub first: PairLanes,
 }
 
 impl ForceTotals {
-    /// Nothing yet.
+    /// All zero.
     #[inline(always)]
     pub fn none(zero: Lanes) -> Self {
         Self { sums: PowerSums::none(zero), stored: (zero, [zero; 2]), first: PairLanes::new([zero; 2]) }
     }
 
-    /// That of a case in a `flow`: powers, and what is stored.
+    /// Powers of a case in a `flow`, and stored energy and momentum.
     fn of_case(&self, lane: usize, flow: Vector2<f64>) -> (Powers, (f64, Vector2<f64>)) {
         let one = |x: Lanes| x.get(lane);
         let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
@@ -82,7 +82,7 @@ impl ForceTotals {
 }
 
 impl BatchedForces {
-    /// The forces of `models`, in steady flows, but for the one at the place `but`; `None` where one of them cannot be in lanes.
+    /// The forces of `models`, in steady flows, except force `but`. `None` if one of them cannot be batched.
     pub fn of(simd: Avx2, models: [&Model; WIDTH], but: Option<usize>) -> Option<Self> {
         let mut others = Self { forces: Vec::new(), tips: Vec::new() };
         for i in (0..models[0].forces.0.len()).filter(|i| but != Some(*i)) {
@@ -103,29 +103,29 @@ impl BatchedForces {
         Some(others)
     }
 
-    /// True where there are none.
+    /// True if there are none.
     pub fn are_none(&self) -> bool {
         self.forces.is_empty() && self.tips.is_empty()
     }
 
-    /// How many act on the tip.
+    /// Number of forces on the tip.
     pub fn tips(&self) -> usize {
         self.tips.len()
     }
 
-    /// True where any act on edges.
+    /// True if any act on edges.
     pub fn are_on_edges(&self) -> bool {
         !self.forces.is_empty()
     }
 
-    /// Writes what opposes the edges to `sums`.
+    /// Writes the opposing forces on the edges to `sums`.
     pub fn on_edges(&self, simd: Avx2, rods: &LaneMotion<'_>, direction: Direction, sums: &mut [OnEdge<Lanes>]) {
         for (i, (_, force)) in self.forces.iter().enumerate() {
             force.add(simd, rods, direction, i == 0, sums);
         }
     }
 
-    /// Visits what of the `forces` of the case in `lane`, which is in `fluid`, opposes the last node.
+    /// Visits the `forces` on the last node of the case in `lane`, which is in `fluid`.
     pub fn on_tip(
         &self,
         forces: &Forces,
@@ -142,15 +142,15 @@ impl BatchedForces {
         }
     }
 
-    /// Writes what each force on edges comes to at its place in `all`.
+    /// Writes the totals of each force on edges to its place in `all`.
     pub fn measure(&self, simd: Avx2, rods: &LaneMotion<'_>, all: &mut [ForceTotals]) {
         for (i, force) in &self.forces {
             all[*i] = force.measure(simd, rods);
         }
     }
 
-    /// The powers of the `force` at place `i` on the case in `lane`, which is in `fluid`, and energy (J) and momentum (N s) that it stores;
-    /// `all` is what was [measured](Self::measure).
+    /// Powers of force `i` on the case in `lane`, which is in `fluid`, and the energy (J) and momentum (N s) that it stores; `all` are
+    /// the [measured](Self::measure) totals.
     pub fn of_case(
         &self,
         (i, force): (usize, &dyn Force),
@@ -168,7 +168,7 @@ impl BatchedForces {
 }
 
 impl LaneMotion<'_> {
-    /// Looks at the end of the rod of a case, which is all that a force on the tip may depend on.
+    /// Evaluates `look` on the last edge of a case: a force on the tip depends on nothing else.
     fn at_end<R>(&self, lane: usize, fluid: Fluid, look: impl FnOnce(&Kinematics<'_>) -> R) -> Option<R> {
         let LaneMotion {
             edges: [.., before, last], q: [.., q0, q1, q2], v: [.., v0, v1, v2], a: [.., a0, a1, a2], ..
@@ -187,14 +187,14 @@ impl LaneMotion<'_> {
 }
 
 impl Edge<Lanes> {
-    /// That of one case.
+    /// The edge of one case.
     fn of_case(&self, lane: usize) -> Edge {
         let Self { t, length, per_length } = self;
         Edge { t: t.map(|x| x.get(lane)), length: length.get(lane), per_length: per_length.get(lane) }
     }
 }
 
-/// What `of` has of every case; none where one has none.
+/// The values of `of` for each case; `None` if one is missing.
 fn each<T: Copy>(of: impl Fn(usize) -> Option<T>) -> Option<[T; WIDTH]> {
     let first = of(0)?;
     let mut all = [first; WIDTH];
@@ -204,17 +204,17 @@ fn each<T: Copy>(of: impl Fn(usize) -> Option<T>) -> Option<[T; WIDTH]> {
     Some(all)
 }
 
-/// The forces as what they are, if all are that.
+/// The forces downcast to their type; `None` if they differ.
 fn all<F: Force>(cases: [&dyn Force; WIDTH]) -> Option<[&F; WIDTH]> {
     each(|lane| (cases[lane] as &dyn Any).downcast_ref())
 }
 
 /// A local law in lanes.
 trait BatchedLaw: Law<Fluids = [f64x2; 3]> {
-    /// What it knows of both halves of an edge.
+    /// Its coefficients on both halves of an edge.
     type Numbers: Debug + Copy + Send;
 
-    /// From what each case knows: `gather` puts pairs into lanes.
+    /// Gathers the coefficients of each case into lanes.
     fn numbers(gather: impl Fn(fn(&Self::Halves) -> f64x2) -> PairLanes) -> Self::Numbers;
 
     /// See [`Law::with_slopes`].
@@ -262,15 +262,15 @@ impl BatchedLaw for WeakInertia {
     }
 }
 
-/// A local law on every half of every edge of the rods.
+/// A local drag law, evaluated on both halves of each edge.
 #[derive(Debug)]
 struct BatchedDrag<L: BatchedLaw> {
-    /// Lengths of the halves and what the law knows of them.
+    /// Lengths of the halves, and the law's coefficients.
     halves: Vec<(PairLanes, L::Numbers)>,
     fluids: [PairLanes; 3],
 }
 
-/// Drag by the law `L`, if that is what the forces are.
+/// Drag by the law `L`, if all of the forces are that.
 fn drag<L: BatchedLaw>(
     simd: Avx2,
     cases: [&dyn Force; WIDTH],
@@ -329,8 +329,8 @@ pub fn against(edge: &Edge<Lanes>, v: &[[Lanes; 2]], flow: PairLanes) -> [PairLa
     edge.components([PairLanes::new(v[0]) - flow, PairLanes::new(v[1]) - flow])
 }
 
-/// What drag comes to on the whole rods: `of` finds the traction on `halves` of given lengths, from what is known of them and the
-/// velocities along and across.
+/// The totals of drag over the rods. `of` returns the traction on `halves` of given lengths, from their coefficients and the velocities
+/// along and across.
 #[inline(always)]
 pub fn measure_drag<K>(
     rods: &LaneMotion<'_>,
@@ -350,11 +350,11 @@ pub fn measure_drag<K>(
     whole
 }
 
-/// The inertia of the water around the rods: c of both halves of every edge.
+/// The reactive force: the added mass c of both halves of each edge.
 #[derive(Debug)]
 struct BatchedReactive(Vec<PairLanes>);
 
-/// That of [`Reactive`], if that is what the forces are.
+/// The batched [`Reactive`] force, if all of the forces are that.
 fn water(
     simd: Avx2,
     cases: [&dyn Force; WIDTH],
@@ -406,7 +406,7 @@ impl BatchedForce for BatchedReactive {
     }
 }
 
-/// How the water around `edge` is accelerated, whose ends have these velocities and accelerations.
+/// The acceleration of the water around `edge`, whose ends have these velocities and accelerations.
 #[inline(always)]
 fn accelerating(
     edge: &Edge<Lanes>,
@@ -424,7 +424,7 @@ fn accelerating(
     }
 }
 
-/// Makes `sum` what acts `first`, or adds to it.
+/// Sets `sum` to the `first` force, or adds to it.
 #[inline(always)]
 fn put(sum: &mut OnEdge<Lanes>, first: bool, on: OnEdge<Lanes>) {
     if first { *sum = on } else { sum.add(&on) }

@@ -1,4 +1,4 @@
-//! Newton's method on four rods in lanes.
+//! Newton's method for four rods, each in a SIMD lane: assembly, block-tridiagonal elimination, convergence, measurements.
 
 use std::sync::Arc;
 
@@ -27,10 +27,10 @@ use crate::stepper::Stepper;
 use crate::stepper::ahead::Ahead;
 use crate::system::{Direction, State};
 
-/// Vectors of each case, one a node.
+/// One vector per node, of each case.
 type NodalVectors = Vec<[Lanes; 2]>;
 
-/// The rods in lanes, with room to work in. Lanes without a case repeat another one.
+/// Four rods in SIMD lanes, with a workspace. Lanes without a case repeat another case.
 #[derive(Debug)]
 pub struct Kernel {
     simd: Avx2,
@@ -43,32 +43,32 @@ pub struct Kernel {
     room: Workspace,
 }
 
-/// What of the rods does not change.
+/// Constant properties of the rods.
 #[derive(Debug)]
 struct BatchedRods {
-    /// True where the heads are held.
+    /// True if the heads are held.
     held: bool,
     cells: Alike<Cell<Lanes>>,
     mass: Vec<Lanes>,
     /// Bending stiffness of the joints.
     stiffness: Vec<Lanes>,
-    /// Lengths of the halves of every edge and drag along and across them, see
-    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag, whose place among the forces is beside it.
+    /// Lengths of the halves of each edge, and drag coefficients along and across them, see
+    /// [`coefficients`](crate::fluid::force::InPass::coefficients); empty without drag. `in_pass` is the index of that drag among the forces.
     drag: Vec<[PairLanes; 3]>,
     in_pass: Option<usize>,
-    /// The shortest and the longest that an edge may be.
+    /// Least and largest length of an edge.
     lengths: [Lanes; 2],
     total_mass: Lanes,
 }
 
-/// What depends on the time alone.
+/// Quantities that depend on time alone, at the end of the step.
 #[derive(Debug)]
 struct TimeDependent {
     natural: Vec<Lanes>,
     natural_rate: Vec<Lanes>,
     /// The tangent before the first joint of a held head.
     wall: Option<Vector2<Lanes>>,
-    /// The same where the steps begin.
+    /// The same at the start of the step.
     wall_before: Option<Vector2<Lanes>>,
     flow: Vector2<Lanes>,
     /// The fluid of each case.
@@ -85,7 +85,7 @@ struct NodalMotion {
     a: NodalVectors,
 }
 
-/// What a step sets out from, with what its method remembers of accelerations.
+/// The state at the start of a step, and the accelerations that the integrator remembers.
 #[derive(Debug)]
 struct StepStart {
     motion: NodalMotion,
@@ -95,9 +95,9 @@ struct StepStart {
 #[derive(Debug)]
 struct Workspace {
     edges: Vec<Edge<Lanes>>,
-    /// What the other forces do on every edge; empty where there are none.
+    /// The other forces on each edge; empty if there are none.
     around: Vec<OnEdge<Lanes>>,
-    /// What each force comes to, at its place.
+    /// Totals of each force.
     wholes: Vec<ForceTotals>,
     tips: Vec<TipForce>,
     joints: Vec<Joint<Lanes>>,
@@ -110,7 +110,7 @@ struct Workspace {
     band: BlockBand<Lanes>,
 }
 
-/// What opposes the last node beyond its edge: a force, and what it adds to the first three blocks of the last row.
+/// A force on the last node, with what it adds to the first three blocks of the last row.
 #[derive(Debug, Clone, Copy)]
 struct TipForce {
     force: [Lanes; 2],
@@ -118,7 +118,7 @@ struct TipForce {
 }
 
 impl TipForce {
-    /// Takes over that of one case.
+    /// Sets the force of one case.
     fn set(&mut self, lane: usize, tip: &OnTip) {
         for (to, from) in self.force.iter_mut().zip(tip.force.iter()) {
             to.set(lane, *from);
@@ -213,7 +213,7 @@ impl Kernel {
         })
     }
 
-    /// See [`Batch::presolve`](super::Batch::solve_ahead); the number of steps that were solved.
+    /// See [`Batch::presolve`](super::Batch::presolve); returns the number of steps solved.
     pub fn presolve(&mut self, steppers: &mut [Option<&mut Stepper>]) -> u64 {
         let mut steps: [Option<Ahead>; WIDTH] = [None; WIDTH];
         for ((step, stepper), model) in steps.iter_mut().zip(steppers.iter_mut()).zip(&self.models) {
@@ -274,7 +274,7 @@ impl Kernel {
         solved.iter().filter(|iterations| **iterations > 0).count() as u64
     }
 
-    /// Makes the guess of steps of this [kind](Ahead::kind).
+    /// The initial guess of steps of this [kind](Ahead::kind).
     fn guess(&mut self, kind: (f64, Rule, bool)) {
         let Self { simd, rods, at, before, motion, .. } = self;
         simd.vectorize(
@@ -283,7 +283,7 @@ impl Kernel {
         );
     }
 
-    /// Bends the rods where their steps end.
+    /// Evaluates the geometry of the rods at the end of their steps.
     fn end(&mut self) -> StepChecks {
         let Self { simd, rods, at, before, motion, room, .. } = self;
         simd.vectorize(
@@ -298,7 +298,7 @@ impl Kernel {
         )
     }
 
-    /// Measures the bent rods.
+    /// Measures the rods at the end of their steps.
     fn measure(&mut self) -> Measured<Lanes> {
         let Self { simd, rods, others, at, motion, room, .. } = self;
         let sums = simd.vectorize(
@@ -313,14 +313,14 @@ impl Kernel {
         Measured { sums, held }
     }
 
-    /// The powers of the `force` at place `i` on the case in `lane`, and energy (J) and momentum (N s) that it stores.
+    /// Powers of force `i` on the case in `lane`, and the energy (J) and momentum (N s) that it stores.
     fn of_force(&self, lane: usize, i: usize, force: &dyn Force) -> (Powers, (f64, Vector2<f64>)) {
         let Self { others, at, motion, room, .. } = self;
         let motions = motions(motion, &room.edges, at);
         others.of_case((i, force), lane, &motions, at.fluids[lane], &room.wholes)
     }
 
-    /// Takes over the state that a case sets out from, and what depends on the time of the one that it goes to.
+    /// Loads the start of a case's step, and what depends on the time of its end.
     fn load(&mut self, lane: usize, dynamics: &Dynamics, [from, to]: [&State; 2]) {
         let Self { at, before: StepStart { motion: NodalMotion { q, v, a }, memory }, .. } = self;
         for (to, from) in [(q, &from.q), (v, &from.v), (a, &from.a), (memory, &from.memory)] {
@@ -345,7 +345,7 @@ impl Kernel {
         }
     }
 
-    /// Writes the motion of a case to `state`.
+    /// Writes the solution of a case to `state`.
     fn unload(&self, lane: usize, state: &mut State) {
         let NodalMotion { q, v, a } = &self.motion;
         for (from, to) in [(q, &mut state.q), (v, &mut state.v), (a, &mut state.a)] {
@@ -355,7 +355,7 @@ impl Kernel {
         }
     }
 
-    /// Writes curvatures, moments and tangents of a case.
+    /// Writes the curvatures, moments and tangents of a case.
     fn unload_shape(&self, lane: usize, kappa: &mut [f64], moment: &mut [f64], tangent: &mut [Vector2<f64>]) {
         for (from, to) in [(&self.room.kappa, kappa), (&self.room.moment, moment)] {
             from.iter().zip(to).for_each(|(from, to)| *to = from.get(lane));
@@ -365,8 +365,8 @@ impl Kernel {
         }
     }
 
-    /// One iteration of Newton's method; moves the cases that are `going`. `None` of a case whose rod has no meaning or whose system
-    /// is not solved to rounding.
+    /// One Newton iteration, applied to the cases that are `going`. `None` for a case whose rod is invalid (folded, or an edge without
+    /// length) or whose linear system is not solved to rounding.
     fn iterate(&mut self, direction: Direction, going: [bool; WIDTH]) -> [Option<Iteration>; WIDTH] {
         let Self { simd, models, rods, others, at, motion, room, .. } = self;
         let least = simd.vectorize(
@@ -401,12 +401,12 @@ impl Kernel {
     }
 }
 
-/// The model of a case in motion.
+/// The dynamics of a case.
 fn dynamics(case: &Stepper) -> &Dynamics {
     case.view().dynamics
 }
 
-/// Writes `factor` times the vectors of a case, two numbers each.
+/// Writes `factor` times the nodal vectors of a case.
 fn write(to: &mut [[Lanes; 2]], lane: usize, from: &[f64], factor: f64) {
     for (to, from) in to.iter_mut().zip(from.as_chunks::<2>().0) {
         to[0].set(lane, factor * from[0]);
@@ -419,23 +419,23 @@ fn write_vector(to: &mut Vector2<Lanes>, lane: usize, from: Vector2<f64>) {
     to.y.set(lane, from.y);
 }
 
-/// How steps end.
+/// Validity of the rods at the ends of steps.
 struct StepChecks {
-    /// By how much edges and joints are away from what has no meaning.
+    /// Distances of edges and joints from invalid states.
     least: [Lanes; 3],
     /// See [`lengths::least_turn`].
     least_turn: Lanes,
 }
 
 impl StepChecks {
-    /// Of one case, whether its rod has a meaning, and whether it went through no state without.
+    /// For one case: is its rod valid, and was it valid throughout the step?
     fn of(&self, lane: usize) -> [bool; 2] {
         [self.least.iter().all(|least| least.get(lane) > 0.0), self.least_turn.get(lane) >= 0.0]
     }
 }
 
 impl Measured<Lanes> {
-    /// Of one case.
+    /// The measurements of one case.
     fn of(&self, lane: usize) -> Measured {
         let one = |number: Lanes| number.get(lane);
         let two = |pair: PairLanes| f64x2::new(pair.to_array().map(one));
@@ -455,7 +455,7 @@ impl Measured<Lanes> {
     }
 }
 
-/// Bends the rods; by how much edges and joints are away from what has no meaning.
+/// Evaluates the geometry of the rods; returns the distances of edges and joints from invalid states.
 #[inline(always)]
 fn bend(
     rods: &BatchedRods,
@@ -485,7 +485,7 @@ fn bend(
     [-short - shortest, longest - long, -folded - zero.like(bend::FOLD)]
 }
 
-/// Makes the guess of a step, see [`Stage::guess`](crate::integrator).
+/// The initial guess of a step, see [`Stage::guess`](crate::integrator).
 #[inline(always)]
 fn guess(
     rods: &BatchedRods,
@@ -512,7 +512,7 @@ fn guess(
     }
 }
 
-/// How rods of these `edges` move.
+/// The motion of rods with these `edges`.
 #[inline(always)]
 fn motions<'a>(
     NodalMotion { q, v, a }: &'a NodalMotion,
@@ -522,7 +522,7 @@ fn motions<'a>(
     LaneMotion { edges, q, v, a, flow: PairLanes::new(at.flow.into()) }
 }
 
-/// Measures bent rods, and what drag comes to on them.
+/// Measures the rods, and the drag on them.
 #[inline(always)]
 fn measure(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &mut Workspace) -> Sums<Lanes> {
     let (Workspace { edges, kappa, moment, wholes, .. }, NodalMotion { q, v, .. }) = (room, motion);
@@ -554,7 +554,7 @@ fn measure(rods: &BatchedRods, at: &TimeDependent, motion: &NodalMotion, room: &
     Sums::of(&moving, zero)
 }
 
-/// M a − F of node 0 of measured rods, where it is held.
+/// M a − F of a held node 0.
 #[inline(always)]
 fn held(
     rods: &BatchedRods,
@@ -577,7 +577,7 @@ fn held(
     Vector2::new(push(0), push(1))
 }
 
-/// Assembles, solves and moves bent rods.
+/// Assembles and solves the linear system, and applies the increment.
 #[inline(always)]
 fn solve(
     rods: &BatchedRods,

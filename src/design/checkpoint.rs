@@ -1,5 +1,5 @@
-//! What a search has simulated, on disk until its design is complete. A search is the same to the bit each time, so one that was
-//! ended goes on by going the same way again: what it has simulated before it reads instead.
+//! Checkpoint of a design: the results of its simulations, on disk until the design is complete. A search is deterministic, so an
+//! interrupted one repeats its path with stored results in place of simulations.
 
 use std::collections::HashMap;
 use std::path::Path;
@@ -14,40 +14,41 @@ use crate::jobs::{self, Job, Journal};
 use crate::report::{Claim, Folder, Owner};
 use crate::scene::Scene;
 
-/// Its file in the folder of a design.
+/// Name of the journal in a design's folder.
 pub(super) const JOURNAL: &str = "design.journal";
 
-/// Files that every design has.
+/// Files that every design writes.
 pub(super) const RESULT_FILES: [&str; 2] = ["design.json", "report.html"];
 
-/// A result, and what it is of.
+/// A stored result and the hash of its key.
 #[derive(Debug, Serialize, Deserialize)]
 pub(super) struct CachedResult<T> {
     of: String,
-    /// None where a simulation failed.
+    /// `None` if a simulation failed.
     value: Option<T>,
 }
 
-/// A result of any kind, and what it is of.
+/// A stored result of any type.
 pub(super) type AnyResult = CachedResult<Value>;
 
-/// What was simulated before.
+/// The stored results of a design.
 #[derive(Debug, Default)]
 pub(super) struct Checkpoint {
     journal: Option<Journal>,
     lines: HashMap<String, usize>,
     next: usize,
-    /// What is simulated, for another program.
+    /// On a worker: the results that it will return.
     recorded: Option<Vec<AnyResult>>,
-    /// The folder, which does not stay where nothing was written to it.
+    /// The claimed folder; it is removed when it is dropped empty.
     _folder: Option<Folder>,
 }
 
 impl Checkpoint {
-    /// That of the design of `scene` in `folder`; what another one left there is forgotten. Without room for it there is none.
+    /// Opens the checkpoint of the design of `scene` in `folder`. Results of another design are deleted. Without disk space nothing
+    /// is stored.
     ///
     /// # Errors
-    /// [`Error::Busy`] where another program is at work on it, [`Error::Occupied`]; [`Error::Read`] for the files that the design names.
+    /// [`Error::Busy`] if another program is at work on it, [`Error::Occupied`]; [`Error::Read`] for the files that the design names.
     pub fn open(folder: &Path, scene: &Scene, table: &DesignTable) -> Result<Self> {
         let mut inputs = scene.fingerprint_text().into_bytes();
         for file in [&table.data, &table.over].into_iter().flatten() {
@@ -79,27 +80,27 @@ impl Checkpoint {
         Ok(Self { journal: Some(journal), lines, next, recorded: None, _folder: Some(claimed) })
     }
 
-    /// One for another program.
+    /// A checkpoint that records all results, for a worker.
     pub fn recorded() -> Self {
         Self { recorded: Some(Vec::new()), ..Self::default() }
     }
 
-    /// What was simulated.
+    /// The recorded results.
     pub fn record(&self) -> &[AnyResult] {
         self.recorded.as_deref().unwrap_or_default()
     }
 
-    /// Names all that the search from a start simulates.
+    /// The key of all simulations of a start.
     pub fn start(start: usize) -> String {
         format!("start {start}")
     }
 
-    /// True where the result of what `asked` names is there.
+    /// True if the result of the key `asked` is stored.
     pub fn has(&self, asked: &str) -> bool {
         self.lines.contains_key(&jobs::hash(asked.as_bytes()))
     }
 
-    /// Keeps all that a part which `asked` names simulated; false where it is there already.
+    /// Stores the results of the part with the key `asked`; false if they were stored before.
     pub fn store_part(&mut self, asked: &str, simulated: Vec<AnyResult>) -> bool {
         let new = !self.has(asked);
         let end = CachedResult { of: jobs::hash(asked.as_bytes()), value: Some(Value::Bool(true)) };
@@ -111,7 +112,7 @@ impl Checkpoint {
         new
     }
 
-    /// Keeps a result; on a full disk no more is kept.
+    /// Stores a result. Once the disk is full, nothing more is stored.
     fn keep<T: Serialize>(&mut self, known: CachedResult<T>) -> Option<T> {
         match self.journal.as_mut().map(|journal| journal.add(self.next, &known)) {
             Some(Ok(())) => drop(self.lines.insert(known.of, self.next)),
@@ -121,7 +122,7 @@ impl Checkpoint {
         known.value
     }
 
-    /// The result of what `asked` names: the one of before, or what `make` makes, which is kept. On a full disk no more is kept.
+    /// The stored result of the key `asked`, or else the result of `make`, which is then stored.
     pub fn get_or_compute<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: impl FnOnce() -> String,

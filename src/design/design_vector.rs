@@ -13,7 +13,7 @@ pub const BASELINE: &str = "the scene's own";
 /// What a search changes: joint by joint, and numbers of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DesignVector {
-    /// EI, N m²; empty where it follows from the scene.
+    /// EI, N m²; empty if it follows from the scene.
     pub stiffness_n_m2: Vec<f64>,
     /// Amplitude of the actuation over the scene's.
     pub amplitude: Vec<f64>,

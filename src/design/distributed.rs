@@ -1,5 +1,5 @@
-//! What of a design is simulated elsewhere, each part by itself: first the searches from its starts, then its checks. What comes back is
-//! what they simulated, and the design goes the same way again without simulating.
+//! Distributed designs: workers run the searches from several starts, then the robustness checks. They return the results of their
+//! simulations, with which the design is repeated without simulating.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};
@@ -20,32 +20,31 @@ use crate::jobs;
 use crate::scene::Document;
 use crate::sweep::Sweep;
 
-/// The parts of a design that come next, and what is known of them in its folder.
+/// The next parts of a design, and their results so far.
 #[derive(Debug)]
 pub struct DistributedDesign {
     document: Document,
     table: DesignTable,
     checkpoint: Checkpoint,
-    /// Its file.
+    /// Path of the journal.
     journal: PathBuf,
     task: Task,
-    /// Each part in words, and what names its result.
+    /// Description and key of each part.
     parts: Vec<(String, String)>,
 }
 
-/// What comes next.
+/// Which parts come next.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 enum Task {
     /// Searches from the starts.
     Starts,
-    /// Checks of this profile.
+    /// Checks of this design.
     RobustnessChecks(DesignVector),
 }
 
 impl DistributedDesign {
-    /// What comes next of the design that `document` asks for, whose files go to `folder`: the searches from several starts; then the
-    /// checks of the profile that the search, of which `tell` sees every iteration, comes to. `None` where nothing is left that parts
-    /// elsewhere could do, or the search is stopped.
+    /// The next parts of the design of `document`, with results in `folder`: first the searches from several starts, then the
+    /// checks of the best result. `tell` is called after each iteration. `None` if no part is left, or the search was stopped.
     ///
     /// # Errors
     /// Those of [`Design::resumed`](super::Design::resumed).
@@ -91,7 +90,7 @@ impl DistributedDesign {
         Ok(Some(Self { document: document.clone(), table: table.clone(), checkpoint, journal, task, parts }))
     }
 
-    /// What a part is called.
+    /// The noun for a part.
     pub fn noun(&self) -> &'static str {
         match self.task {
             Task::Starts => "start",
@@ -140,7 +139,8 @@ impl DistributableJob for DistributedDesign {
     }
 }
 
-/// Does part `index` of a design that came as bytes; what it simulated, as a line for [`DistributedDesign`].
+/// Runs part `index` of the design in a [`Bundle`]; returns the results of its simulations as a line for
+/// [`DistributableJob::store`].
 ///
 /// # Errors
 /// Those of [`Bundle::read`] and of [`Design::of`](super::Design::of).

@@ -1,5 +1,5 @@
-//! Two goals at once: the front of designs on which neither can be better without loss of the other, by ε-constraint (Haimes,
-//! Lasdon & Wismer, IEEE Trans. SMC 1, 1971), each search from the end of the one before.
+//! Pareto front of two goals by the ε-constraint method (Haimes, Lasdon & Wismer, IEEE Trans. SMC 1, 1971). Each search starts from
+//! the end of the previous one.
 
 use std::ops::ControlFlow;
 
@@ -13,29 +13,29 @@ use super::table::DesignTable;
 use crate::error::Result;
 use crate::sensitivity::Problem;
 
-/// A design that is nearer to an end of a gap than this part of it has closed it.
+/// A gap is closed if the new design is closer to one of its ends than this fraction of it.
 const CLOSED_GAP: f64 = 1e-3;
 
-/// A value that is worse by less than this part is as good.
+/// Objectives that differ by less than this fraction are equal.
 const SAME_VALUE: f64 = 1e-6;
 
-/// A design of the front.
+/// A design on the Pareto front.
 #[derive(Debug, Clone, Serialize)]
 pub struct ParetoPoint {
-    /// The first goal's objective.
+    /// Objective of the first goal.
     pub first: f64,
-    /// The second's.
+    /// Objective of the second goal.
     pub second: f64,
-    /// What it is.
+    /// The design.
     pub profile: DesignVector,
-    /// True where its search converged.
+    /// True if its search converged.
     pub converged: bool,
-    /// True where no other design of the front is better in one goal and no worse in the other.
+    /// True if no other design of the front dominates it.
     pub best: bool,
 }
 
-/// The front from `found`, which is best for the first goal, to what is best for the second, and whether it was stopped; empty
-/// where the table asks for none.
+/// The Pareto front from `found`, the optimum of the first goal, to the optimum of the second, and whether it was interrupted.
+/// Empty if the table asks for none.
 ///
 /// # Errors
 /// Those of [`Search::run`].

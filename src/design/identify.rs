@@ -97,7 +97,7 @@ pub struct JointEstimate {
 }
 
 impl JointEstimate {
-    /// True where what it bends beyond its natural curvature drowns in noise.
+    /// True if what it bends beyond its natural curvature drowns in noise.
     pub fn drowns(&self) -> bool {
         self.signal_to_noise <= MIN_SIGNAL_TO_NOISE
     }
@@ -110,7 +110,7 @@ pub struct Identification {
     pub joints: Vec<JointEstimate>,
     /// Strength of the actuation over the scene's, where it was asked for.
     pub actuation_gain: Option<f64>,
-    /// True where that is at an edge of what is looked for.
+    /// True if that is at an edge of what is looked for.
     pub gain_at_edge: bool,
     /// Standard deviation of the positions, m, as asked for or as found.
     pub noise_m: f64,
@@ -120,7 +120,7 @@ pub struct Identification {
     pub samples: usize,
     /// Root of the mean of squares of EI c − m over that of m: how well the balance holds.
     pub misfit: f64,
-    /// How the simulation with it meets the markers; none where there is none.
+    /// How the simulation with it meets the markers; `None` if there is none.
     pub refit: Option<Refit>,
     /// Of a free rod: root mean squares of the sums of forces (N, x and y) and moments (N m) that must vanish, over those of
     /// their parts.
@@ -476,7 +476,7 @@ pub fn smooth(programme: &mut QuadraticProgram, basis: &Basis, weight: f64) {
 /// Finds the stiffness with which `markers` moved in the scene of `dynamics`.
 ///
 /// # Errors
-/// [`Error::Design`] where data or demands allow no answer; those of [`Dynamics::shape`].
+/// [`Error::Design`] if data or demands allow no answer; those of [`Dynamics::shape`].
 pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable) -> Result<Identification> {
     let step = {
         let mut steps: Vec<f64> = markers.times.windows(2).map(|pair| pair[1] - pair[0]).collect();

@@ -1,4 +1,5 @@
-//! Limits of a design that are no bounds: of the body, of the load on its joints, and of a second goal.
+//! Limits of a design as inequality constraints: on the body (mass, buoyancy, wall), on the loads (moment, strain, power), on means
+//! over cycles, and on a second goal.
 
 use serde::{Deserialize, Serialize};
 
@@ -11,38 +12,39 @@ use crate::model::Model;
 use crate::rod::Shape;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
-/// A load has a constraint for each of its peaks in time, so that its largest may become another one without a kink: the largest of every
-/// stretch of so many samples. Samples of even and of odd number have one each, or it would have a kink where the peak goes from one to the next.
+/// A load is constrained at each of its peaks in time, since its maximum would have a kink when another peak becomes the largest.
+/// Per window of this many samples there is one constraint for the even and one for the odd samples, so that none has a kink when a
+/// peak moves to the next sample.
 const PEAK_WINDOW: usize = 8;
 
-/// A peak with a smaller logarithm, over the limit or over the largest beyond it, is out of reach of a step.
+/// Peaks whose logarithm, over the limit or over the largest value, is smaller than this are beyond the reach of one step.
 const FAR_FROM_LIMIT: f64 = -0.5;
 
-/// The number of a load that has no peak nearer than that.
+/// Index of a load without any such peak.
 const NO_PEAK: usize = usize::MAX;
 
-/// A limit, at a point of the search.
+/// The value of a limit at a point of the search.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct LimitValue {
-    /// In words; what is limited together, one after the other, has the same.
+    /// Its name; the constraints of one limit, which follow each other, share it.
     pub name: String,
-    /// Which load, and which of its peaks. A peak has the same at other points, where it may be missing, as it is far there.
+    /// Index of the load, and of its peak. A peak keeps its index at other points; it is missing there if it is far from the limit.
     pub of: [usize; 2],
-    /// The logarithm of the value over the limit; the other way round where the value is to be large. It is to be 0 at most. In
+    /// Logarithm of the value over the limit, or of the limit over a value that is to be large: feasible if at most 0. In
     /// logarithms, as the unknowns are, mass, moments, thrust and power are nearly linear, and steps along a limit stay on it.
     pub excess: f64,
-    /// Its derivatives, by the parameters, later by the unknowns.
+    /// Derivatives by the parameters, later by the unknowns.
     pub by: Vec<f64>,
 }
 
 impl LimitValue {
-    /// The same in `others`, at another point.
+    /// The same constraint among `others`, at another point.
     pub fn among<'a>(&self, others: &'a [Self]) -> Option<&'a Self> {
         others.iter().find(|other| other.of == self.of && other.name == self.name)
     }
 }
 
-/// What has one price for being passed: all that is limited together, or each load alone.
+/// Which constraints share a penalty: all of one limit, or those of each load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum PenaltyGroups {
     Together,
@@ -50,7 +52,7 @@ pub(super) enum PenaltyGroups {
 }
 
 impl PenaltyGroups {
-    /// The number of the price that each of `limits` has.
+    /// The penalty index of each of `limits`.
     pub fn groups(self, limits: &[LimitValue]) -> Vec<usize> {
         let same = |[a, b]: [&LimitValue; 2]| a.name == b.name && (self == Self::Together || a.of[0] == b.of[0]);
         let new = |i: usize| usize::from(i > 0 && !same([&limits[i], &limits[i - 1]]));
@@ -62,15 +64,15 @@ impl PenaltyGroups {
     }
 }
 
-/// The sum over `groups` of what the largest of each, by `excess`, is beyond its limit.
+/// The sum over `groups` of each group's largest violation.
 pub(super) fn total_violation(groups: &[usize], excess: impl Fn(usize) -> f64) -> f64 {
     let mut worst = vec![0.0_f64; groups.last().map_or(0, |last| last + 1)];
     groups.iter().enumerate().for_each(|(i, group)| worst[*group] = worst[*group].max(excess(i)));
     worst.iter().sum()
 }
 
-/// The samples of `values` that limit them: the largest of even and of odd number in each stretch of a peak above `least`, and of those beside
-/// it, to which the peak may go; each with the number of its constraint. Where there is none, the largest.
+/// The samples of `values` that are constrained, each with its index: the largest even and odd sample of each window with a peak
+/// above `least`, and of the windows next to it, to which the peak may move. Without any peak, the largest sample.
 fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     let largest = |samples: &mut dyn Iterator<Item = usize>| samples.max_by(|a, b| values[*a].total_cmp(&values[*b]));
     let stretches = values.len().div_ceil(PEAK_WINDOW);
@@ -90,22 +92,22 @@ fn peaks(values: &[f64], least: f64) -> Vec<(usize, usize)> {
     found
 }
 
-/// A limit in words, and how much of it is used.
+/// A limit and how much of it is used.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct LimitUse {
-    /// In words.
+    /// A description of the limit.
     pub limit: String,
-    /// Value over the limit; of a value that is to be large the limit over the value.
+    /// Value over the limit, or the limit over a value that is to be large.
     pub used: f64,
 }
 
-/// A limit of the body: in words, and value over the limit.
+/// A limit on the body: description, and value over the limit.
 type BodyLimit = (String, Box<dyn Fn(&Model) -> f64 + Send>);
 
-/// A limit of the load: in words, what is limited, to what, and whether its sign counts: what is below zero is no load then.
+/// A limit on a load: description, outputs, limit, and whether only positive values count.
 type LoadLimit = (String, Vec<Output>, f64, bool);
 
-/// A mean over the cycles, or a second goal: in words, what it has to reach, and its size where it may have any sign.
+/// A mean over cycles or a second goal: description, objective, limit, and its scale if it may have any sign.
 type MeanLimit = (String, Objective, f64, Option<f64>);
 
 /// The limits of a search.
@@ -116,10 +118,10 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    /// Those of `table`.
+    /// The limits of `table`.
     ///
     /// # Errors
-    /// [`Error::Design`] where a mean over the cycles is limited that the scene has not.
+    /// [`Error::Design`] if a mean over cycles is limited that the scene does not have.
     pub fn of(table: &DesignTable, problem: &mut Problem, objective: &Objective) -> Result<Self> {
         let mut body: Vec<BodyLimit> = Vec::new();
         if let Some(most) = table.largest_mass_kg {
@@ -191,7 +193,8 @@ impl Limits {
         Ok(Self { body, load, means })
     }
 
-    /// All of them at the point that `problem` was set to, a limit of several loads several times; none where a simulation fails.
+    /// The values of all limits at the current point of `problem`; a limit on several loads has several values. `None` if a
+    /// simulation fails.
     pub fn at(
         &self,
         problem: &mut Problem,
@@ -222,7 +225,7 @@ impl Limits {
         all.iter().all(|limit| limit.excess.is_finite() && limit.by.iter().all(|x| x.is_finite())).then_some(all)
     }
 
-    /// Adds the peaks of all loads at the point that `problem` was set to.
+    /// Adds the peaks of all loads at the current point of `problem`.
     fn add_loads(&self, problem: &mut Problem, parameters: &[Parameter], all: &mut Vec<LimitValue>) -> Option<()> {
         let outputs: Vec<Output> = self.load.iter().flat_map(|(_, outputs, ..)| outputs.iter().cloned()).collect();
         if outputs.is_empty() {
@@ -267,15 +270,15 @@ impl Limits {
         Some(())
     }
 
-    /// Leaves out what the motion is limited by, and keeps what the body is.
+    /// Removes the limits on the motion and keeps those on the body.
     pub fn keep_body_only(&mut self) {
         self.load.clear();
         self.means.clear();
     }
 }
 
-/// −ln of the `part` of a limit that is reached, and its derivative where that of the part is `by`; linear from the tangent at a half on, as
-/// thrust and speed may be backwards.
+/// −ln of the `part` of a limit that is reached, with its derivative for a derivative `by` of the part. Linear below one half,
+/// since thrust and speed may be negative.
 fn below(part: f64, by: f64) -> (f64, f64) {
     if part > 0.5 { (-part.ln(), -by / part) } else { (2f64.ln() + 1.0 - 2.0 * part, -2.0 * by) }
 }

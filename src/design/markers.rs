@@ -1,4 +1,4 @@
-//! Tracked markers: node positions at times, and their smooth motion by local polynomials.
+//! Tracked markers: positions of nodes at measured times, outliers, and smoothing by local polynomials (Savitzky-Golay).
 
 use std::path::Path;
 
@@ -9,33 +9,33 @@ use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 use crate::words::number;
 
-/// Fewest samples that a motion can be made of.
+/// Least number of samples of a motion.
 pub const MIN_SAMPLES: usize = 2 * DEGREE + 1;
 
 /// Degree of the local polynomials: velocities and accelerations of a sixth-degree motion are exact.
 const DEGREE: usize = 6;
 
-/// A window over which the residual grows by more than this factor over that of shorter ones bends the motion.
+/// A window is too long if its residual exceeds that of shorter windows by more than this factor.
 const MAX_RESIDUAL_GROWTH: f64 = 1.03;
 
-/// A sample whose residual is more than this many times the usual one is left out.
+/// Samples with a residual above this multiple of the median are left out.
 const MAX_RESIDUAL: f64 = 4.0;
 
-/// A marker that is further than this many usual distances off the path that it has before and after is a glitch, where the others
-/// about it are no further than the second number, in root mean square, from that path. So many of a window may be glitches.
+/// A marker is an outlier if its distance from its path exceeds the first multiple of the usual distance, while the rms distance of
+/// its neighbours in the window is below the second. A window may contain this many outliers.
 const GLITCH_THRESHOLDS: [f64; 2] = [6.0, 2.0];
 const MAX_GLITCHES: usize = 4;
 
-/// Samples to either side of one that is looked at for a glitch.
+/// Half the window in which outliers are searched for, in samples.
 const HALF_WINDOW: usize = 7;
 
-/// A window that spans more than this many usual ones has a gap in it.
+/// A window longer than this multiple of the usual one contains a gap.
 const MAX_GAP: f64 = 1.5;
 
-/// Markers may be further apart than the rod between them by this part of the length, for noise.
+/// Markers may be further apart than along the rod by this fraction of its length, for noise.
 const DISTANCE_TOLERANCE: f64 = 0.1;
 
-/// A polyline through the markers of less than this part of the rod's length is none of this rod.
+/// The polyline through the markers must be at least this fraction of the rod's length.
 const MIN_EXTENT: f64 = 0.5;
 
 /// The length of the polyline through a row of positions, m.
@@ -44,27 +44,27 @@ fn length(row: &[f64]) -> f64 {
     nodes.windows(2).map(|pair| (pair[1][0] - pair[0][0]).hypot(pair[1][1] - pair[0][1])).sum()
 }
 
-/// The middle one of values; 0 of none.
+/// The median; 0 of an empty list.
 fn median(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied().unwrap_or(0.0)
 }
 
-/// Positions of nodes at rising times, as `nodes.csv` has them.
+/// Positions of nodes at increasing times, as in `nodes.csv`.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Markers {
     /// Times of complete samples, s.
     pub times: Vec<f64>,
     /// Positions, one row per time, two entries per node, m.
     pub positions: Vec<Vec<f64>>,
-    /// What is missing, in words.
+    /// Descriptions of missing samples.
     pub missing: Vec<String>,
 }
 
 impl Markers {
-    /// Reads the columns time_s, x0_m, y0_m, … of the nodes of `rod`, or of a `tip` alone time_s, tip_x_m, tip_y_m: at least
-    /// `least` samples. One with an empty or NaN entry is left out and named; one that no such rod can have is refused.
+    /// Reads the columns time_s, x0_m, y0_m, … of the nodes of `rod`, or time_s, tip_x_m, tip_y_m of a `tip`: at least `least`
+    /// samples. Incomplete samples are left out and reported; impossible ones are an error.
     ///
     /// # Errors
     /// [`Error::Read`]; [`Error::Scene`] with file, line and column where it is not such a table.
@@ -143,7 +143,7 @@ impl Markers {
         }
     }
 
-    /// The first sample and entry that `rod` cannot have, and why: nodes are no further from each other than along the rod.
+    /// The first sample and entry that are impossible for `rod`, and why: nodes cannot be further apart than along the rod.
     fn impossible(&self, rod: &Rod) -> Option<(usize, usize, String)> {
         let reach =
             |i: usize, j: usize| (rod.arc_length(i) - rod.arc_length(j)).abs() + DISTANCE_TOLERANCE * rod.length;
@@ -190,7 +190,7 @@ impl Markers {
         Some((sample, 0, problem))
     }
 
-    /// The first sample and entry of a tip that is further than the rod's `length` from the samples around it.
+    /// The first sample and entry of a tip that is further than the rod's `length` from its neighbours in time.
     fn strayed(&self, length: f64) -> Option<(usize, usize, String)> {
         let step = |i: usize| {
             let [a, b] = [self.positions.get(i)?, self.positions.get(i + 1)?];
@@ -208,7 +208,7 @@ impl Markers {
         Some((sample, usize::from(off(1) > off(0)), problem))
     }
 
-    /// The same without the samples in which a marker is off its path for a moment, which are named as missing.
+    /// The same markers without samples that contain an outlier, which are reported as missing.
     pub fn without_glitches(mut self) -> Self {
         let glitches = self.glitches();
         let name = |(sample, node, off): &(usize, usize, f64)| {
@@ -224,7 +224,7 @@ impl Markers {
         self
     }
 
-    /// Samples and nodes that are off their path, and by how much (m).
+    /// Outliers: sample, node, and distance from the path (m).
     fn glitches(&self) -> Vec<(usize, usize, f64)> {
         let (count, span) = (self.times.len(), 2 * HALF_WINDOW + 1);
         let nodes = self.positions.first().map_or(0, |row| row.len() / 2);
@@ -293,11 +293,11 @@ impl Markers {
         found
     }
 
-    /// The smooth motion at all samples with a full window about them: `half` samples to either side, or as many as the
-    /// data bear: the longest window over which polynomials still fit as well as over shorter ones.
+    /// Smooths the motion at all samples with a full window of `half` samples to either side. By default, the longest window over
+    /// which polynomials fit as well as over shorter ones.
     ///
     /// # Errors
-    /// [`Error::Design`] where no sample has a full window.
+    /// [`Error::Design`] if no sample has a full window.
     pub fn smooth(&self, half: Option<usize>) -> Result<SmoothedMotion> {
         if let Some(half) = half {
             return self.smoothed(half.max(DEGREE / 2 + 1));
@@ -369,23 +369,23 @@ impl Markers {
     }
 }
 
-/// The smooth motion of markers.
+/// The smoothed motion of markers.
 #[derive(Debug, Clone, Default)]
 pub struct SmoothedMotion {
-    /// Samples to either side that a polynomial is fitted to.
+    /// Half the window, in samples.
     pub half: usize,
     /// Standard deviation of the positions about the polynomials, m.
     pub noise: f64,
     /// The samples with a full window.
     pub samples: Vec<SmoothedSample>,
-    /// How many others were left out, and why, in words.
+    /// Descriptions of the samples that were left out.
     pub left_out: Vec<String>,
 }
 
-/// The motion at one sample.
+/// The smoothed motion at one sample.
 #[derive(Debug, Clone)]
 pub struct SmoothedSample {
-    /// Its index among the markers' samples.
+    /// Index of the sample.
     pub index: usize,
     /// Positions, m, two entries per node.
     pub q: Vec<f64>,
@@ -393,17 +393,17 @@ pub struct SmoothedSample {
     pub v: Vec<f64>,
     /// Accelerations, m/s².
     pub a: Vec<f64>,
-    /// Weights of the window's samples in value, rate and second rate.
+    /// Weights of the window's samples in the value and its two derivatives.
     pub weights: Vec<[f64; 3]>,
 }
 
-/// The weights of the samples `chosen` of those at `times` in the value at sample `at` of the polynomial of least squares through them.
+/// Weights of the samples `chosen` of those at `times` in the least-squares polynomial at sample `at`.
 fn fitted(times: &[f64], chosen: &[usize], at: usize) -> Option<Vec<f64>> {
     let own: Vec<f64> = chosen.iter().map(|j| times[*j]).collect();
     (own.len() > DEGREE).then(|| weights(&own, times[at])).flatten().map(|all| all.into_iter().map(|w| w[0]).collect())
 }
 
-/// The weights of samples at `times` in value, first and second derivative at `time` of the polynomial of least squares.
+/// Weights of samples at `times` in the value and the first two derivatives, at `time`, of the least-squares polynomial.
 fn weights(times: &[f64], time: f64) -> Option<Vec<[f64; 3]>> {
     let scale = 0.5 * (times.last()? - times.first()?);
     let powers = DMatrix::from_fn(times.len(), DEGREE + 1, |i, j| ((times[i] - time) / scale).powi(j as i32));
@@ -423,8 +423,8 @@ pub(super) fn rms(values: impl ExactSizeIterator<Item = f64>) -> f64 {
     (values.map(|x| x * x).sum::<f64>() / count).sqrt()
 }
 
-/// Root mean square distance (m) of every `finer`-th node from the markers at each of their times; none where the simulation
-/// is shorter.
+/// Root mean square distance (m) of each `finer`-th node from the markers, at each of their times; `None` if the simulation ends
+/// earlier.
 pub(super) fn distances(trajectory: &Trajectory, markers: &Markers, finer: usize) -> Option<Vec<f64>> {
     let rows = markers.times.iter().zip(&markers.positions);
     rows.map(|(time, row)| {

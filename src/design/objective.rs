@@ -16,45 +16,45 @@ use crate::sensitivity::{Output, Parameter, Problem, Quantity, Sensitivities, Tr
 /// A target is reached if the root mean square distance from it is below this fraction of the length.
 pub(super) const TARGET_TOLERANCE: f64 = 1e-9;
 
-/// What a dynamic goal measures.
+/// The objective function of a dynamic goal.
 #[derive(Debug)]
 pub struct Objective {
     pub(super) goal: Goal,
-    /// Of what is to be large: -1 where it is to be small, or the way along -x counts.
+    /// -1 if the quantity is to be small, or the direction is -x.
     sign: f64,
-    /// Samples that are to be met: steps, and the coordinates of the tip or of all nodes (m).
+    /// Target samples: step, and coordinates of the tip or of all nodes (m).
     pub(super) target: Vec<(usize, Vec<f64>)>,
-    /// Standard deviation of these positions about smooth paths, m, where there are enough.
+    /// Standard deviation of the target about smooth paths, m, if there are enough samples.
     pub(super) noise: Option<f64>,
-    /// All of them are at multiples of this number of steps.
+    /// Stride: all target samples are at multiples of this number of steps.
     every: usize,
     outputs: Vec<Output>,
     pub(super) length: f64,
-    /// True where it is a distance from given positions, which is to be small.
+    /// True if the objective is the distance from a target trajectory.
     pub(super) fits: bool,
-    /// True where it is the root of an efficiency, with its sign.
+    /// True if the objective is the signed square root of an efficiency.
     rooted: bool,
     smaller_is_better: bool,
-    /// The scene, where numbers of it are unknown.
+    /// The scene, if numbers of it are unknown.
     document: Option<Document>,
     numbers: Vec<Number>,
 }
 
-/// The objective at one profile.
+/// The value of the objective for one design.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub(super) struct ObjectiveValue {
-    /// What is made small.
+    /// The value that is minimised.
     pub f: f64,
-    /// Its derivatives by the parameters, later by the unknowns.
+    /// Derivatives by the parameters, later by the unknowns.
     pub by: Vec<f64>,
-    /// Residuals and the rows of their derivatives, where it is half a sum of squares.
+    /// Residuals and the rows of their Jacobian, for a least-squares objective.
     pub residuals: Option<(Vec<f64>, Vec<Vec<f64>>)>,
-    /// Of the worst of several cases: all of them, with their derivatives.
+    /// Values and derivatives of all scenarios, if the worst of them counts.
     pub cases: Vec<(f64, Vec<f64>)>,
 }
 
 impl ObjectiveValue {
-    /// What counts of the values in several cases.
+    /// Aggregates the values of several scenarios.
     pub fn of(robust: Aggregate, each: &[Self]) -> Self {
         let sum = |weight: &dyn Fn(usize) -> f64| {
             let mut sum = Self { by: vec![0.0; each[0].by.len()], ..Self::default() };
@@ -74,17 +74,17 @@ impl ObjectiveValue {
         }
     }
 
-    /// Its derivatives by `n` unknowns without those that each case has for itself: zero where there are cases.
+    /// The part of the gradient by `n` unknowns that all scenarios share: zero if there are scenarios.
     pub fn common(&self, n: usize) -> DVector<f64> {
         if self.cases.is_empty() { DVector::from_column_slice(&self.by) } else { DVector::zeros(n) }
     }
 }
 
 impl Objective {
-    /// The objective of a scene's design; `target` are the positions that are to be met.
+    /// The objective of a scene's design, with the `target` trajectory if there is one.
     ///
     /// # Errors
-    /// [`Error::Design`] where the target's times are not those of steps, and for the way of a head that is held.
+    /// [`Error::Design`] if the times of the target are not at steps, and for the distance of a held head.
     pub fn new(table: &DesignTable, problem: &Problem, target: Option<&Markers>) -> Result<Self> {
         let nodes = problem.model().rod.nodes;
         let held = problem.model().head.is_some();
@@ -146,13 +146,13 @@ impl Objective {
         })
     }
 
-    /// The measure whose mean over the cycles it is.
+    /// The measure whose mean over cycles is the objective.
     fn measured(&self) -> Option<Measure> {
         let Goal::Cycle(key) = self.goal else { return None };
         MEASURES.into_iter().find(|measure| measure.key == key)
     }
 
-    /// Refuses a mean over cycles that the scene has not.
+    /// Checks that the scene has the mean over cycles.
     ///
     /// # Errors
     /// [`Error::Design`]; those of the simulation.
@@ -167,32 +167,32 @@ impl Objective {
         Err(Error::Design { reason: format!("no {}: {why}", measure.key) })
     }
 
-    /// The same for a scene of which numbers are unknown.
+    /// The same objective for a scene with unknown numbers.
     pub fn of_document(self, document: &Document) -> Self {
         Self { document: Some(document.clone()), ..self }
     }
 
-    /// The same for the scene that `other` is of.
+    /// The same objective for the scene of `other`.
     pub(super) fn like(self, other: &Self) -> Self {
         Self { document: other.document.clone(), ..self }
     }
 
-    /// True where a smaller value is better.
+    /// True if a smaller value is better.
     pub fn smaller_is_better(&self) -> bool {
         self.smaller_is_better
     }
 
-    /// Its goal.
+    /// Name of the goal.
     pub fn name(&self) -> &'static str {
         self.goal.into()
     }
 
-    /// What residuals are multiplied by, so that the sum of their squares is the mean square distance of a node.
+    /// Scale of the residuals: the sum of their squares is the mean square distance per node.
     pub(super) fn scale(&self) -> f64 {
         (2.0 / (self.target.len() * self.outputs.len()) as f64).sqrt()
     }
 
-    /// Half the mean square distance of the tip, or of all nodes, from the target.
+    /// Least squares: half the mean square distance of the tip, or of all nodes, from the target.
     fn tracked(&self, found: &Sensitivities) -> ObjectiveValue {
         let scale = self.scale();
         let (mut residuals, mut rows) = (Vec::new(), Vec::new());
@@ -209,7 +209,7 @@ impl Objective {
         ObjectiveValue { f, by, residuals: Some((residuals, rows)), ..ObjectiveValue::default() }
     }
 
-    /// The objective of a way along x and, for efficiency, a work, and its derivatives by them.
+    /// The objective as a function of distance and, for efficiency, work; with its derivatives by them.
     fn scalar(&self, found: &[f64]) -> (f64, Vec<f64>) {
         let moved = self.sign * found[0];
         match found.get(1) {
@@ -227,12 +227,12 @@ impl Objective {
         }
     }
 
-    /// Gives `problem` a profile.
+    /// Sets the design of `problem`.
     pub(super) fn set(&self, problem: &mut Problem, profile: &DesignVector) -> Result<()> {
         self.set_with(problem, profile, &[])
     }
 
-    /// The same, ready to be differentiated by `parameters`.
+    /// The same, prepared for derivatives by `parameters`.
     pub(super) fn set_with(
         &self,
         problem: &mut Problem,
@@ -251,8 +251,8 @@ impl Objective {
         problem.set_actuation(&profile.amplitude, &profile.phase_rad)
     }
 
-    /// The objective and its derivatives by `parameters`, forward for a tracked tip, by the adjoint else; none where the
-    /// simulation fails.
+    /// The objective and its derivatives by `parameters`: by forward sensitivities for least squares, by the adjoint otherwise.
+    /// `None` if the simulation fails.
     pub(super) fn at(
         &self,
         problem: &mut Problem,
@@ -282,7 +282,7 @@ impl Objective {
         (value.f.is_finite() && value.by.iter().all(|x| x.is_finite())).then_some(value)
     }
 
-    /// What is reported of a value of the objective: tip rms (m), distance (m), or D²/W (m²/J).
+    /// The reported objective for a minimised value: rms distance (m), distance (m), or D²/W (m²/J).
     pub fn shown(&self, f: f64) -> f64 {
         match self.goal {
             _ if self.fits => (2.0 * f).sqrt(),
@@ -292,12 +292,12 @@ impl Objective {
         }
     }
 
-    /// The shown objective of a profile; none where the simulation fails.
+    /// The reported objective of a design; `None` if the simulation fails.
     pub fn measure(&self, problem: &mut Problem, profile: &DesignVector) -> Option<f64> {
         self.at(problem, profile, &[]).map(|value| self.shown(value.f))
     }
 
-    /// The shown objective of a profile and its derivatives by `parameters`; none where the simulation fails.
+    /// The reported objective of a design and its derivatives by `parameters`; `None` if the simulation fails.
     pub fn derivatives(
         &self,
         problem: &mut Problem,
@@ -320,10 +320,10 @@ impl Objective {
     }
 }
 
-/// The objective of `table` in the `scene` of `document`, and its problem.
+/// The objective of `table` in the `scene` of `document`, and the simulation problem.
 ///
 /// # Errors
-/// [`Error::Design`] where the scene has no such objective; those of [`Problem::of`].
+/// [`Error::Design`] if the scene has no such objective; those of [`Problem::of`].
 pub(super) fn objective_of(
     document: &Document,
     scene: &Scene,

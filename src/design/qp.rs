@@ -181,7 +181,7 @@ impl QuadraticProgram {
         Err(Error::Design { reason })
     }
 
-    /// The solution to rounding, from the constraints that bind in a rough one; none where they were not those.
+    /// The solution to rounding, from the constraints that bind in a rough one; `None` if they were not those.
     fn polished(&self, rough: &QpSolution, scale: f64) -> Option<QpSolution> {
         let n = self.gradient.len();
         let value = |constraint: &Constraint, x: &[f64]| -> f64 { constraint.row.iter().map(|(j, c)| c * x[*j]).sum() };

@@ -50,7 +50,7 @@ pub struct Refit {
 }
 
 impl Refit {
-    /// True where what is left is noise.
+    /// True if what is left is noise.
     pub fn fits(&self) -> bool {
         self.residual_over_noise <= self.allowed
     }
@@ -60,7 +60,7 @@ impl Refit {
     /// well or not.
     ///
     /// # Errors
-    /// [`Error::Design`] where no markers are within the simulation; those of scene and simulation.
+    /// [`Error::Design`] if no markers are within the simulation; those of scene and simulation.
     pub fn of(
         scene: impl Fn(f64) -> Result<Scene>,
         step: f64,

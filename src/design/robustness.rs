@@ -17,24 +17,24 @@ use crate::jobs;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::Problem;
 
-/// The simulations of a design of `table`.
+/// The check simulations of a design.
 pub(super) struct RobustnessChecks<'a> {
     table: &'a DesignTable,
     target: Option<&'a Markers>,
-    /// Each in words, and what it changes.
+    /// Description of each, and the changes of the scene.
     simulations: Vec<(String, Vec<String>)>,
     scenes: Vec<CheckedScene>,
 }
 
-/// One of the scenes that a design is for.
+/// A scene in which the design is checked.
 struct CheckedScene {
     document: Document,
-    /// The design, and what was before.
+    /// The design, and the baseline.
     profiles: [Option<DesignVector>; 2],
 }
 
 impl<'a> RobustnessChecks<'a> {
-    /// Those of `profile`, designed for the scene of `document` or for `cases`, to come close to `target` where there is one.
+    /// The checks of `profile`, designed for the scene of `document` or for `cases`, with a `target` trajectory if there is one.
     pub fn of(
         (document, cases): (&Document, &[Scenario]),
         scene: &Scene,
@@ -66,13 +66,13 @@ impl<'a> RobustnessChecks<'a> {
         self.simulations.len() * 2 * self.scenes.len()
     }
 
-    /// What simulation `index` changes, and in which scene it is of which profile.
+    /// The changes, the scene and the design of simulation `index`.
     fn at(&self, index: usize) -> (&(String, Vec<String>), &CheckedScene, Option<&DesignVector>) {
         let (rest, scene) = (index / self.scenes.len(), &self.scenes[index % self.scenes.len()]);
         (&self.simulations[rest / 2], scene, scene.profiles[rest % 2].as_ref())
     }
 
-    /// Simulation `index` in words.
+    /// A description of simulation `index`.
     pub fn describe(&self, index: usize) -> String {
         let ((name, _), ..) = self.at(index);
         let which = ["the design", "what was before"][index / self.scenes.len() % 2];
@@ -82,13 +82,13 @@ impl<'a> RobustnessChecks<'a> {
         }
     }
 
-    /// What names its result.
+    /// The key of its result in the checkpoint.
     pub fn asked(&self, index: usize) -> String {
         let ((_, changes), _, profile) = self.at(index);
         format!("check {index}: {changes:?} of {profile:?}")
     }
 
-    /// The objective in simulation `index`; none where it fails.
+    /// The objective in simulation `index`; `None` if it fails.
     pub fn measure(&self, index: usize) -> Option<f64> {
         let ((_, changes), CheckedScene { document, .. }, profile) = self.at(index);
         let scene = scene_with(document, &self.table.numbers, changes, profile?).ok()?;
@@ -98,7 +98,7 @@ impl<'a> RobustnessChecks<'a> {
         objective.measure(&mut problem, &own).filter(|value| value.is_finite())
     }
 
-    /// All of them, those that `checkpoint` has not on all cores.
+    /// Runs all simulations whose results are not in `checkpoint`, on all cores.
     pub fn make(&self, checkpoint: &mut Checkpoint) -> Vec<Check> {
         let mut found: Vec<Option<f64>> = vec![None; self.count()];
         let todo: Vec<usize> = (0..self.count()).filter(|index| !checkpoint.has(&self.asked(*index))).collect();
@@ -133,34 +133,33 @@ impl<'a> RobustnessChecks<'a> {
     }
 }
 
-/// The answer in another simulation. It is the objective of a dynamic goal, and the root mean square distance of the rod from
-/// the markers (m) in identification.
+/// The objective in another simulation. For identification, the root mean square distance of the rod from the markers (m).
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Check {
     pub simulation: String,
-    /// Of the design; none where the simulation fails.
+    /// Of the design; `None` if the simulation fails.
     pub designed: Option<f64>,
-    /// Of what was before, the scene's own.
+    /// Of the baseline, the scene's own.
     pub before: Option<f64>,
-    /// Gain over it, %.
+    /// Relative gain, %.
     pub gain_percent: Option<f64>,
 }
 
-/// What a gain is once other simulations have been asked.
+/// Whether a gain survives in other simulations.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Robustness {
-    /// As designed, %.
+    /// Gain in the simulation of the design, %.
     pub gain_percent: Option<f64>,
-    /// The least in any simulation, %; none where one fails.
+    /// Least gain in the other simulations, %; `None` if one of them fails.
     pub least_percent: Option<f64>,
-    /// The simulation that has the least.
+    /// The simulation with the least gain.
     pub least_in: String,
-    /// True where the design is better in all of them.
+    /// True if the gain is positive in all simulations.
     pub survives: bool,
 }
 
 impl Robustness {
-    /// Of the `checks`, the first of which is the simulation that it was designed in.
+    /// Of `checks`, of which the first is the simulation of the design.
     pub(super) fn of(checks: &[Check]) -> Option<Self> {
         let (first, others) = checks.split_first()?;
         let gain = |check: &Check| check.gain_percent.filter(|gain| gain.is_finite());
@@ -174,7 +173,7 @@ impl Robustness {
         })
     }
 
-    /// It in a sentence.
+    /// A sentence that states it.
     pub(super) fn words(&self) -> String {
         let gain = self.gain_percent.unwrap_or(f64::NAN);
         match (self.survives, self.least_percent) {
@@ -190,10 +189,10 @@ impl Robustness {
     }
 }
 
-/// Higher rungs of the fluid, in words and as changes of the scene; the first that the scene allows is its next. Above a law of
-/// creeping flow drag for each edge by itself: where the flow does creep and the mesh is not too dear, drag of the whole rod, else
-/// drag with the fluid's inertia. Above that the water that the rod accelerates. None above these, and above laws whose coefficients the
-/// scene gives, or which a plane decides.
+/// The more accurate fluid models to check with, as descriptions and changes of the scene; the first that the scene allows is used.
+/// Above a local law of creeping flow: the nonlocal law if the flow is creeping and the mesh affordable, else a law with the
+/// fluid's inertia. Above that: the reactive force. None above these, nor above laws with coefficients from the scene or near a
+/// wall.
 pub(super) fn higher_fluids(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let rod = scene.model().map(|model| model.rod);
     let of = rod.iter().find_map(|rod| Some((scene.fluid_model(rod).0?, scene.regime().ok()?)));

@@ -1,5 +1,5 @@
-//! Robust design: one design for several scenes, the cases of a sweep. What counts is the worst of them, or their mean
-//! (Ben-Tal, El Ghaoui & Nemirovski, Robust Optimization, 2009).
+//! Robust design: one design for several scenes, the cases of a sweep. The objective is the worst or the mean of theirs (Ben-Tal,
+//! El Ghaoui & Nemirovski, Robust Optimization, 2009).
 
 use std::ops::ControlFlow;
 use std::sync::Mutex;
@@ -18,7 +18,7 @@ use crate::scene::{Document, Fault, Scene};
 use crate::sensitivity::{Parameter, Problem};
 use crate::sweep::Sweep;
 
-/// Keys of the scene that a variable along the rod decides.
+/// Keys of the scene that are set by a design variable along the rod.
 const KEYS_OF_VARIABLES: [(Variable, &[&str]); 3] = [
     (Variable::Stiffness, &["rod.stiffness_profile", "rod.stiffness_gradient"]),
     (Variable::Amplitude, &["actuation.amplitude_profile"]),
@@ -27,35 +27,35 @@ const KEYS_OF_VARIABLES: [(Variable, &[&str]); 3] = [
 
 /// One of the scenes that a design is for.
 pub(super) struct Scenario {
-    /// Which, in words.
+    /// Description of the case.
     pub name: String,
     pub document: Document,
     objective: Objective,
     problem: Problem,
     limits: Limits,
-    /// EI of its sections over that of the scene itself, joint by joint: a rod of the same profile that is stiffer. Empty where
-    /// the stiffness follows from the scene.
+    /// Stiffness of its sections over that of the base scene, per joint: a rod of the same profile that is stiffer. Empty if
+    /// stiffness follows from the scene.
     stiffer: Vec<f64>,
-    /// EI of its joints as its scene has it, N m².
+    /// EI of the joints in its scene, N m².
     own_stiffness: Vec<f64>,
 }
 
-/// The design in one of the scenes that it is for.
+/// The objective of a design in one scenario.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct ScenarioResult {
     pub case: String,
-    /// Of the design; none where the simulation fails.
+    /// Of the design; `None` if the simulation fails.
     pub designed: Option<f64>,
-    /// Of what was before.
+    /// Of the baseline.
     pub before: Option<f64>,
-    /// Gain over it, %.
+    /// Relative gain, %.
     pub gain_percent: Option<f64>,
 }
 
-/// The cases that `table` asks for, of `document` with `scene`; none where it is for this scene alone.
+/// The scenarios that `table` names for `document` with `scene`; empty if the design is for this scene alone.
 ///
 /// # Errors
-/// Those of [`Sweep::read`] and of the scenes; [`Error::Scene`] where an axis moves what the design decides.
+/// Those of [`Sweep::read`] and of the scenes; [`Error::Scene`] if an axis sets a key that the design decides.
 pub(super) fn scenarios(document: &Document, scene: &Scene, table: &DesignTable) -> Result<Vec<Scenario>> {
     let Some(file) = &table.over else { return Ok(Vec::new()) };
     let sweep = Sweep::over(&scene.read_from, &scene.folder.join(file), &[], Some(document.clone()))?;
@@ -84,7 +84,7 @@ pub(super) fn scenarios(document: &Document, scene: &Scene, table: &DesignTable)
 }
 
 impl Scenario {
-    /// The scene of `document`, in which the `table` of a scene with `rod` is to be met.
+    /// The scenario of `document`, for the `table` of a base scene with `rod`.
     fn of(name: String, document: &Document, rod: &Rod, table: &DesignTable) -> Result<Self> {
         let scene = document.scene()?;
         let document = with_fixed_fluid(document, &scene);
@@ -109,7 +109,7 @@ impl Scenario {
         Ok(Self { name, document, objective, problem, limits, stiffer, own_stiffness })
     }
 
-    /// What `profile`, of the scene itself, is in it.
+    /// The design `profile` of the base scene in this scenario.
     pub fn profile(&self, profile: &DesignVector) -> DesignVector {
         let stiffness = profile.stiffness_n_m2.iter().zip(&self.stiffer).map(|(ei, stiffer)| ei * stiffer).collect();
         let stiffness_n_m2 = if self.stiffer.is_empty() && !profile.numbers.is_empty() {
@@ -122,8 +122,8 @@ impl Scenario {
         DesignVector { stiffness_n_m2, ..profile.clone() }
     }
 
-    /// The objective and the limits of the motion with their derivatives by `parameters` of the scene itself; none where a
-    /// simulation fails.
+    /// The objective and the limits on the motion, with derivatives by `parameters` of the base scene; `None` if a simulation
+    /// fails.
     fn at(&mut self, profile: &DesignVector, parameters: &[Parameter]) -> Option<(ObjectiveValue, Vec<LimitValue>)> {
         let profile = self.profile(profile);
         let mut value = self.objective.at(&mut self.problem, &profile, parameters)?;
@@ -143,7 +143,7 @@ impl Scenario {
     }
 }
 
-/// Objective and limits in each of `cases`, on all cores; none where a simulation fails.
+/// Objective and limits in each of `cases`, on all cores; `None` if a simulation fails.
 pub(super) fn evaluate_all(
     cases: &mut [Scenario],
     profile: &DesignVector,

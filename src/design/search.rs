@@ -111,91 +111,92 @@ const TRUST_REGION: &str = "trust region";
 /// Prefix of the names of constraints of scenarios that are among the worst.
 pub(super) const WORST_SCENARIO: &str = "as bad as any: ";
 
-/// One iteration, for progress and figures.
+/// One iteration of a search, for progress and figures.
 #[derive(Debug, Clone, Serialize)]
 pub struct SearchIteration {
-    /// Which start.
+    /// Index of the start.
     pub start: usize,
-    /// Which iteration of it.
+    /// Index of the iteration.
     pub iteration: usize,
-    /// The objective as shown.
+    /// The reported objective.
     pub objective: f64,
-    /// The gradient of the Lagrangian by the unknowns, over the objective; of a tracked tip over residuals and derivatives.
+    /// Stationarity: norm of the Lagrangian's gradient over the objective, or for least squares the cosine between residuals and
+    /// Jacobian.
     pub stationarity: f64,
-    /// The longest component of the step.
+    /// The largest component of the step.
     pub step: f64,
     /// False for a rejected step.
     pub accepted: bool,
 }
 
-/// What a search finds.
+/// The result of a search.
 #[derive(Debug, Clone, Serialize)]
 pub struct SearchResult {
-    /// The best profile.
+    /// The best design.
     #[serde(flatten)]
     pub profile: DesignVector,
-    /// The objective as shown.
+    /// Its reported objective.
     pub objective: f64,
     /// Its stationarity.
     pub stationarity: f64,
-    /// True where that is below the limit, the tip is met, or a fit has no more to win than noise hides.
+    /// True if it is stationary, the target is reached, or only noise remains to be fitted.
     pub converged: bool,
-    /// Why its search ended.
+    /// Why the search ended.
     pub why: String,
-    /// True where it keeps its limits.
+    /// True if all limits are kept.
     pub kept: bool,
-    /// The objective of every start's end.
+    /// The objective at the end of each start.
     pub starts: Vec<f64>,
-    /// The optimum that each start came to, numbered from 1, the best; none where it did not converge.
+    /// Index of the optimum that each start reached, from 1, the best; `None` if it did not converge.
     pub optima: Vec<Option<usize>>,
-    /// Every iteration.
+    /// All iterations.
     pub history: Vec<SearchIteration>,
-    /// Constraints that bind, with their duals over the objective.
+    /// Active constraints, with their duals over the objective.
     pub active: Vec<(String, f64)>,
-    /// EI of the joints before, N m².
+    /// EI of the baseline's joints, N m².
     pub own_stiffness_n_m2: Vec<f64>,
-    /// Of a tracked tip: standard deviation of each joint's stiffness over itself, where every coordinate of the target is
-    /// uncertain by what is left of the distance, or a millionth of the length.
+    /// For a tracked tip: relative standard deviation of each joint's stiffness, if each coordinate of the target has the standard
+    /// deviation of the residual, or a millionth of the length.
     pub deviations: Vec<f64>,
-    /// Singular values of the tip's derivatives by the unknowns (m), falling; of a tracked tip only.
+    /// For a tracked tip: singular values of the Jacobian (m), in descending order.
     pub singular_values: Vec<f64>,
-    /// The numbers of the scene among the variables.
+    /// The estimated numbers of the scene.
     pub numbers: Vec<EstimatedNumber>,
-    /// Of identification: groups of unknowns that the data do not tell apart, or an unknown alone that they do not know.
+    /// For identification: groups of unknowns that the data determine only together, or single ones that they do not determine.
     pub confused: Vec<Vec<String>>,
-    /// Of identification: standard deviation of a coordinate of the markers, m, as given or as left.
+    /// For identification: standard deviation of a marker coordinate, m, as given or from the residual.
     pub noise_m: Option<f64>,
-    /// Of identification: what is left between simulation and markers over the noise of these, where it is more than that.
+    /// For identification: residual over noise, if it is larger than noise allows.
     pub misfit: Option<f64>,
-    /// Limits that are no bounds, and how much of them is used.
+    /// Limits other than bounds, and how much of them is used.
     pub limits: Vec<LimitUse>,
-    /// True where it was stopped.
+    /// True if the search was interrupted.
     pub interrupted: bool,
-    /// How exactly each unknown has to be made; empty where positions were to be met, and where it was stopped.
+    /// Tolerances of the unknowns; empty for a target trajectory and after an interruption.
     pub tolerances: Vec<Tolerance>,
-    /// The unknowns, and their values.
+    /// The unknowns and their values.
     #[serde(skip)]
     pub(super) at: Box<(Unknowns, Vec<f64>)>,
 }
 
-/// A number of the scene that was found.
+/// An estimated number of the scene.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct EstimatedNumber {
     /// Its key.
     pub key: String,
     /// SI unit; `1` where there is none.
     pub unit: &'static str,
-    /// What it is in the scene.
+    /// Its value in the scene.
     pub own: f64,
-    /// What it was found to be.
+    /// Its estimated value.
     pub value: f64,
-    /// Its standard deviation, where positions were to be met; none where it is beyond all bounds.
+    /// Standard deviation, for a target trajectory; `None` if it is unbounded.
     pub deviation: Option<f64>,
-    /// What can be said of it, where positions were to be met.
+    /// Its identifiability, for a target trajectory.
     pub verdict: Option<Identifiability>,
 }
 
-/// A point of the search.
+/// An iterate of the search.
 #[derive(Clone)]
 struct Iterate {
     x: DVector<f64>,
@@ -204,48 +205,48 @@ struct Iterate {
 }
 
 impl Iterate {
-    /// The sum of what is beyond the limits.
+    /// The sum of all violations.
     fn violation(&self, priced: PenaltyGroups) -> f64 {
         total_violation(&priced.groups(&self.limits), |i| self.limits[i].excess)
     }
 
-    /// True where it keeps its limits.
+    /// True if all limits are kept.
     fn is_kept(&self) -> bool {
         self.violation(PenaltyGroups::Together) <= FEASIBILITY_TOLERANCE
     }
 }
 
-/// Where a start has come to.
+/// The end of the search from one start.
 struct StartResult {
     point: Iterate,
     stationarity: f64,
     active: Vec<(String, f64)>,
-    /// Why it ended, in words.
+    /// Why it ended.
     why: String,
     interrupted: bool,
-    /// True of a fit that has no more to win than noise hides.
+    /// True if only noise remains to be fitted.
     settled: bool,
 }
 
-/// The search of a design.
+/// The search for a design by sequential quadratic programming.
 pub struct Search<'a> {
-    /// What is asked for.
+    /// The design table.
     pub(super) table: &'a DesignTable,
     /// The objective.
     pub(super) objective: &'a Objective,
-    /// Its problem.
+    /// The simulation problem.
     pub(super) problem: Problem,
-    /// The cases that it is for; empty where it is for the scene alone.
+    /// The scenarios; empty if the design is for the scene alone.
     pub(super) scenarios: Vec<Scenario>,
-    /// What was simulated before.
+    /// The stored results.
     pub(super) checkpoint: Checkpoint,
-    /// EI of the joints as the scene has it, N m², and EI before its profile.
+    /// EI of the joints in the scene, N m², and EI without its profile.
     pub(super) own_stiffness: Vec<f64>,
     pub(super) reference: f64,
 }
 
 impl<'a> Search<'a> {
-    /// Of the scene of `problem`, as it is.
+    /// A search for the scene of `problem`.
     pub fn new(table: &'a DesignTable, objective: &'a Objective, problem: Problem) -> Self {
         let (own_stiffness, reference) = (problem.stiffness(), problem.model().rod.ei);
         Self {
@@ -259,7 +260,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The objective of a profile with its derivatives, and its limits; none where a simulation fails.
+    /// The objective of a design with its derivatives, and its limits; `None` if a simulation fails.
     fn at(
         &mut self,
         limits: &Limits,
@@ -273,7 +274,7 @@ impl<'a> Search<'a> {
         self.cached(asked, |search| search.simulated(limits, profile, parameters))
     }
 
-    /// The result of what `asked` names: the one of before, or what `make` makes.
+    /// The stored result of the key `asked`, or else the result of `make`.
     fn cached<T: Serialize + DeserializeOwned>(
         &mut self,
         asked: String,
@@ -303,13 +304,13 @@ impl<'a> Search<'a> {
         Some((ObjectiveValue::of(self.table.aggregate(), &values), all))
     }
 
-    /// The objective of a profile in every case, as shown; none where a simulation fails.
+    /// The reported objective of a design in each scenario; `None` if a simulation fails.
     pub(super) fn in_scenarios(&mut self, profile: &DesignVector) -> Option<Vec<f64>> {
         let all = evaluate_all(&mut self.scenarios, profile, &[])?;
         Some(all.into_iter().map(|(value, _)| self.objective.shown(value.f)).collect())
     }
 
-    /// The objective of a profile as shown; none where a simulation fails.
+    /// The reported objective of a design; `None` if a simulation fails.
     pub(super) fn value(&mut self, profile: &DesignVector) -> Option<f64> {
         let asked = format!("{:?} of {profile:?}", self.table.goal);
         self.cached(asked, |search| {
@@ -333,16 +334,16 @@ impl<'a> Search<'a> {
         Some(Iterate { x: x.into(), value, limits })
     }
 
-    /// The profile that makes the objective best, from several starts; `tell` sees every iteration and may stop the search,
-    /// which then has the best so far.
+    /// Finds the best design from several starts. `tell` is called after each iteration and may stop the search, which then returns
+    /// the best design so far.
     ///
     /// # Errors
-    /// [`Error::Design`] where no start can be simulated, or a programme cannot be solved.
+    /// [`Error::Design`] if no start can be simulated, or a quadratic program cannot be solved.
     pub fn run(&mut self, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<SearchResult> {
         self.run_from(None, tell)
     }
 
-    /// The same from start `only` alone.
+    /// The same from start `only`.
     pub(super) fn run_start(
         &mut self,
         only: usize,
@@ -351,7 +352,7 @@ impl<'a> Search<'a> {
         self.run_starts(None, Some(only), tell)
     }
 
-    /// The same from one start, the unknowns `from`, where there are any.
+    /// The same from the unknowns `from`, if given.
     pub(super) fn run_from(
         &mut self,
         from: Option<Vec<f64>>,
@@ -536,7 +537,7 @@ impl<'a> Search<'a> {
         end.point.is_kept() && (end.stationarity <= STATIONARITY_TOLERANCE[1] || met || end.settled)
     }
 
-    /// Which optimum each of `ends` is at.
+    /// The optimum that each of `ends` reached.
     fn optima(&self, ends: &[StartResult]) -> Vec<Option<usize>> {
         let mut order: Vec<usize> = (0..ends.len()).filter(|i| self.has_converged(&ends[*i])).collect();
         order.sort_by(|a, b| ends[*a].point.value.f.total_cmp(&ends[*b].point.value.f));
@@ -557,7 +558,8 @@ impl<'a> Search<'a> {
         optima
     }
 
-    /// Goes down from `first`, with limits `priced` together or alone. All of a step's programme is in units of the objective.
+    /// Minimises from `first`, with penalties for the limits `priced` together or alone. Each quadratic program is in units of the
+    /// objective.
     fn minimise(
         &mut self,
         (unknowns, limits, priced): (&Unknowns, &Limits, PenaltyGroups),
@@ -814,8 +816,8 @@ impl<'a> Search<'a> {
         Ok(StartResult { point: here, stationarity, active, why, interrupted, settled })
     }
 
-    /// The second derivatives at a point of what has the gradient `slope`, by differences of that gradient, with the moduli of
-    /// their eigenvalues, so that the programme is convex; none where a simulation fails.
+    /// The Hessian at a point, by finite differences of the gradient `slope`, with the moduli of its eigenvalues so that the
+    /// program is convex; `None` if a simulation fails.
     fn curvature(
         &mut self,
         (unknowns, limits): (&Unknowns, &Limits),
@@ -838,7 +840,7 @@ impl<'a> Search<'a> {
         found.iter().all(|x| x.is_finite()).then_some(found)
     }
 
-    /// How far each unknown of what was `found` may be off.
+    /// The tolerance of each unknown of the result `found`.
     pub(super) fn tolerances(&mut self, found: &SearchResult) -> Vec<Tolerance> {
         let (unknowns, x) = &*found.at;
         let smaller = self.objective.smaller_is_better();
@@ -855,15 +857,15 @@ impl<'a> Search<'a> {
         names.map(of).collect()
     }
 
-    /// The objective as shown with factors of the reference stiffness at the joints and the scene's own actuation; none where
-    /// it fails.
+    /// The reported objective with factors of the reference stiffness at the joints and the scene's own actuation; `None` if it
+    /// fails.
     pub fn measure(&mut self, factors: &[f64]) -> Option<f64> {
         let reference = self.reference;
         self.value(&DesignVector::of(factors.iter().map(|factor| factor * reference).collect()))
     }
 
-    /// The best profile that is linear in ξ, of the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the
-    /// mean of ξ, and the objective as shown.
+    /// The best profile that is linear in ξ, with the same mean and within the bounds: its slope a in b(1 + a(ξ₀ − ξ)), ξ₀ the mean
+    /// of ξ, and the reported objective.
     pub fn best_linear(&mut self) -> Option<(f64, f64)> {
         let rod = &self.problem.model().rod;
         let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
@@ -898,7 +900,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The duals of constraints of the same name together: those of one limit.
+/// Sums the duals of constraints with the same name: those of one limit.
 fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
     duals.into_iter().fold(Vec::new(), |mut all: Vec<(String, f64)>, (name, dual)| {
         match all.iter_mut().find(|(other, _)| *other == name) {
@@ -909,8 +911,8 @@ fn together(duals: Vec<(String, f64)>) -> Vec<(String, f64)> {
     })
 }
 
-/// Groups of unknowns, by `names`, that only a change of all of them together leaves the data as they are, to within their noise:
-/// those with a large share in a combination that is known no better than [`MAX_RELATIVE_DEVIATION`].
+/// Groups of unknowns, by `names`, that the data determine only together: those with a large component in a direction whose
+/// deviation exceeds [`MAX_RELATIVE_DEVIATION`].
 fn unidentifiable_groups(names: &[String], v_t: &DMatrix<f64>, singular: &[f64], noise: f64) -> Vec<Vec<String>> {
     let least = RANK_TOLERANCE * singular.iter().copied().fold(0.0, f64::max);
     let unknown =

@@ -37,19 +37,19 @@ use crate::sensitivity::{Problem, Trajectory};
 use crate::stepper::Stepper;
 use crate::system::System;
 
-/// A stiffness that is off by a smaller part is the same.
+/// Stiffnesses that differ by less than this fraction are equal.
 const SAME_STIFFNESS: f64 = 1e-9;
 
-/// A design.
+/// A solved design problem.
 #[derive(Debug)]
 pub struct Design {
-    /// What was asked for.
+    /// The design table.
     pub table: DesignTable,
     /// The answer.
     pub answer: Answer,
     /// EI of the joints, N m².
     pub stiffness: Vec<f64>,
-    /// What is worth saying, a line each.
+    /// The results in sentences.
     pub lines: Vec<String>,
     pub(super) evidence: Evidence,
     pub(super) scene: Scene,
@@ -57,7 +57,7 @@ pub struct Design {
     pub(super) designed: Document,
 }
 
-/// The answer of a goal.
+/// The answer, by goal.
 #[derive(Debug, Clone, Serialize)]
 #[serde(untagged)]
 pub enum Answer {
@@ -69,56 +69,56 @@ pub enum Answer {
     Search(Box<SearchResult>),
 }
 
-/// A scene's `[design]`.
+/// A scene's `[design]`, read for its error messages.
 #[derive(Deserialize)]
 struct SceneWithDesign {
     #[serde(rename = "design")]
     _table: Option<DesignTable>,
 }
 
-/// What stands beside the answer.
+/// What is reported along with the answer.
 #[derive(Debug, Default)]
 pub(super) struct Evidence {
-    /// The answer in other simulations.
+    /// The design in other simulations.
     pub checks: Vec<Check>,
-    /// Profiles with their objectives: those it is compared with, and the design at the end.
+    /// Profiles for comparison, with their objectives; the design is the last.
     pub profiles: Vec<ComparedProfile>,
-    /// The motions before and after; empty where a simulation fails, or there is none.
+    /// The motions of baseline and design; empty if a simulation fails, or there is none.
     pub motions: Vec<Trajectory>,
-    /// What was to be met.
+    /// The target trajectory or markers.
     pub target: Option<Markers>,
-    /// The numbers that decide what stiffness does.
+    /// Dimensionless numbers.
     pub numbers: Map<String, Value>,
-    /// Designs between two goals.
+    /// The Pareto front.
     pub front: Vec<ParetoPoint>,
-    /// True where the front was stopped.
+    /// True if the front was interrupted.
     pub unfinished: bool,
-    /// The scenes that it is for, where these are cases of a sweep.
+    /// The objectives in the scenarios.
     pub cases: Vec<ScenarioResult>,
-    /// What is left of the gain in the other simulations.
+    /// Whether the gain survives in the other simulations.
     pub trust: Option<Robustness>,
 }
 
-/// A profile beside the designed one.
+/// A profile that the design is compared with.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct ComparedProfile {
     pub name: String,
     pub profile: DesignVector,
-    /// The objective; none where the simulation fails.
+    /// The objective; `None` if the simulation fails.
     pub objective: Option<f64>,
 }
 
 impl Design {
-    /// Designs what `document` asks for; `tell` sees every iteration and may stop the search.
+    /// Solves the design problem of `document`; `tell` is called after each iteration and may stop the search.
     ///
     /// # Errors
-    /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] where there is no answer; those of data and simulation.
+    /// [`Error::Scene`] for a wrong `[design]`; [`Error::Design`] if there is no answer; those of data and simulation.
     pub fn of(document: &Document, tell: impl FnMut(&SearchIteration) -> ControlFlow<()>) -> Result<Self> {
         Self::made(document, None, tell)
     }
 
-    /// The same for [`write`](Self::write) to `folder`, where a search that is ended, by whatever, leaves what it has simulated: the
-    /// next goes on there, to the same bits.
+    /// The same for [`write`](Self::write) to `folder`, where the results of simulations are stored: an interrupted search resumes
+    /// there, with bit-identical results.
     ///
     /// # Errors
     /// Those of [`of`](Self::of); those of [`claim`](Self::claim).
@@ -130,7 +130,7 @@ impl Design {
         Self::made(document, Some(folder), tell)
     }
 
-    /// The folder of the results on `scene` where none is asked for.
+    /// The default folder of results.
     pub fn folder(scene: &Scene) -> PathBuf {
         PathBuf::from("out").join(format!("{}-design", scene.name))
     }
@@ -311,8 +311,7 @@ impl Design {
         Ok(Self { table, answer, stiffness, lines, evidence, scene, document: document.clone(), designed })
     }
 
-    /// Writes the scene with the designed profile, design.json, tables, figures and report.html to `folder`, in this order, each
-    /// put in place whole.
+    /// Writes the designed scene, design.json, tables, figures and report.html to `folder`, in this order, each atomically.
     ///
     /// # Errors
     /// Those of [`claim`](Self::claim), [`Error::Page`].
@@ -371,7 +370,7 @@ impl Design {
         }))
     }
 
-    /// What can be done where its search did not converge.
+    /// Advice for a search that did not converge.
     pub fn advice(&self) -> &'static str {
         match &self.answer {
             Answer::Search(found) if found.why == ITERATIONS_EXHAUSTED => "try more design.iterations",
@@ -392,7 +391,7 @@ impl Design {
     }
 }
 
-/// The design and what was before in every case.
+/// The objectives of design and baseline in each scenario.
 fn in_scenarios(search: &mut Search<'_>, before: &DesignVector, profile: &DesignVector) -> Vec<ScenarioResult> {
     let mut of = |profile: &DesignVector| match search.in_scenarios(profile) {
         Some(values) => values.into_iter().map(Some).collect(),
@@ -408,7 +407,7 @@ fn in_scenarios(search: &mut Search<'_>, before: &DesignVector, profile: &Design
     search.scenarios.iter().zip(before).zip(designed).map(row).collect()
 }
 
-/// The numbers that decide what stiffness does (Sp, β, …), where the scene has them.
+/// The dimensionless numbers that decide the effect of stiffness (Sp, β, …), if the scene has them.
 fn dimensionless(scene: &Scene) -> Map<String, Value> {
     let mut numbers = Map::new();
     let assessed = Stepper::of(scene).and_then(|stepper| Assessment::of(scene, &stepper));
@@ -426,8 +425,8 @@ fn dimensionless(scene: &Scene) -> Map<String, Value> {
     numbers
 }
 
-/// The scene's own profile, the even one, the study's gradient and the best linear one of the same mean, and the design, with their
-/// objectives.
+/// The baseline, a uniform profile, the source study's gradient and the best linear one of the same mean, and the design, with
+/// their objectives.
 fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -> Vec<ComparedProfile> {
     let before = DesignVector::before(table, &search.own_stiffness);
     let rod = &search.problem.model().rod;
@@ -464,7 +463,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
     profiles
 }
 
-/// The motions of two profiles.
+/// The motions of two designs.
 fn motions(search: &mut Search<'_>, before: &DesignVector, after: &DesignVector) -> Result<[Trajectory; 2]> {
     let mut motion = |profile: &DesignVector| {
         search.objective.set(&mut search.problem, profile)?;
@@ -482,7 +481,7 @@ fn simulated(scene: &Scene, profile: &DesignVector) -> Result<[Trajectory; 2]> {
     Ok([before, problem.simulate()?])
 }
 
-/// How far the rod is from `markers` as it is and with an identified profile, in several simulations.
+/// The distance of the rod from `markers` without and with the identified profile, in several simulations.
 fn replay(
     document: &Document,
     scene: &Scene,
@@ -511,7 +510,7 @@ fn replay(
     simulations(fixed_scene.as_ref().unwrap_or(scene)).into_iter().map(check).collect()
 }
 
-/// What the rest is that the rod of a profile has next to `positions`.
+/// The stability of the equilibrium of a profile near `positions`.
 fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found: &StaticShape) -> Equilibrium {
     let steady = || -> Option<SteadyState> {
         SteadyState::near(scene_with(document, &[], &[], profile).ok()?.model().ok()?, positions).ok()
@@ -526,7 +525,7 @@ fn rest_of(document: &Document, profile: &DesignVector, positions: &[f64], found
     }
 }
 
-/// How far (m, root mean square) the rod of a profile rests from `positions`; none where no equilibrium is found from there.
+/// The distance (m, root mean square) of the equilibrium of a profile from `positions`; `None` if none is found.
 fn resting(document: &Document, profile: &DesignVector, positions: &[f64]) -> Option<f64> {
     let scene = scene_with(document, &[], &[], profile).ok()?;
     let mut dynamics = Dynamics::new(Arc::new(scene.model().ok()?));

@@ -16,13 +16,13 @@ pub const MAX_REPORTED_TOLERANCE: f64 = 0.693;
 pub struct Tolerance {
     /// The unknown in words.
     pub name: String,
-    /// Largest change to the worse side, of the logarithm or in rad; none where a factor of two loses less.
+    /// Largest change to the worse side, of the logarithm or in rad; `None` if a factor of two loses less.
     pub change: Option<f64>,
     /// The loss there, over the objective.
     pub loss: Option<f64>,
 }
 
-/// The tolerance of the unknown `name`; `loss` is what a change of it loses, over the objective, none where it fails.
+/// The tolerance of the unknown `name`; `loss` is what a change of it loses, over the objective, `None` if it fails.
 pub(super) fn tolerance(name: String, mut loss: impl FnMut(f64) -> Option<f64>) -> Tolerance {
     // The parabola through what changes to both sides lose, then chords at the side that loses sooner.
     let sides = [FIRST_CHANGE, -FIRST_CHANGE].map(&mut loss);

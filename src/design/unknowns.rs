@@ -1,5 +1,5 @@
-//! The unknowns of a search: stiffness, the actuation's amplitude, or its phase, at joints or knots, linear between knots; and
-//! numbers of the scene.
+//! The unknowns of a search, in scaled variables: stiffness, amplitude or phase of the actuation at joints or knots, and numbers of
+//! the scene; with their bounds, order and mean values as constraints.
 
 use std::f64::consts::PI;
 
@@ -13,43 +13,43 @@ use crate::model::Model;
 use crate::sensitivity::Parameter;
 use crate::sensitivity::number::Number;
 
-/// The name of the constraint of an unknown whose bounds are the same, which is no demand.
+/// Name of the constraint of a fixed unknown, which is not reported.
 pub const FIXED_UNKNOWN: &str = "fixed";
 
-/// A singular value below this part of the largest is rounding.
+/// Singular values below this fraction of the largest are zero.
 pub const RANK_TOLERANCE: f64 = 1e-12;
 
-/// How a value follows from its unknown.
+/// The transformation from a value to its unknown.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Transform {
-    /// Its logarithm.
+    /// The logarithm.
     Logarithm,
-    /// Its inverse: a tip moves nearly in proportion to the compliance 1/EI of a joint, as what bends it beyond its natural
-    /// curvature is a moment that stiffness hardly changes.
+    /// The inverse: the tip moves nearly in proportion to the compliance 1/EI of a joint, since the moment that bends it beyond its
+    /// natural curvature hardly depends on stiffness.
     Inverse,
-    /// Itself.
+    /// The value itself.
     Same,
 }
 
-/// The unknowns of one variable; values are over the reference.
+/// The unknowns of one design variable; values are relative to a reference.
 #[derive(Debug, Clone)]
 struct VariableBlock {
     variable: Variable,
-    /// What a value of 1 is, one for all or for each.
+    /// The reference, one for all values or one for each.
     units: Vec<f64>,
     map: Transform,
     bounds: [f64; 2],
-    /// The largest mean.
+    /// Upper bound of the mean.
     mean: Option<f64>,
-    /// Its first unknown, and the values that follow from its unknowns.
+    /// Index of its first unknown, and the basis functions.
     first: usize,
     basis: Basis,
-    /// The values that its unknowns begin with, where these are not those of an even profile.
+    /// Initial values of the unknowns, if they are not those of a uniform profile.
     own: Option<Vec<f64>>,
-    /// Where each unknown is, and its place in words.
+    /// Position and description of each unknown.
     xi: Vec<f64>,
     places: Vec<String>,
-    /// What a simulation is differentiated by, one for each value.
+    /// The parameter of the simulation for each value.
     parameters: Vec<Parameter>,
 }
 
@@ -83,17 +83,17 @@ impl VariableBlock {
         }
     }
 
-    /// True where its bounds leave it nothing.
+    /// True if its bounds are equal.
     fn is_fixed(&self) -> bool {
         self.bounds[0] == self.bounds[1]
     }
 
-    /// The largest mean, where it limits anything.
+    /// Upper bound of the mean, if it is active at all.
     fn limited_mean(&self) -> Option<f64> {
         self.mean.filter(|_| !self.is_fixed())
     }
 
-    /// 1 where the value rises with its unknown, else -1.
+    /// 1 if the value rises with its unknown, else -1.
     fn sense(&self) -> f64 {
         if self.map == Transform::Inverse { -1.0 } else { 1.0 }
     }
@@ -102,7 +102,7 @@ impl VariableBlock {
         self.first..self.first + self.basis.unknowns
     }
 
-    /// An unknown in words.
+    /// A description of an unknown.
     fn place(&self, i: usize) -> String {
         match &self.variable {
             Variable::Stiffness => self.places[i].clone(),
@@ -113,7 +113,7 @@ impl VariableBlock {
     }
 }
 
-/// The unknowns of a search, block after block.
+/// The unknowns of a search, in blocks of one variable each.
 #[derive(Debug, Clone)]
 pub struct Unknowns {
     blocks: Vec<VariableBlock>,
@@ -123,7 +123,7 @@ pub struct Unknowns {
 }
 
 impl Unknowns {
-    /// Those that `table` names for `model`, whose stiffness is kept where it is not among them.
+    /// The unknowns that `table` names for `model`. Stiffness is kept if it is not among them.
     pub fn of(table: &DesignTable, model: &Model, stiffness: Vec<f64>) -> Self {
         let rod = &model.rod;
         let stiffness_map = match table.goal {
@@ -207,17 +207,17 @@ impl Unknowns {
         }
     }
 
-    /// The joints of the rod.
+    /// Number of joints.
     pub fn joints(&self) -> usize {
         self.joints
     }
 
-    /// Their number.
+    /// Number of unknowns.
     pub fn count(&self) -> usize {
         self.blocks.iter().map(|block| block.basis.unknowns).sum()
     }
 
-    /// All of them in words.
+    /// Descriptions of all unknowns.
     pub fn names(&self) -> Vec<String> {
         self.blocks.iter().flat_map(|block| (0..block.basis.unknowns).map(|i| block.place(i))).collect()
     }
@@ -226,7 +226,7 @@ impl Unknowns {
         self.blocks.iter().map(move |block| (block, block.first, &x[block.unknowns()]))
     }
 
-    /// The profile of unknowns `x`.
+    /// The design of the unknowns `x`.
     pub fn profile(&self, x: &[f64]) -> DesignVector {
         let mut profile = self.own.clone();
         for (block, _, x) in self.parts(x) {
@@ -243,12 +243,12 @@ impl Unknowns {
         profile
     }
 
-    /// What a simulation is differentiated by: a parameter for each value of each variable.
+    /// The parameters of the simulation: one for each value of each variable.
     pub fn parameters(&self) -> Vec<Parameter> {
         self.blocks.iter().flat_map(|block| block.parameters.iter().copied()).collect()
     }
 
-    /// Derivatives by the unknowns `x` of a number whose derivatives by the parameters are `by`.
+    /// Chain rule: derivatives by the unknowns `x` from derivatives `by` the parameters.
     pub fn chain(&self, x: &[f64], by: &[f64]) -> Vec<f64> {
         let mut out = vec![0.0; self.count()];
         let mut by = by.iter();
@@ -266,7 +266,7 @@ impl Unknowns {
         out
     }
 
-    /// The means that are limited, over their limits, with their derivatives by all unknowns.
+    /// Bounded means over their bounds, with derivatives by all unknowns.
     pub fn means(&self, x: &[f64]) -> Vec<(f64, Vec<f64>)> {
         let mut means = Vec::new();
         for (block, first, part) in self.parts(x) {
@@ -286,7 +286,7 @@ impl Unknowns {
         self.monotone && block.variable == Variable::Stiffness
     }
 
-    /// `x` inside its bounds and order, and values moved down block by block so that it keeps its means.
+    /// `x` projected into bounds and order, and scaled down per block to satisfy the means.
     pub fn kept(&self, mut x: Vec<f64>) -> Vec<f64> {
         for _ in 0..50 {
             for block in &self.blocks {
@@ -347,7 +347,7 @@ impl Unknowns {
         }
     }
 
-    /// The matrix of `weight`·Σ(D₂x)² over the joints, by rows.
+    /// The matrix of `weight`·Σ(D₂x)² over the joints, in row-major order.
     pub fn roughness(&self, weight: f64) -> Vec<f64> {
         let mut programme = QuadraticProgram::new(self.count());
         for block in &self.blocks {
@@ -359,8 +359,8 @@ impl Unknowns {
         programme.hessian
     }
 
-    /// The standard deviation of each value of `variable` over itself, where the unknowns have the covariance
-    /// `noise`² V S⁻² Vᵀ; empty where it is not among them.
+    /// The relative standard deviation of each value of `variable`, for unknowns with the covariance `noise`² V S⁻² Vᵀ; empty if it
+    /// is not an unknown.
     pub fn deviations(
         &self,
         variable: &Variable,
@@ -384,8 +384,8 @@ impl Unknowns {
         block.basis.rows.iter().zip(block.basis.joints(part)).map(of).collect()
     }
 
-    /// Starts: even, the study's gradient, its mirror image, then waves of random phase, in the first block; the scene's own
-    /// in the others.
+    /// Starts: in the first block a uniform profile, the source study's gradient, its mirror image, then waves of random phase; in
+    /// the others the scene's own values.
     pub fn first(&self, start: usize) -> Vec<f64> {
         let mut x = Vec::with_capacity(self.count());
         for (b, block) in self.blocks.iter().enumerate() {

@@ -60,9 +60,9 @@ pub struct SummaryQuantity {
     pub name: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// True where it has figures.
+    /// True if it has figures.
     pub drawn: bool,
-    /// True where a held head has none that means anything.
+    /// True if a held head has none that means anything.
     pub of_free_heads: bool,
 }
 
@@ -85,9 +85,9 @@ pub struct CaseAxis {
     pub labels: Vec<String>,
     /// Its levels as numbers, where all are.
     pub numbers: Option<Vec<f64>>,
-    /// True where every case has a level of its own.
+    /// True if every case has a level of its own.
     pub sampled: bool,
-    /// True where equal steps are equal factors.
+    /// True if equal steps are equal factors.
     pub logarithmic: bool,
 }
 

@@ -240,7 +240,7 @@ impl Chart {
 }
 
 impl Series {
-    /// True where it has a colour and may have an entry in the legend.
+    /// True if it has a colour and may have an entry in the legend.
     fn is_named(&self) -> bool {
         matches!(self.mark, Mark::Line | Mark::Dotted | Mark::Dots)
     }
@@ -416,7 +416,7 @@ pub struct EffectAxis {
     pub name: String,
     /// Its levels in words.
     pub labels: Vec<String>,
-    /// True where something is between two levels, so that a line may join them.
+    /// True if something is between two levels, so that a line may join them.
     pub joined: bool,
 }
 

@@ -50,7 +50,7 @@ impl Owner {
         Self { kind: kind.to_string(), name, source, fingerprint }
     }
 
-    /// True where both are of the same kind and name, and of the same file or the same content.
+    /// True if both are of the same kind and name, and of the same file or the same content.
     fn is_same(&self, other: &Self) -> bool {
         (&self.kind, &self.name) == (&other.kind, &other.name)
             && (self.source == other.source || self.fingerprint == other.fingerprint)
@@ -92,7 +92,7 @@ struct Export {
 struct Manifest {
     /// Version and build of the program that wrote it.
     caudal_build: String,
-    /// Whose results they are; none where there are only exports.
+    /// Whose results they are; `None` if there are only exports.
     #[serde(default)]
     owner: Option<Owner>,
     /// Files that say what is computed, where these were written here too: they stay as long as the owner.
@@ -109,7 +109,7 @@ struct Manifest {
 }
 
 impl Manifest {
-    /// That of the folder at `path`; none where there is none.
+    /// That of the folder at `path`; `None` if there is none.
     fn read(path: &Path) -> Result<Option<Self>> {
         let file = path.join(MANIFEST);
         match std::fs::read(&file) {
@@ -145,7 +145,7 @@ pub struct Folder {
     owner: Owner,
     claim: Claim,
     manifest: Manifest,
-    /// True where the manifest was made by this claim.
+    /// True if the manifest was made by this claim.
     new: bool,
     made: CreatedFolders,
 }
@@ -154,7 +154,7 @@ impl Folder {
     /// Claims the folder at `path` for results of `owner`, which will surely have the files `certain`; holds it until it is dropped.
     ///
     /// # Errors
-    /// [`Error::Busy`] where another program holds it; [`Error::Occupied`] where it has results of others, or files of these names
+    /// [`Error::Busy`] if another program holds it; [`Error::Occupied`] if it has results of others, or files of these names
     /// that no manifest lists, unless the claim is forced; [`Error::Read`], [`Error::Write`].
     pub fn claim(path: &Path, owner: Owner, claim: Claim, certain: &[&str]) -> Result<Self> {
         Self::claim_within(path, owner, claim, certain, Duration::ZERO)
@@ -322,7 +322,7 @@ impl Folder {
     /// Where its journal `name` is, which is listed from now on.
     ///
     /// # Errors
-    /// [`Error::Occupied`] where there is a file of that name which is not; [`Error::Write`].
+    /// [`Error::Occupied`] if there is a file of that name which is not; [`Error::Write`].
     pub fn journal(&mut self, name: &str) -> Result<PathBuf> {
         self.admit(name)?;
         let path = self.path.join(name);
@@ -448,7 +448,7 @@ impl FolderWriter<'_> {
     /// Lists a file that is written by others.
     ///
     /// # Errors
-    /// [`Error::Occupied`] where there is a file of that name which is not replaced; [`Error::Write`].
+    /// [`Error::Occupied`] if there is a file of that name which is not replaced; [`Error::Write`].
     pub fn admit(&mut self, name: &str) -> Result<()> {
         self.folder.admit(name)?;
         self.folder.enter(&[name], self.exports)
@@ -563,7 +563,7 @@ impl Folder {
     }
 }
 
-/// True where `handle` is what is at `path`.
+/// True if `handle` is what is at `path`.
 fn is_at(handle: &File, path: &Path) -> bool {
     #[cfg(unix)]
     {

@@ -25,7 +25,7 @@ pub struct Panel {
     pub title: String,
     /// For every x, one category for every y, by its place among those of the map.
     pub cells: Vec<Vec<usize>>,
-    /// A boundary that theory gives; empty where there is none.
+    /// A boundary that theory gives; empty if there is none.
     pub boundary: Vec<(f64, f64)>,
 }
 
@@ -36,7 +36,7 @@ pub struct OutcomeMap {
     pub title: String,
     /// Label of the x axis, and its values, rising.
     pub x: (String, Vec<f64>),
-    /// True where x is linear, not logarithmic.
+    /// True if x is linear, not logarithmic.
     pub linear: bool,
     /// Label of the y axis, and its values, rising; y is logarithmic.
     pub y: (String, Vec<f64>),

@@ -43,7 +43,7 @@ impl Output {
     /// Whether the tables of a run of `scene` fit into `folder`.
     ///
     /// # Errors
-    /// [`Error::Room`] where they do not.
+    /// [`Error::Room`] if they do not.
     pub fn fits(folder: &Path, scene: &Scene, stepper: &Stepper) -> Result<()> {
         match (recorded_size(scene, stepper), free_space(folder)) {
             (Some((rows, needed)), Some(free)) if needed > free as f64 => {

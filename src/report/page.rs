@@ -106,7 +106,7 @@ impl Media {
 /// Fills a page's template, which may include the style, a player with its `motion`, or the player and its script apart.
 ///
 /// # Errors
-/// [`Error::Page`] where the template fails.
+/// [`Error::Page`] if the template fails.
 pub fn render(template: &str, content: &impl Serialize) -> Result<String> {
     let failed = |e: minijinja::Error| Error::Page { reason: format!("{e:#}") };
     let mut environment = Environment::new();
@@ -143,7 +143,7 @@ impl Page<'_> {
     /// The page's HTML.
     ///
     /// # Errors
-    /// [`Error::Page`] where the template fails.
+    /// [`Error::Page`] if the template fails.
     pub fn html(&self) -> Result<String> {
         let numbers = serde_json::to_value(self.summary).map_err(|e| Error::Page { reason: e.to_string() })?;
         let rows: Vec<(String, String)> = numbers

@@ -99,7 +99,7 @@ impl Default for SvgRenderer {
 /// same.
 ///
 /// # Errors
-/// [`Error::Read`] where there is no such figure; those of [`Folder::export`]; what cannot be written is in the result.
+/// [`Error::Read`] if there is no such figure; those of [`Folder::export`]; what cannot be written is in the result.
 pub fn convert(
     folder: &Path,
     names: Option<&[String]>,

@@ -232,7 +232,7 @@ impl RunRecord {
         }
     }
 
-    /// The curve of variable `y` against variable `x`; empty where the scene has not both.
+    /// The curve of variable `y` against variable `x`; empty if the scene has not both.
     pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         let column = |name: &str| self.columns.iter().position(|variable| variable.name == name);
         match (column(x), column(y)) {

@@ -84,7 +84,7 @@ impl CsvTable {
     /// The finished file, its place, and what kept its last rows out of it, unless that was said before.
     ///
     /// # Errors
-    /// [`Error::Write`] where not even that can be had.
+    /// [`Error::Write`] if not even that can be had.
     pub fn complete(mut self) -> Result<(NamedTempFile, PathBuf, Option<Error>)> {
         let lost = match self.broken {
             None => self.flush().err(),

@@ -74,7 +74,7 @@ impl Beam {
         Self { wave_numbers, integrals, tip }
     }
 
-    /// The growth rate σ of the motion that grows fastest, and its ω, in units of time; none where the iteration fails.
+    /// The growth rate σ of the motion that grows fastest, and its ω, in units of time; `None` if the iteration fails.
     pub(super) fn leading(&self, beta: f64, u: f64, shedding: f64) -> Option<[f64; 2]> {
         let kept = 1.0 - shedding;
         // Times of the highest mode, so that both halves of the matrix are of one size.

@@ -35,7 +35,7 @@ const MAX_DEVIATION: f64 = 1e-2;
 /// Motions whose growth and frequency are followed over the speed.
 const TRACKED_MODES: usize = 5;
 
-/// Speeds at which they are, for every one of the map.
+/// Speeds at which they are, for each of the map.
 const TRACKING_REFINEMENT: usize = 4;
 
 /// What becomes of the rest.

@@ -76,7 +76,7 @@ impl Study {
     /// Runs the study on `scene`.
     ///
     /// # Errors
-    /// [`Error::Study`] for what is not allowed, [`Error::Scene`] where the scene has not what is studied; those of
+    /// [`Error::Study`] for what is not allowed, [`Error::Scene`] if the scene has not what is studied; those of
     /// [`Scene::model`], [`Error::Write`], [`Error::Journal`].
     pub fn run(&self, scene: &Scene, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
         if let Some(problem) = self.refused() {

@@ -238,7 +238,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     Ok(())
 }
 
-/// `step` (s) is none where steps are adaptive: no ωΔt then.
+/// `step` (s) is `None` if steps are adaptive: no ωΔt then.
 fn modes_table(found: &[Mode], matrices: &Matrices, step: Option<f64>) -> Table {
     let rows = found.iter().enumerate().map(|(i, mode)| {
         let ratio = matrices.damping_ratio(mode);

@@ -203,7 +203,7 @@ pub(super) fn geometric_sequence([low, high]: [f64; 2], count: usize) -> Vec<f64
 /// Maps the stability of every method on `scene`.
 ///
 /// # Errors
-/// [`Error::Scene`] where the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
+/// [`Error::Scene`] if the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
 /// [`Error::Journal`].
 pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     if let Some((key, problem)) = asked.vary.refused(scene) {

@@ -114,12 +114,12 @@ impl SimulationMethod {
         rungs.map(|rung| Self { rung, method, values: values.clone() }).collect()
     }
 
-    /// True where `name` is that of its method or, of a cheaper model, of the model.
+    /// True if `name` is that of its method or, of a cheaper model, of the model.
     pub fn is(&self, name: &str) -> bool {
         name == if self.is_whole() { self.method.name } else { self.rung.name }
     }
 
-    /// True where it keeps all of the rod's mechanics.
+    /// True if it keeps all of the rod's mechanics.
     pub fn is_whole(&self) -> bool {
         *self.rung == FULL
     }

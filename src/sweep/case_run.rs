@@ -40,7 +40,7 @@ pub struct CaseResult {
 }
 
 impl CaseResult {
-    /// True where the case reached its end.
+    /// True if the case reached its end.
     pub fn complete(&self) -> bool {
         self.quantities.get("complete") == Some(&Value::Bool(true))
     }

@@ -56,7 +56,7 @@ impl<'a> SweepResults<'a> {
     /// The results in `journals`, which must all be of `job`, the sweep's.
     ///
     /// # Errors
-    /// [`Error::Journal`] where one is of another job.
+    /// [`Error::Journal`] if one is of another job.
     pub fn new(sweep: &'a Sweep, job: &Job, journals: Vec<Journal>) -> Result<Self> {
         let mut holder = vec![None; sweep.size()];
         for (i, journal) in journals.iter().enumerate() {

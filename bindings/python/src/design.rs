@@ -55,7 +55,7 @@ fn telling(progress: Option<Py<PyAny>>) -> impl FnMut(&SearchIteration, &mut Opt
     }
 }
 
-/// What of a design workers elsewhere can do next; none where nothing is left.
+/// What of a design workers elsewhere can do next; `None` if nothing is left.
 #[pyfunction]
 #[pyo3(name = "_design_parts")]
 pub fn parts(

@@ -20,7 +20,7 @@ fn asked(study: &Bound<'_, PyDict>) -> PyResult<Study> {
     pythonize::depythonize(&plain(study)?).map_err(|error| PyTypeError::new_err(error.to_string()))
 }
 
-/// The runs that a study needs next, for workers elsewhere; none where all are there.
+/// The runs that a study needs next, for workers elsewhere; `None` if all are there.
 #[pyfunction]
 #[pyo3(name = "_runs_of")]
 pub fn runs_of(

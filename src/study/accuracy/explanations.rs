@@ -36,7 +36,7 @@ pub struct AccuracyReport<'a> {
 pub struct Row<'a> {
     pub case: &'a PlannedRun,
     pub run: &'a StudyRun,
-    /// Against the reference on its own mesh: what the steps do. `None` where the run failed.
+    /// Against the reference on its own mesh: what the steps do. `None` if the run failed.
     pub time: Option<[f64; 3]>,
     /// Against the limit of fine meshes.
     pub total: Option<[f64; 3]>,

@@ -87,7 +87,7 @@ pub struct Reference {
 }
 
 impl Reference {
-    /// From runs of both methods with two steps each; `None` where one of them failed.
+    /// From runs of both methods with two steps each; `None` if one of them failed.
     pub fn of(runs: &[StudyRun]) -> Option<Self> {
         let [first, second, coarse, fine] = runs else { return None };
         if !runs.iter().all(|run| run.is_complete(RUN_OPTIONS)) {
