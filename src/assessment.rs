@@ -1,4 +1,5 @@
-//! What a scene will compute, its dimensionless numbers, and where it leaves the range of model or method.
+//! Assessment of a scene before its run: dimensionless numbers, the models and fluid laws that apply, and warnings where model or
+//! method leave their range.
 
 use std::f64::consts::{FRAC_PI_4, TAU};
 
@@ -25,22 +26,22 @@ use crate::stepper::Stepper;
 use crate::system::Form;
 use crate::words::{signed, significant, two_digits};
 
-/// The natural frequencies of a finer rod are taken from this many nodes: the dense eigenproblem grows as N³.
+/// Natural frequencies are computed with at most this many nodes: the cost of the dense eigenproblem grows as N³.
 const MAX_NODES_FOR_MODES: u64 = 201;
-/// Stokes number below which the boundary layer's share of the added mass is over a fifth.
+/// Stokes number below which the boundary layer contributes more than a fifth of the added mass.
 const MIN_STOKES_NUMBER: f64 = 100.0;
 /// Surface tension of water against air, N/m.
 const SURFACE_TENSION: f64 = 0.072;
-/// Part of the displaced mass up to which a swimmer counts as neutral.
+/// Relative difference of mass and displaced mass up to which a swimmer is neutrally buoyant.
 const NEUTRAL_BUOYANCY_MARGIN: f64 = 0.05;
-/// Fewest steps in a period of the drive.
+/// Fewest steps per period of the drive.
 const MIN_STEPS_PER_PERIOD: f64 = 20.0;
 /// Largest kΔL of waves along a passive tail.
 const MAX_WAVE_PHASE: f64 = 0.5;
-/// Largest ω₁Δt at which the ringing of an abrupt start is resolved.
+/// Largest ω₁Δt that resolves the ringing of an abrupt start.
 const MAX_RESOLVED_PHASE: f64 = 0.2;
-/// Newton in nodal positions contracts while ΔL is above the first part of the length λ that a step bends, and has no
-/// meaning below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
+/// Newton's method in nodal positions contracts while ΔL is above the first fraction of the length λ that a step bends, and is
+/// meaningless below the second (measured, for steps of 1e-5 … 1e-3 s and at rest).
 const MIN_SPACING: [f64; 2] = [2e-4, 5e-5];
 
 /// True if Newton's method in nodal positions contracts for steps of `time_step` (s) of `rod`.
@@ -48,11 +49,10 @@ pub fn contracts(rod: &Rod, time_step: f64) -> bool {
     rod.spacing >= MIN_SPACING[0] * chain::bent_length(rod, time_step)
 }
 
-/// Usual length of a number in a table with what parts it from the next, bytes.
+/// Typical length of a number with its separator in a table, bytes.
 const BYTES_PER_NUMBER: f64 = 20.0;
 
-/// The rows that a run of `scene` records, and about the size of its tables, bytes; `None` if that depends on the steps
-/// it takes.
+/// Number of rows that a run of `scene` records, and approximate size of its tables, bytes; `None` if it depends on the steps.
 pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
     let rows = match (scene.record.interval_s, scene.steps()) {
         (Some(interval), _) => scene.solver.duration_s.get() / interval.get(),
@@ -71,18 +71,18 @@ pub fn recorded_size(scene: &Scene, stepper: &Stepper) -> Option<(f64, f64)> {
 /// A line of the assessment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AssessmentLine {
-    /// What.
+    /// Name of the quantity.
     pub name: &'static str,
     /// Value, unit and meaning.
     pub text: String,
 }
 
-/// The numbers that decide what a scene's motion is like; `None` if the scene lacks the part.
+/// The numbers that characterise a scene's motion; `None` if the scene lacks that part.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Assessment {
-    /// First non-rigid natural frequency ω₁ of the scene's own discrete rod with the fluid that it accelerates, rad/s.
+    /// First non-rigid natural frequency ω₁ of the scene's own discrete rod, with added mass, rad/s.
     pub first_frequency: f64,
-    /// Half of how far the tip moves, m; without a fluid in the shape that is prescribed.
+    /// Half the tip's range of motion, m; without a fluid, in the prescribed shape.
     pub tip_amplitude: Option<f64>,
     /// Re_d = ρ w D/μ of the motion, see [`Regime`].
     pub reynolds: Option<f64>,
@@ -90,20 +90,20 @@ pub struct Assessment {
     pub frequency_ratio: Option<f64>,
     /// Sp = L(ξ_⊥ω/EI)^¼.
     pub sperm_number: Option<f64>,
-    /// β = ω(ρA + m_a)/ξ_⊥: inertia against drag, with that of the fluid that the rod accelerates.
+    /// β = ω(ρA + m_a)/ξ_⊥: ratio of inertia, with added mass, to drag.
     pub inertia_ratio: Option<f64>,
-    /// All of it in words.
+    /// All lines.
     pub facts: Vec<AssessmentLine>,
-    /// What a user should know before trusting the run.
+    /// Warnings.
     pub warnings: Vec<String>,
-    /// Which forces leave their range in the motion that is foreseen; a run judges its own.
+    /// Forces that leave their range of validity in the predicted motion; a run checks its own motion.
     pub ranges: Vec<String>,
-    /// Why a run would be meaningless.
+    /// Why a run would be meaningless, if so.
     pub refusal: Option<Fault>,
 }
 
 impl Assessment {
-    /// Assesses `scene`, whose stepper stands at its start.
+    /// Assesses `scene`, whose stepper is at its start.
     ///
     /// # Errors
     /// Those of [`Modes::of`].
@@ -154,17 +154,17 @@ impl Assessment {
         Ok(assessment)
     }
 
-    /// All that it warns of before a run.
+    /// All warnings before a run.
     pub fn all_warnings(&self) -> impl Iterator<Item = &String> {
         self.warnings.iter().chain(&self.ranges)
     }
 
-    /// Its refusal as an error of the document that says the scene.
+    /// Its refusal as an error in the scene's document.
     pub fn refused(&self, document: &Document) -> Option<Error> {
         self.refusal.as_ref().map(|fault| document.refuse(fault))
     }
 
-    /// The models that the scene could be run with, cheapest first, their estimated errors, and which is taken.
+    /// The models that apply to the scene, cheapest first, with their estimated errors, and the one that is used.
     ///
     /// # Errors
     /// Those of [`Scene::estimates`].
@@ -187,8 +187,8 @@ impl Assessment {
         Ok(facts)
     }
 
-    /// What the laws of the fluid would make of the scene's motion, which is taken where the scene leaves that to the program, and what
-    /// the reactive force does; nothing without a medium and drag.
+    /// What each fluid law predicts for the scene's motion, which of them an automatic choice uses, and the effect of the reactive
+    /// force. Empty without medium and drag.
     pub fn fluid_models(scene: &Scene, stepper: &Stepper) -> Vec<AssessmentLine> {
         let rod = &stepper.model().rod;
         let Ok(regime) = scene.regime() else { return Vec::new() };
@@ -357,7 +357,7 @@ impl Assessment {
         self.describe_fluid(scene, stepper.model(), regime.ok());
     }
 
-    /// The forces of the fluid, the flow around the rod, and what other laws would say.
+    /// The forces of the fluid, the flow around the rod, and alternative laws.
     fn describe_fluid(&mut self, scene: &Scene, model: &Model, regime: Option<&Regime>) {
         let Model { rod, forces, .. } = model;
         let height = scene.drag.as_ref().and_then(|drag| drag.height_m).map(Positive::get);
@@ -426,7 +426,7 @@ impl Assessment {
         }
     }
 
-    /// The body before the rod, and its drag.
+    /// The body at the head, and its drag.
     fn describe_body(&mut self, model: &Model, regime: Option<&Regime>, height: Option<f64>) {
         let Model { rod, forces, fluid, .. } = model;
         let Some(body) = rod.body else { return };
@@ -458,7 +458,7 @@ impl Assessment {
         }
     }
 
-    /// What lies behind the interfaces of the medium, and how fast the rod crosses them.
+    /// The layers of the medium, and how fast the rod crosses their interfaces.
     fn describe_media(&mut self, scene: &Scene, model: &Model, regime: &Regime) {
         let Some(layers) = model.layers else { return };
         let rod = &model.rod;
@@ -544,8 +544,9 @@ impl Assessment {
         }
     }
 
-    /// Warns of a passive tail on fewer nodes than the waves need that its head, or the flow, sends along it: with their wavenumber
-    /// k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI its thrust errs by 0.4 (kΔL)² (measured, in oil and in water, for kL of 0.4 to 21).
+    /// Warns if a passive tail has fewer nodes than the waves need that its head, or the flow, sends along it: with their
+    /// wavenumber k⁴ = ω√(ξ⊥² + ω²(ρA + m_a)²)/EI its thrust errs by 0.4 (kΔL)² (measured, in oil and in water, for kL of 0.4 to
+    /// 21).
     fn warn_of_waves(&mut self, scene: &Scene, rod: &Rod) {
         let numbers = self.sperm_number.zip(self.inertia_ratio).filter(|_| scene.actuation.is_none());
         let Some(waves) = numbers.map(|(sperm, inertia)| sperm * (1.0 + inertia * inertia).powf(0.125)) else { return };
@@ -652,14 +653,14 @@ impl Assessment {
     }
 }
 
-/// A positive number in two digits, no smaller than it is.
+/// A positive number, rounded up to two digits.
 fn rounded_up(x: f64) -> f64 {
     let exponent = x.log10().floor() as i32 - 1;
     let digits = (x / 10.0_f64.powi(exponent) * (1.0 - 1e-12)).ceil();
     format!("{digits}e{exponent}").parse().unwrap_or(x)
 }
 
-/// The section in the middle of `rod`, in words.
+/// A description of the section in the middle of `rod`.
 fn describe_section(rod: &Rod) -> String {
     let (sections, section) = (&rod.sections, rod.sections.at(0.5));
     let (thickness, depth) = (2.0 * section.outer, section.depth);
@@ -678,7 +679,7 @@ fn describe_section(rod: &Rod) -> String {
     format!("{outline}{hole}{at}")
 }
 
-/// The mass of `rod`, with that of its body, over the mass of the fluid of this `density` (kg/m³) that it displaces, and what that means.
+/// The mass of `rod`, with its body, over the displaced mass of a fluid of this `density` (kg/m³), and what follows from it.
 fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
     let ratio = rod.total_mass() / (density * rod.displaced_volume());
     match head {
@@ -692,14 +693,14 @@ fn describe_weight(rod: &Rod, density: f64, head: HeadKind) -> String {
     }
 }
 
-/// A positive number in two digits, no larger than it is.
+/// A positive number, rounded down to two digits.
 fn rounded_down(x: f64) -> f64 {
     let exponent = x.log10().floor() as i32 - 1;
     let digits = (x / 10.0_f64.powi(exponent) * (1.0 + 1e-12)).floor();
     format!("{digits}e{exponent}").parse().unwrap_or(x)
 }
 
-/// What the water does to the frequencies of `rod`, and whether it is slender enough for its theory.
+/// The effect of added mass on the frequencies of `rod`, and whether the rod is slender enough for its theory.
 fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
     let slows = 100.0 * (1.0 - 1.0 / (1.0 + regime.mass_ratio).sqrt());
     let slender = regime.depth / rod.length;
@@ -715,7 +716,7 @@ fn describe_added_mass(regime: &Regime, rod: &Rod) -> String {
     format!("it lowers the rod's own frequencies by {slows:.1} %; depth over length {slender:.3}{decides}")
 }
 
-/// Half of how far the tip moves (m) in the shape that the actuation prescribes.
+/// Half the tip's range of motion (m) in the shape that the actuation prescribes.
 fn prescribed_tip(model: &Model) -> Option<f64> {
     let (actuation, drive) = model.actuation.as_ref()?;
     let head = model.head.as_ref().map(|motion| pose(motion, 0.0));
@@ -724,7 +725,7 @@ fn prescribed_tip(model: &Model) -> Option<f64> {
     Some(regime::half_width(&tips))
 }
 
-/// Drag across the rod per length and speed in that fluid, N s/m²; where that depends on the motion of the whole rod, of the default law.
+/// Drag across the rod per length and speed in that fluid, N s/m²; for a nonlocal law that of the default law.
 fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     let Model { rod, forces, .. } = model;
     let own = || forces.resistance(rod, fluid);
@@ -736,7 +737,7 @@ fn resistance(scene: &Scene, model: &Model, fluid: Fluid) -> Option<f64> {
     Some(across)
 }
 
-/// The fully grown natural curvature at a phase of the scene's drive.
+/// The fully developed natural curvature at a phase of the scene's drive.
 fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
     let mut natural_curvature = vec![0.0; model.rod.nodes];
     if let Some((actuation, drive)) = &model.actuation {
@@ -746,7 +747,7 @@ fn natural_curvature(model: &Model, phase: f64) -> Vec<f64> {
     natural_curvature
 }
 
-/// Largest turning (rad) that the actuation asks of a joint.
+/// Largest rotation (rad) of a joint that the actuation prescribes.
 fn sharpest_turning(model: &Model) -> f64 {
     let at = |phase: f64| {
         natural_curvature(model, phase)[model.rod.joints()].iter().fold(0.0, |max: f64, k| max.max(k.abs()))

@@ -1,4 +1,4 @@
-//! `caudal check`.
+//! `caudal check`: prints the assessment of a scene.
 
 use std::process::ExitCode;
 

@@ -1,4 +1,4 @@
-//! `caudal design`.
+//! `caudal design`: solves the design problem of a scene and writes its results.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! `caudal export`.
+//! `caudal export`: converts results to PNG, PDF, VTK, GIF and MP4.
 
 use std::ops::ControlFlow;
 use std::path::{Path, PathBuf};

@@ -1,4 +1,4 @@
-//! `caudal fmu`.
+//! `caudal fmu`: packages a scene as an FMU.
 
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! The command line: what is asked, what is printed, and which exit code says how it ended.
+//! The command line: arguments, output, and exit codes.
 
 mod check;
 #[cfg(feature = "design")]

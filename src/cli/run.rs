@@ -1,4 +1,4 @@
-//! `caudal run`.
+//! `caudal run`: runs a scene with a progress bar; Ctrl-C stops it with valid files.
 
 use std::ops::ControlFlow;
 use std::path::PathBuf;

@@ -1,4 +1,4 @@
-//! `caudal study`.
+//! `caudal study`: runs the studies of modes, scaling, accuracy, stability and fluid models.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

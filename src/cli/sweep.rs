@@ -1,4 +1,4 @@
-//! `caudal sweep`.
+//! `caudal sweep`: runs, resumes, shards and merges sweeps.
 
 use std::path::PathBuf;
 use std::process::ExitCode;

@@ -4,7 +4,7 @@
 use super::table::DesignTable;
 use crate::rod::Rod;
 
-/// How the stiffness of joints follows from the unknowns.
+/// The joint values as a linear function of the unknowns.
 #[derive(Debug, Clone)]
 pub struct Basis {
     /// Number of unknowns.
@@ -14,7 +14,7 @@ pub struct Basis {
 }
 
 impl Basis {
-    /// The stiffness of every joint of `rod` as weights of the unknowns: all of one, or of the knots about it.
+    /// The basis functions of `table` for the joints of `rod`.
     pub fn of(table: &DesignTable, rod: &Rod) -> Self {
         let joints = rod.joints();
         let Some(knots) = &table.knots else {
@@ -35,13 +35,13 @@ impl Basis {
         Self { unknowns: knots.len(), rows: joints.map(row).collect() }
     }
 
-    /// The joints' values.
+    /// The values at the joints.
     pub fn joints(&self, unknowns: &[f64]) -> Vec<f64> {
         self.rows.iter().map(|row| row.iter().map(|(i, w)| w * unknowns[*i]).sum()).collect()
     }
 }
 
-/// The second differences D₂ of the joints' values, as rows of the unknowns.
+/// Second differences D₂ of the joint values, as rows of the unknowns.
 pub fn second_differences(basis: &Basis) -> impl Iterator<Item = Vec<(usize, f64)>> {
     basis.rows.windows(3).map(|rows| {
         let parts = rows.iter().zip([1.0, -2.0, 1.0]);

@@ -7,30 +7,30 @@ use crate::error::Result;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::number::{Number, keys_with};
 
-/// What figures and tables call the scene without the design.
+/// Name of the scene without the design, in figures and tables.
 pub const BASELINE: &str = "the scene's own";
 
-/// What a search changes: joint by joint, and numbers of the scene.
+/// The values of the design variables.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct DesignVector {
     /// EI, N m²; empty if it follows from the scene.
     pub stiffness_n_m2: Vec<f64>,
     /// Amplitude of the actuation over the scene's.
     pub amplitude: Vec<f64>,
-    /// Phase subtracted inside the actuation's function of phase, beside the scene's, rad.
+    /// Phase subtracted inside the actuation's function of phase, in addition to the scene's, rad.
     pub phase_rad: Vec<f64>,
-    /// Numbers of the scene by their names, in SI units, in the order of the table; all others are the scene's.
+    /// Numbers of the scene by name, in SI units, in the order of the table; all others keep the scene's values.
     pub numbers: Vec<(String, f64)>,
 }
 
 impl DesignVector {
-    /// Of this stiffness (N m²), with the scene's actuation and numbers.
+    /// This stiffness (N m²), with the scene's actuation and numbers.
     pub fn of(stiffness: Vec<f64>) -> Self {
         let (amplitude, phase_rad) = (vec![1.0; stiffness.len()], vec![0.0; stiffness.len()]);
         Self { amplitude, phase_rad, stiffness_n_m2: stiffness, numbers: Vec::new() }
     }
 
-    /// What a design of `table` is compared with: the scene as it is, whose joints have the stiffness `own` (N m²).
+    /// The baseline of a design: the scene as it is, whose joints have the stiffness `own` (N m²).
     pub fn before(table: &DesignTable, own: &[f64]) -> Self {
         let mut before = Self { numbers: table.initial_numbers(), ..Self::of(own.to_vec()) };
         if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
@@ -39,7 +39,7 @@ impl DesignVector {
         before
     }
 
-    /// The values of its numbers.
+    /// The values of the numbers.
     pub fn values(&self) -> Vec<f64> {
         self.numbers.iter().map(|(_, value)| *value).collect()
     }

@@ -7,17 +7,17 @@ use crate::rod;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::number::{Number, keys_with};
 
-/// Steps of a period, and of a duration without one, where a scene gives none.
+/// Steps per period, and per duration without a period, for a scene with adaptive steps.
 const STEPS: [f64; 2] = [200.0, 1000.0];
 
-/// `document`, whose scenes with other numbers all keep the fluid that `scene` takes.
+/// `document` with the fluid model that `scene` uses, so that other numbers do not change it.
 pub(super) fn with_fixed_fluid(document: &Document, scene: &Scene) -> Document {
     let mut document = document.clone();
     document.keep_fluid_of(scene);
     document
 }
 
-/// The simulations that a design is looked at in: as it is, with half the step, by another method, on a finer mesh.
+/// The simulations in which a design is checked: as designed, with half the step, another method, and a finer mesh.
 pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
     let step = 0.5 * scene.typical_step();
     let other = if scene.integrator_name() == "generalized-alpha" { "newmark" } else { "generalized-alpha" };
@@ -30,7 +30,7 @@ pub(super) fn simulations(scene: &Scene) -> Vec<(String, Vec<String>)> {
     ]
 }
 
-/// The scene of `document` with `changes` and a profile of its joints and `numbers`.
+/// The scene of `document` with `changes`, a profile of its joints, and `numbers`.
 pub(super) fn scene_with(
     document: &Document,
     numbers: &[Number],
@@ -49,7 +49,7 @@ pub(super) fn scene_with(
     document.scene()
 }
 
-/// What gives a scene fixed steps of a method of one stage, where it has none.
+/// The changes that give a scene fixed steps and a one-stage method, if it has none.
 pub(super) fn fixed_steps(scene: &Scene) -> Vec<String> {
     let one_stage = |step: f64| scene.integrator().is_ok_and(|integrator| integrator.rule(step).is_some());
     if let Pace::Fixed(step) = scene.pace()
@@ -65,7 +65,7 @@ pub(super) fn fixed_steps(scene: &Scene) -> Vec<String> {
     vec!["solver.integrator=generalized-alpha".to_string(), format!("solver.time_step_s={step:e}")]
 }
 
-/// The keys that make the scene of `document` have `profile`.
+/// The keys and values that give the scene of `document` the design `profile`.
 fn keys(document: &Document, numbers: &[Number], profile: &DesignVector) -> Result<Vec<(String, toml::Value)>> {
     let scene = profile.numbers_in(document, numbers)?;
     let rod = scene.model()?.rod;
@@ -98,7 +98,7 @@ fn keys(document: &Document, numbers: &[Number], profile: &DesignVector) -> Resu
     Ok(keys)
 }
 
-/// The scene with the designed profile and without `[design]`; files that it names are found from anywhere.
+/// The document of the designed scene, without `[design]` and with absolute paths.
 pub(super) fn designed(
     document: &Document,
     scene: &Scene,

@@ -11,7 +11,7 @@ use super::tolerance::{MAX_REPORTED_TOLERANCE, Tolerance};
 use crate::scene::Scene;
 use crate::sensitivity::{Output, Parameter, Problem, Quantity};
 
-/// A tip that moves by less than this part of the length for twice the stiffness hardly feels it.
+/// Stiffness hardly matters if doubling it moves the tip by less than this fraction of the length.
 const MIN_SENSITIVITY: f64 = 1e-2;
 
 pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
@@ -62,7 +62,7 @@ pub(super) fn explain_identification(found: &Identification) -> Vec<String> {
     lines
 }
 
-/// How many joints do not fit by their balance, and by how much.
+/// How many joints do not fit, and by how much.
 pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     let unfit: Vec<&JointEstimate> =
         found.joints.iter().filter(|joint| joint.verdict == Identifiability::DoesNotFit).collect();
@@ -77,7 +77,7 @@ pub(super) fn explain_misfit(found: &Identification) -> Option<String> {
     })
 }
 
-/// How much stiffness matters in the scene, where its simulation can be differentiated.
+/// How much stiffness matters in the scene.
 pub(super) fn explain_effect(scene: &Scene) -> Option<String> {
     let mut problem = Problem::of(scene).ok()?;
     let rod = &problem.model().rod;
@@ -168,7 +168,7 @@ pub(super) fn explain_search(found: &SearchResult, table: &DesignTable) -> Vec<S
     lines
 }
 
-/// What the design is in each case, in words.
+/// The objective in each scenario.
 pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -> Vec<String> {
     let line = |ScenarioResult { case, designed, gain_percent, .. }: &ScenarioResult| {
         let value = designed.map_or("fails".to_string(), |value| format!("{value:.6e}"));
@@ -186,7 +186,7 @@ pub(super) fn explain_scenarios(cases: &[ScenarioResult], table: &DesignTable) -
     aggregate.into_iter().chain(cases.iter().map(line)).collect()
 }
 
-/// The front in words.
+/// A summary of the Pareto front.
 pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Option<String> {
     let [first, .., last] = front else { return None };
     let [one, two] = [table.goal, table.front.as_ref()?.goal].map(Goal::label);
@@ -202,7 +202,7 @@ pub(super) fn explain_front(front: &[ParetoPoint], table: &DesignTable) -> Optio
     ))
 }
 
-/// The tightest and the loosest tolerance in words.
+/// The tightest and the loosest tolerance.
 pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     let change = |tolerance: &Tolerance| tolerance.change.unwrap_or(f64::INFINITY);
     if tolerances.iter().all(|tolerance| tolerance.change.is_none()) && !tolerances.is_empty() {
@@ -222,7 +222,7 @@ pub(super) fn explain_tolerances(tolerances: &[Tolerance]) -> Option<String> {
     Some(format!("what costs 1 % of the objective, alone: {}, the tightest{loosest}", words(tight)))
 }
 
-/// A number that was found, in words.
+/// An estimated number.
 pub(super) fn explain_number(number: &EstimatedNumber) -> String {
     let EstimatedNumber { key, unit, own, value, deviation, verdict } = number;
     let unit = if *unit == "1" { String::new() } else { format!(" {unit}") };
@@ -231,7 +231,7 @@ pub(super) fn explain_number(number: &EstimatedNumber) -> String {
     format!("{key}: {value:.6e}{deviation}{unit}, {:.5} times the scene's{verdict}", value / own)
 }
 
-/// That the simulation with what was found is not the motion of the markers, where it is not.
+/// A warning if the simulation does not fit the markers.
 pub(super) fn explain_refit(refit: &Refit) -> Option<String> {
     (!refit.fits()).then(|| {
         format!(

@@ -1,4 +1,4 @@
-//! What a design shows: figures, tables and the motion before and after.
+//! Figures and tables of a design, and the animation before and after.
 
 use serde_json::{Value, json};
 
@@ -17,19 +17,19 @@ use crate::report::{Animation, Figure, Findings, Frame, Table};
 use crate::rod::Rod;
 use crate::sensitivity::Trajectory;
 
-/// Shapes drawn over the last cycle.
+/// Number of shapes drawn over the last cycle.
 const SHAPES: usize = 9;
 
-/// Parts of a drawn body.
+/// Stations of a drawn body.
 const STATIONS: usize = 100;
 
-/// Points of a curve, and frames of the page's motion.
+/// Points of a curve, and frames of the animation.
 const POINTS: usize = 600;
 
 type Drawn = (&'static str, Chart);
 
 impl Design {
-    /// All that the design's page shows.
+    /// The content of the design's page.
     pub(super) fn findings(&self) -> Result<Findings> {
         let rod = self.scene.model()?.rod;
         let mut figures = vec![self.profile_figure(&rod)];
@@ -60,7 +60,7 @@ impl Design {
         })
     }
 
-    /// What the page says first.
+    /// The answers at the top of the page.
     fn answers(&self) -> Vec<String> {
         let mut answers = vec![format!("Status: {}.", self.status())];
         answers.extend(self.lines.iter().cloned());
@@ -121,8 +121,7 @@ impl Design {
         ("profile.svg", self.chart(title, "s/L", "EI over EI of the scene", Scale::Linear, series))
     }
 
-    /// The straight rod seen from its side before and after, as long and deep as it is, with a stroke in every joint that is as high as
-    /// the joint is stiff.
+    /// Side view of the straight rod before and after, to scale, with a stroke at each joint in proportion to its stiffness.
     fn body_figure(&self, rod: &Rod) -> Result<Option<Drawn>> {
         if !matches!(self.answer, Answer::Search(_)) || self.table.fits_positions() {
             return Ok(None);
@@ -187,7 +186,7 @@ impl Design {
         figures
     }
 
-    /// Numbers of the scene that were found, with their deviations.
+    /// The estimated numbers of the scene, with their deviations.
     fn numbers_figure(&self) -> Option<Drawn> {
         let Answer::Search(found) = &self.answer else { return None };
         if found.numbers.is_empty() {
@@ -214,7 +213,7 @@ impl Design {
         ))
     }
 
-    /// The designs between two goals.
+    /// The Pareto front.
     fn front_figure(&self) -> Option<Drawn> {
         let (Some(wanted), [_, ..]) = (&self.table.front, &self.evidence.front[..]) else { return None };
         let points = |best: bool| {
@@ -227,7 +226,7 @@ impl Design {
         Some(("front.svg", self.chart("designs between two goals", &x, &y, Scale::Linear, series)))
     }
 
-    /// The objective in each of the cases that the design is for.
+    /// The objective in each scenario.
     fn cases_figure(&self) -> Option<Drawn> {
         let cases = &self.evidence.cases;
         if cases.is_empty() {
@@ -247,7 +246,7 @@ impl Design {
         Some(("cases.svg", self.chart("every case", "number of the case", &y, Scale::Categories(numbers), series)))
     }
 
-    /// What the goal is about, over time: the tip and its target, the way, or the markers.
+    /// The goal over time: tip and target, distance, or markers.
     fn goal_figures(&self, rod: &Rod) -> Vec<Drawn> {
         let mut figures = Vec::new();
         let target = self.evidence.target.as_ref();
@@ -320,7 +319,7 @@ impl Design {
         figures
     }
 
-    /// The shapes of the last cycle before and after, on the same axes.
+    /// The shapes of the last cycle before and after, with equal axes.
     fn cycle_figures(&self) -> Vec<Drawn> {
         let [before, after] = &self.evidence.motions[..] else { return Vec::new() };
         let all = [self.shapes(before), self.shapes(after)];
@@ -622,7 +621,7 @@ impl Design {
     }
 }
 
-/// What a figure shows, in a sentence.
+/// The caption of a figure.
 fn caption(file: &str) -> &'static str {
     match file {
         "profile.svg" => {
@@ -655,7 +654,7 @@ fn caption(file: &str) -> &'static str {
     }
 }
 
-/// A goal as an axis names it, with its unit.
+/// The axis label of a goal, with its unit.
 fn axis_label(goal: Goal) -> String {
     let Some(measure) = MEASURES.into_iter().find(|measure| goal == Goal::Cycle(measure.key)) else {
         return goal.label().to_string();
@@ -664,13 +663,13 @@ fn axis_label(goal: Goal) -> String {
     if measure.unit == "1" { words } else { format!("{words} ({})", measure.unit) }
 }
 
-/// Some of the points.
+/// At most `most` of the points.
 fn thinned(points: Vec<(f64, f64)>, most: usize) -> Vec<(f64, f64)> {
     let every = points.len().div_ceil(most).max(1);
     points.into_iter().step_by(every).collect()
 }
 
-/// A number of the positions over time.
+/// A function of the positions over time.
 fn curve(motion: &Trajectory, of: impl Fn(&[f64]) -> f64) -> Vec<(f64, f64)> {
     let points = (0..motion.times.len()).map(|n| (motion.times[n], of(motion.positions(n))));
     thinned(points.collect(), POINTS)

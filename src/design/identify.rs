@@ -25,45 +25,45 @@ use crate::system::{Direction, State, System};
 /// A parameter counts as identified if its standard deviation is at most this fraction of it.
 pub(super) const MAX_RELATIVE_DEVIATION: f64 = 0.1;
 
-/// Σc² beyond noise must be this many times what noise alone makes of it; with less the stiffness would rest on how well the
-/// noise is known.
+/// Least ratio of Σc² beyond noise to what noise alone contributes. Below it, the estimate would depend on how well the noise is
+/// known.
 const MIN_SIGNAL_TO_NOISE: f64 = 5.0;
 
-/// Joints of which nothing is known stay at the scene's own stiffness, pulled by this part of the least information there is.
+/// Weight of the prior, over the least information in the data: joints without information keep the scene's own stiffness.
 const PRIOR_WEIGHT: f64 = 1e-8;
 
-/// Mean square of what is left of a balance over that of noise, from which on a joint does not fit.
+/// A joint does not fit if the mean square of its residual exceeds that of noise by more than this.
 const MAX_MISFIT: f64 = 1.5;
 
-/// The strength of the actuation is looked for within this factor of the scene's, as a logarithm, in such steps.
+/// The actuation gain is searched for on this logarithmic grid about the scene's: number of steps to either side, and step.
 const GAIN_STEPS: i32 = 70;
 const GAIN_STEP: f64 = 0.1;
 
-/// Passes of the weights, which depend on the stiffness.
+/// Iterations of reweighted least squares, since the weights depend on the stiffness.
 const REWEIGHTINGS: usize = 3;
 
-/// What can be said of a joint.
+/// How well the data determine a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Identifiability {
-    /// The data say it.
+    /// The data determine it.
     Identified,
-    /// The data say little; smoothness, knots, order or mean decide.
+    /// The data contribute little; smoothness, knots, order or mean decide.
     PriorDriven,
-    /// A bound decides.
+    /// It is at a bound.
     AtABound,
-    /// The data know it only together with others.
+    /// The data determine it only together with others.
     NotToldApart,
-    /// What is left of its balance or of the simulation is more than noise: the scene is not that of the data.
+    /// The residual exceeds noise: the scene is not that of the data.
     DoesNotFit,
     /// The search ended before it was stationary.
     NotConverged,
-    /// Neither data nor anything else says anything.
+    /// Neither the data nor a prior determines it.
     Unobservable,
 }
 
 impl Identifiability {
-    /// In words.
+    /// Its description.
     pub fn words(self) -> &'static str {
         match self {
             Self::Identified => "identified",
@@ -77,68 +77,68 @@ impl Identifiability {
     }
 }
 
-/// The answer for one joint.
+/// The estimate for one joint.
 #[derive(Debug, Clone, Serialize)]
 pub struct JointEstimate {
-    /// Its node.
+    /// Index of its node.
     pub node: usize,
     /// s/L.
     pub xi: f64,
     /// EI, N m².
     pub stiffness_n_m2: f64,
-    /// Its standard deviation from the noise of the positions, N m².
+    /// Standard deviation from the noise of the positions, N m².
     pub deviation_n_m2: f64,
-    /// Σc² over what noise alone makes of it.
+    /// Signal-to-noise ratio: Σc² over the contribution of noise.
     pub signal_to_noise: f64,
-    /// Root of the mean square of EI c − m over what noise alone makes of it: about 1 where the scene is that of the data.
+    /// Root mean square of EI c − m over the contribution of noise: about 1 if the scene is that of the data.
     pub residual_over_noise: f64,
-    /// What can be said of it.
+    /// Its identifiability.
     pub verdict: Identifiability,
 }
 
 impl JointEstimate {
-    /// True if what it bends beyond its natural curvature drowns in noise.
+    /// True if its curvature beyond the natural one is below the noise.
     pub fn drowns(&self) -> bool {
         self.signal_to_noise <= MIN_SIGNAL_TO_NOISE
     }
 }
 
-/// What identification finds.
+/// The result of identification.
 #[derive(Debug, Clone, Serialize)]
 pub struct Identification {
     /// The joints.
     pub joints: Vec<JointEstimate>,
-    /// Strength of the actuation over the scene's, where it was asked for.
+    /// Actuation gain over the scene's, if it was identified too.
     pub actuation_gain: Option<f64>,
-    /// True if that is at an edge of what is looked for.
+    /// True if the gain is at the edge of the search grid.
     pub gain_at_edge: bool,
-    /// Standard deviation of the positions, m, as asked for or as found.
+    /// Standard deviation of the positions, m, as given or as estimated.
     pub noise_m: f64,
-    /// Samples to either side in the filter.
+    /// Half the smoothing filter's window, in samples.
     pub window_samples: usize,
-    /// Samples used.
+    /// Number of samples used.
     pub samples: usize,
-    /// Root of the mean of squares of EI c − m over that of m: how well the balance holds.
+    /// Root mean square of EI c − m over that of m: how well the moment balance closes.
     pub misfit: f64,
-    /// How the simulation with it meets the markers; `None` if there is none.
+    /// Comparison of its simulation with the markers; `None` if there is none.
     pub refit: Option<Refit>,
-    /// Of a free rod: root mean squares of the sums of forces (N, x and y) and moments (N m) that must vanish, over those of
+    /// For a free rod: root mean squares of the sums of forces (N, x and y) and moments (N m), which must vanish, over those of
     /// their parts.
     pub balances: Option<[f64; 3]>,
-    /// Constraints that bind, with their duals.
+    /// Active constraints, with their duals.
     pub active: Vec<(String, f64)>,
-    /// Square roots of the eigenvalues of the data's part of the scaled Hessian, falling: how many numbers the data know, and how well (the
-    /// inverse is a standard deviation over the reference stiffness).
+    /// Square roots of the eigenvalues of the data's part of the scaled Hessian, in descending order: how many parameters the data
+    /// determine, and how well (the inverse is a standard deviation over the reference stiffness).
     pub singular_values: Vec<f64>,
-    /// Samples without a marker, and glitches.
+    /// Samples without a marker, and outliers.
     pub missing: Vec<String>,
-    /// How many other samples were left out, and why.
+    /// Descriptions of other samples that were left out.
     pub left_out: Vec<String>,
 }
 
 impl Identification {
-    /// Judges it by its simulation too: deviations grow by what that asks for, and where more than noise is left the scene is not that of
-    /// the data, which balances of single joints may hide.
+    /// Updates the estimates by their simulation: deviations grow by the stiffness change that it asks for. If the residual exceeds
+    /// noise, the scene is not that of the data, which balances of single joints may hide.
     pub fn judge(&mut self, refit: Refit) {
         for (joint, stiffer) in self.joints.iter_mut().zip(&refit.stiffer_n_m2) {
             let left = if refit.fits() { 1.0 } else { refit.residual_over_noise };
@@ -151,21 +151,20 @@ impl Identification {
     }
 }
 
-/// What a force is differentiated along, in the order of [`Moves`].
+/// Directions in which forces are differentiated, in the order of [`Moves`].
 const DIRECTIONS: [Direction; 3] = [Direction::POSITIONS, Direction::VELOCITIES, Direction::ACCELERATIONS];
 
-/// How a number moves with positions: index of the entry, and by its value, velocity and acceleration.
+/// Derivatives of a number by positions: index of the coordinate, and derivatives by its value, velocity and acceleration.
 type Moves = Vec<(usize, [f64; 3])>;
 
-/// Curvatures and moments of one joint over all samples.
+/// Curvatures and moments of one joint at all samples.
 pub(super) struct JointSeries {
-    /// Parts of c that do and do not move with the actuation: c = still − gain·driven.
+    /// The parts of c that do and do not scale with the actuation: c = still − gain·driven.
     still: Vec<f64>,
     driven: Vec<f64>,
     /// m.
     pub(super) moment: Vec<f64>,
-    /// What a position moves: index of the entry, and by value, velocity and acceleration; one list a sample. The first is for
-    /// c, with unit stiffness, the second for −m.
+    /// Derivatives by the positions, one list per sample. The first is of c, for unit stiffness, the second of −m.
     by: [Vec<Moves>; 2],
 }
 
@@ -179,12 +178,12 @@ fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// z × r.
+/// The cross product z × r.
 fn turned(r: Vector2<f64>) -> Vector2<f64> {
     Vector2::new(-r.y, r.x)
 }
 
-/// Evaluates c and m of every joint, and the balances of a free rod.
+/// Evaluates c and m of each joint, and the balances of a free rod.
 pub(super) fn series(
     dynamics: &mut Dynamics,
     markers: &Markers,
@@ -313,7 +312,7 @@ pub(super) fn series(
     Ok((all, balances))
 }
 
-/// Variance of Σ_i u_i e_i by noise of variance one in every position, where e moves by `by` of a sample.
+/// Variance of Σ_i u_i e_i for unit noise in each position; `by` lists the derivatives of e at a sample.
 fn variance(
     motion: &SmoothedMotion,
     entries: usize,
@@ -334,7 +333,7 @@ fn variance(
     dot(&counts, &counts)
 }
 
-/// What is known of a joint: Σc², its share of noise, Σcm, and the variance of Σc(EI c − m).
+/// Information about a joint: Σc², its part from noise, Σcm, and the variance of Σc(EI c − m).
 struct JointInformation {
     square: f64,
     noise: f64,
@@ -343,7 +342,7 @@ struct JointInformation {
 }
 
 impl JointInformation {
-    /// Σc² beyond noise, over what noise alone makes of it.
+    /// Σc² beyond noise over the contribution of noise.
     fn signal(&self) -> f64 {
         (self.square - self.noise) / self.noise.max(f64::MIN_POSITIVE)
     }
@@ -388,7 +387,7 @@ fn known(
     }
 }
 
-/// Σ of the variances of EI c − m over the samples: what noise leaves of the balance.
+/// The expected Σ(EI c − m)² from noise alone.
 fn noise_left(series: &JointSeries, motion: &SmoothedMotion, entries: usize, ei: f64, sigma: f64) -> f64 {
     let mut moves = vec![[0.0; 3]; entries];
     let of_residual = |i: usize| {
@@ -409,8 +408,8 @@ fn noise_left(series: &JointSeries, motion: &SmoothedMotion, entries: usize, ei:
     sigma * sigma * (0..motion.samples.len()).map(of_residual).sum::<f64>()
 }
 
-/// The gain of the actuation that leaves the least of EI c − m where every joint takes its best stiffness, and whether it is at an
-/// edge of what is looked for.
+/// The actuation gain with the least residual EI c − m, with the best stiffness of each joint, and whether it is at the edge of the
+/// grid.
 fn best_gain(all: &[JointSeries]) -> (f64, bool) {
     let misfit = |gain: f64| -> f64 {
         let of = |series: &JointSeries| {
@@ -433,7 +432,7 @@ fn best_gain(all: &[JointSeries]) -> (f64, bool) {
     ((0.5 * (low + high)).exp(), middle.abs() == GAIN_STEPS)
 }
 
-/// Bounds, order and mean of the stiffness over `reference`, as constraints of the unknowns.
+/// Bounds, order and mean of the stiffness over `reference` as constraints of the unknowns.
 pub fn constraints(table: &DesignTable, basis: &Basis, equal_mean: bool) -> Vec<Constraint> {
     let mut constraints = Vec::new();
     let place = |i: usize| match &table.knots {
@@ -473,10 +472,10 @@ pub fn smooth(programme: &mut QuadraticProgram, basis: &Basis, weight: f64) {
     }
 }
 
-/// Finds the stiffness with which `markers` moved in the scene of `dynamics`.
+/// Identifies the stiffness with which `markers` moved in the scene of `dynamics`.
 ///
 /// # Errors
-/// [`Error::Design`] if data or demands allow no answer; those of [`Dynamics::shape`].
+/// [`Error::Design`] if the data or constraints allow no answer; those of [`Dynamics::shape`].
 pub fn identify(dynamics: &mut Dynamics, markers: &Markers, table: &DesignTable) -> Result<Identification> {
     let step = {
         let mut steps: Vec<f64> = markers.times.windows(2).map(|pair| pair[1] - pair[0]).collect();

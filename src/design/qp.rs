@@ -1,4 +1,4 @@
-//! Convex quadratic programmes with named constraints, solved by Clarabel.
+//! Convex quadratic programs with named constraints, solved by Clarabel.
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
@@ -10,7 +10,7 @@ use crate::error::{Error, Result};
 /// A constraint Σ c x ≤ b, or = b.
 #[derive(Debug, Clone)]
 pub struct Constraint {
-    /// What it is, in words.
+    /// Its description.
     pub name: String,
     /// Unknowns and their coefficients.
     pub row: Vec<(usize, f64)>,
@@ -43,7 +43,7 @@ pub struct QuadraticProgram {
     pub constraints: Vec<Constraint>,
 }
 
-/// A solution, with one dual a constraint; that of an inequality is not negative.
+/// A solution, with one dual per constraint; duals of inequalities are non-negative.
 #[derive(Debug, Clone)]
 pub struct QpSolution {
     /// x.
@@ -54,7 +54,7 @@ pub struct QpSolution {
     pub iterations: u32,
 }
 
-/// A dual, over the largest, from which on a constraint belongs to a conflict.
+/// Constraints with a dual above this fraction of the largest belong to a conflict.
 const CONFLICT_DUAL: f64 = 1e-3;
 
 impl QuadraticProgram {
@@ -74,7 +74,7 @@ impl QuadraticProgram {
         }
     }
 
-    /// The constraints that bind, with their duals.
+    /// The active constraints, with their duals.
     pub fn active(&self, solution: &QpSolution) -> Vec<(String, f64)> {
         let binds = |(constraint, dual): &(&Constraint, &f64)| {
             let slack = constraint.bound - constraint.row.iter().map(|(i, c)| c * solution.x[*i]).sum::<f64>();
@@ -91,11 +91,11 @@ impl QuadraticProgram {
         (0..n).map(|i| x[i] * (0.5 * hx(i) + self.gradient[i])).sum()
     }
 
-    /// Solves it. The objective is scaled so that the largest diagonal entry of H (of g, without H) is one: unscaled, small
-    /// numbers are called solved while they are not.
+    /// Solves the program. The objective is scaled so that the largest diagonal entry of H (of g, without H) is one, since Clarabel
+    /// would otherwise accept unsolved programs with small coefficients.
     ///
     /// # Errors
-    /// [`Error::Design`] for everything but a solution, with the constraints that are in conflict.
+    /// [`Error::Design`] if no solution was found, with the constraints that are in conflict.
     pub fn solve(&self) -> Result<QpSolution> {
         let n = self.gradient.len();
         let largest = |values: &mut dyn Iterator<Item = f64>| values.fold(0.0, |max: f64, x| max.max(x.abs()));
@@ -181,7 +181,7 @@ impl QuadraticProgram {
         Err(Error::Design { reason })
     }
 
-    /// The solution to rounding, from the constraints that bind in a rough one; `None` if they were not those.
+    /// Refines a rough solution to rounding, for its active constraints; `None` if these change.
     fn polished(&self, rough: &QpSolution, scale: f64) -> Option<QpSolution> {
         let n = self.gradient.len();
         let value = |constraint: &Constraint, x: &[f64]| -> f64 { constraint.row.iter().map(|(j, c)| c * x[*j]).sum() };

@@ -1,4 +1,4 @@
-//! Static target shape: the stiffness that rests in it, EI_k c_k = m_k without motion.
+//! Static target shape: the stiffness with which the rod rests in it, EI_k c_k = m_k without motion.
 
 use serde::Serialize;
 
@@ -10,24 +10,24 @@ use super::table::DesignTable;
 use crate::error::{Error, Result};
 use crate::model::Dynamics;
 
-/// A curvature or moment below this part of the largest is none.
+/// Curvatures and moments below this fraction of the largest count as zero.
 const NEGLIGIBLE: f64 = 1e-6;
 
-/// A residual moment above this part of a joint's own is said.
+/// Residual moments above this fraction of the joint's own are reported.
 const MAX_RESIDUAL: f64 = 1e-6;
 
-/// What the rest of the designed rod is.
+/// The equilibrium of the designed rod.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Equilibrium {
-    /// In the shape, and small motions about it die out or stay small.
+    /// In the shape, and stable.
     #[default]
     Stable,
-    /// A small motion about it grows.
+    /// In the shape, but a small motion about it grows.
     Unstable,
-    /// Not in the shape, which the demands exclude.
+    /// Not in the shape, which the constraints exclude.
     Missed,
-    /// None was found next to the shape, or its motions are not known.
+    /// No equilibrium was found near the shape, or its stability is unknown.
     Unknown,
 }
 
@@ -42,7 +42,7 @@ impl Equilibrium {
         }
     }
 
-    /// What is worth saying of it.
+    /// A sentence about it, if needed.
     pub fn words(self) -> Option<String> {
         let text = match self {
             Self::Stable => return None,
@@ -57,22 +57,22 @@ impl Equilibrium {
 /// The stiffness that rests in a shape.
 #[derive(Debug, Clone, Serialize)]
 pub struct StaticShape {
-    /// What its rest is.
+    /// Its equilibrium.
     pub state: Equilibrium,
     /// EI of the joints, N m².
     pub stiffness_n_m2: Vec<f64>,
-    /// Joints whose stiffness nothing decides: neither curvature nor moment.
+    /// Joints whose stiffness is arbitrary: neither curvature nor moment.
     pub undecided: Vec<usize>,
-    /// Joints that bounds and other demands keep from the shape: node, and EI (N m²) that it would take.
+    /// Joints that constraints keep from the shape: node, and the EI (N m²) that it needs.
     pub missed: Vec<(usize, f64)>,
-    /// Constraints that bind, with their duals.
+    /// Active constraints, with their duals.
     pub active: Vec<(String, f64)>,
 }
 
 /// Finds the stiffness with which the rod of `dynamics` rests at `positions` (m, two entries per node) at time zero.
 ///
 /// # Errors
-/// [`Error::Design`] with every joint that would have to bend against its moment, and for demands that exclude each other.
+/// [`Error::Design`] with all joints that would have to bend against their moment, and for contradictory constraints.
 pub fn rest(dynamics: &mut Dynamics, positions: &[f64], table: &DesignTable) -> Result<StaticShape> {
     if dynamics.model.head.is_none() {
         let reason = "a shape at rest needs a held head: nothing balances the loads of a free rod".to_string();

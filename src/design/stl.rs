@@ -1,4 +1,4 @@
-//! The body of a rod for a printer: its surface as STL, and its sections as a table.
+//! 3D printing: the surface of a rod as an STL file, and its cross-sections as a table.
 
 use std::f64::consts::TAU;
 use std::fmt::Write;
@@ -7,11 +7,11 @@ use serde_json::{Value, json};
 
 use crate::rod::{Rod, Sections, Shape};
 
-/// Stations along the rod beside the points of its profiles, and corners of a section.
+/// Stations along the rod in addition to the points of its profiles, and corners of a section.
 const STATIONS: usize = 64;
 const CORNERS: usize = 48;
 
-/// A semi-axis is at least this part of the length, so that a body that ends in an edge has a surface.
+/// Least semi-axis, over the length, so that a body that ends in an edge has a closed surface.
 const MIN_SEMI_AXIS: f64 = 1e-6;
 
 /// Columns of [`sections`].
@@ -26,7 +26,7 @@ pub(super) const COLUMNS: [&str; 8] = [
     "EI (N m^2)",
 ];
 
-/// Where sections are taken, ξ.
+/// Positions ξ of the sections.
 fn stations(sections: &Sections) -> Vec<f64> {
     let even = (0..=STATIONS).map(|i| i as f64 / STATIONS as f64);
     let mut all: Vec<f64> = even.chain(sections.profiles().flat_map(|profile| profile.places())).collect();
@@ -35,7 +35,7 @@ fn stations(sections: &Sections) -> Vec<f64> {
     all
 }
 
-/// The sections along `rod`, whose joints have the stiffness `stiffness` (N m²), one row per station.
+/// The sections along `rod` with this `stiffness` of its joints (N m²), one row per station.
 pub(super) fn sections(rod: &Rod, stiffness: &[f64]) -> Vec<Vec<Value>> {
     let points: Vec<[f64; 2]> = rod.joints().zip(stiffness).map(|(k, ei)| [rod.xi(k), *ei]).collect();
     let stiffness = crate::rod::Profile::through(points);
@@ -55,9 +55,9 @@ pub(super) fn sections(rod: &Rod, stiffness: &[f64]) -> Vec<Vec<Value>> {
     stations(&rod.sections).into_iter().map(row).collect()
 }
 
-/// The straight rod as a closed surface in STL (text, mm): its sections with the thickness 2R_o in the plane of motion, y, and the depth
-/// across it, z, with the hole where the rod is hollow. Of a round core with a membrane it is the core. Source: 3D Systems, StereoLithography Interface
-/// Specification (1989).
+/// The straight rod as a closed surface in STL (text, mm). Its sections have the thickness 2R_o in the plane of motion, y, and the
+/// depth across it, z; a hollow rod has a hole. For a round core with a membrane it is the core. Source: 3D Systems,
+/// StereoLithography Interface Specification (1989).
 pub fn stl(name: &str, rod: &Rod) -> String {
     let least = MIN_SEMI_AXIS * rod.length;
     // Round sections are polygons; a rectangle's corners are at odd eighths of a turn.

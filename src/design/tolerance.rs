@@ -2,27 +2,27 @@
 
 use serde::Serialize;
 
-/// The loss of the objective that a tolerance allows.
+/// The relative loss of the objective that defines a tolerance.
 pub const TOLERATED_LOSS: f64 = 1e-2;
 
-/// First change of an unknown: of the logarithm, or rad.
+/// First change of an unknown, of the logarithm or in rad.
 const FIRST_CHANGE: f64 = 0.05;
 
 /// Tolerances above a factor of two are not reported.
 pub const MAX_REPORTED_TOLERANCE: f64 = 0.693;
 
-/// How far one unknown may be off, all others as designed, until 1 % of the objective is lost.
+/// How far one unknown may be off, with all others as designed, until 1 % of the objective is lost.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Tolerance {
-    /// The unknown in words.
+    /// Description of the unknown.
     pub name: String,
-    /// Largest change to the worse side, of the logarithm or in rad; `None` if a factor of two loses less.
+    /// Largest change in the worse direction, of the logarithm or in rad; `None` if a factor of two loses less.
     pub change: Option<f64>,
-    /// The loss there, over the objective.
+    /// The relative loss there.
     pub loss: Option<f64>,
 }
 
-/// The tolerance of the unknown `name`; `loss` is what a change of it loses, over the objective, `None` if it fails.
+/// The tolerance of the unknown `name`; `loss` returns the relative loss for a change of it, `None` if the simulation fails.
 pub(super) fn tolerance(name: String, mut loss: impl FnMut(f64) -> Option<f64>) -> Tolerance {
     // The parabola through what changes to both sides lose, then chords at the side that loses sooner.
     let sides = [FIRST_CHANGE, -FIRST_CHANGE].map(&mut loss);

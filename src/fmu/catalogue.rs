@@ -9,13 +9,13 @@ use crate::variable::{Causality, VARIABLES, Variable};
 /// A version of the standard.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standard {
-    /// FMI 2.0: every entry of an array is a variable of its own.
+    /// FMI 2.0: each array entry is a scalar variable.
     Fmi2,
-    /// FMI 3.0: arrays, whose sizes follow from the structural parameter `nodes`.
+    /// FMI 3.0: arrays, whose sizes are given by the structural parameter `nodes`.
     Fmi3,
 }
 
-/// The categories of log messages, with what they say.
+/// The categories of log messages, with their descriptions.
 pub const LOG_CATEGORIES: [(&str, &str); 4] = [
     ("logStatusWarning", "what was done otherwise than asked for"),
     ("logStatusDiscard", "a step that could not be made; everything is as it was before the call"),
@@ -31,29 +31,29 @@ pub(super) const TIME_STEP: &str = "time_step_s";
 
 /// The variables and parameters of a scene with the value references of both versions.
 ///
-/// FMI 3.0: the place in [`VARIABLES`], or [`PARAMETERS`](Self::PARAMETERS) plus the place among the parameters. FMI 2.0: the
-/// same, times 2²⁴ plus the node; so both are looked up by arithmetic.
+/// FMI 3.0: the index in [`VARIABLES`], or [`PARAMETERS`](Self::PARAMETERS) plus the index among the parameters. FMI 2.0: the same
+/// times 2²⁴, plus the node. So both are looked up by arithmetic.
 #[derive(Debug)]
 pub struct Catalogue {
-    /// The scene's own values.
+    /// The parameters of the scene.
     pub parameters: Vec<Parameter>,
     exists: Vec<bool>,
 }
 
-/// What a value reference stands for.
+/// What a value reference refers to.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
-    /// A variable by its place in [`VARIABLES`], and a node.
+    /// A variable by its index in [`VARIABLES`], and a node.
     Variable(usize, usize),
-    /// A parameter by its place.
+    /// A parameter by its index.
     Parameter(usize),
 }
 
-/// Bits of a node in a value reference of FMI 2.0.
+/// Bits of the node in a value reference of FMI 2.0.
 const NODE_BITS: u32 = 24;
 
 impl Catalogue {
-    /// Where the parameters begin; there are fewer variables than that, and a place fits beside a node in 32 bits.
+    /// Value reference of the first parameter. There are fewer variables, and an index with a node fits into 32 bits.
     pub const PARAMETERS: u32 = 200;
 
     /// The catalogue of a scene and its stepper.
@@ -62,14 +62,14 @@ impl Catalogue {
         Self { parameters: scene.parameters(), exists }
     }
 
-    /// The variables that the scene has, with their places.
+    /// The variables of the scene, with their indices.
     pub fn variables(&self) -> impl Iterator<Item = (usize, &'static Variable)> + '_ {
         VARIABLES.iter().enumerate().filter(|(i, _)| self.exists[*i])
     }
 
-    /// Causality and variability of a variable of `stepper`, in the standards' words.
+    /// Causality and variability of a variable of `stepper`, in the words of the standard.
     pub fn role(variable: &Variable, stepper: &Stepper) -> [&'static str; 2] {
-        /// Outputs that count, and so change at internal steps alone.
+        /// Counters, which change at internal steps only.
         const COUNTS: [&str; 4] = ["steps", "newton_iterations", "step_halvings", "cycles_used"];
         match variable.causality {
             Causality::Independent => ["independent", "continuous"],
@@ -90,7 +90,7 @@ impl Catalogue {
         variable.follows_parameter("rod.youngs_modulus_pa", stepper.view().dynamics, stepper.form())
     }
 
-    /// The places of the parameters that `variable` follows at once between steps of `stepper`.
+    /// Indices of the parameters on which `variable` depends directly between steps of `stepper`.
     pub fn followed_parameters(&self, variable: &Variable, stepper: &Stepper) -> impl Iterator<Item = usize> {
         let (dynamics, form) = (stepper.view().dynamics, stepper.form());
         let follows = |place: &usize| {
@@ -99,12 +99,12 @@ impl Catalogue {
         (0..self.parameters.len()).filter(follows).collect::<Vec<_>>().into_iter()
     }
 
-    /// True if the parameter at this place may change between steps of `stepper`.
+    /// True if the parameter with this index may change between steps of `stepper`.
     pub fn is_tunable(&self, place: usize, stepper: &Stepper) -> bool {
         self.parameters[place].is_tunable() && stepper.can_be_retuned()
     }
 
-    /// What a reference of FMI 3.0 stands for; the node is 0.
+    /// The target of a value reference of FMI 3.0; its node is 0.
     #[inline]
     pub fn target(&self, reference: u32) -> Option<Target> {
         if (reference as usize) < VARIABLES.len() {
@@ -114,7 +114,7 @@ impl Catalogue {
         (place < self.parameters.len()).then_some(Target::Parameter(place))
     }
 
-    /// What a reference of FMI 2.0 stands for; whether the variable has that node is not looked at.
+    /// The target of a value reference of FMI 2.0; the node is not checked.
     #[inline]
     pub fn scalar_target(&self, reference: u32) -> Option<Target> {
         let (place, node) = (reference >> NODE_BITS, (reference & ((1 << NODE_BITS) - 1)) as usize);
@@ -124,7 +124,7 @@ impl Catalogue {
         }
     }
 
-    /// The reference of a target.
+    /// The value reference of a target.
     pub fn reference(standard: Standard, target: Target) -> u32 {
         match (standard, target) {
             (Standard::Fmi3, Target::Variable(place, _)) => place as u32,
@@ -135,7 +135,7 @@ impl Catalogue {
     }
 }
 
-/// What a host must show to get an instance: it names the scene and the version of the program.
+/// The instantiation token: it identifies the scene and the version of the program.
 pub fn token(scene: &Scene) -> String {
     format!("{{{}}}", scene.fingerprint_text())
 }

@@ -65,17 +65,17 @@ impl<'a> Fmu<'a> {
         standard == Standard::Fmi3 && !self.options.plain
     }
 
-    /// True if it shows the variable or parameter of this name.
+    /// True if the variable or parameter of this name is exposed.
     pub(super) fn shows(&self, name: &str) -> bool {
         self.options.variables.as_ref().is_none_or(|names| names.iter().any(|shown| shown == name))
     }
 
-    /// True if it shows entries at this node.
+    /// True if entries at this node are exposed.
     pub(super) fn shows_node(&self, node: usize) -> bool {
         self.options.nodes.as_ref().is_none_or(|nodes| nodes.contains(&node))
     }
 
-    /// The identifier in C that names the library: the scene's name with `_` for all that C does not allow.
+    /// The C identifier that names the library: the scene's name with `_` for characters that C does not allow.
     pub fn identifier(&self) -> String {
         let mut identifier: String =
             self.scene.name.chars().map(|c| if c.is_ascii_alphanumeric() { c } else { '_' }).collect();

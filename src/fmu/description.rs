@@ -17,7 +17,7 @@ use crate::variable::{Causality, Size, VARIABLES, Variable};
 pub(super) type Xml = Writer<Vec<u8>>;
 type Attributes = Vec<(&'static str, String)>;
 
-/// A unit: its name, what is measured in it, the exponents of kg, m, s and rad, and a unit to show it in with its factor.
+/// A unit: name, quantity, exponents of kg, m, s and rad, and a display unit with its factor.
 struct Unit(&'static str, &'static str, [i32; 4], Option<(&'static str, f64)>);
 
 /// The units of all variables and parameters.
@@ -49,12 +49,12 @@ fn unit(name: &str) -> Option<&'static Unit> {
     UNITS.iter().find(|unit| unit.0 == name)
 }
 
-/// A number as XML Schema writes it: the shortest text that reads back to the bit.
+/// A number for XML Schema: the shortest text that parses to the same bits.
 fn number(x: f64) -> String {
     format!("{x:?}")
 }
 
-/// Numbers with spaces in between.
+/// Numbers separated by spaces.
 fn numbers(values: impl Iterator<Item = f64>) -> String {
     values.map(number).collect::<Vec<_>>().join(" ")
 }
@@ -63,7 +63,7 @@ fn list(values: impl Iterator<Item = u32>) -> String {
     values.map(|x| x.to_string()).collect::<Vec<_>>().join(" ")
 }
 
-/// Typical sizes by unit, from the rod's length, stiffness and mass.
+/// Nominal values by unit, from the rod's length, stiffness and mass.
 fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
     let rod = &stepper.model().rod;
     let (length, force) = (rod.length, rod.ei / rod.length.powi(2));
@@ -87,12 +87,12 @@ fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
     (size > 0.0 && size.is_finite()).then_some(size)
 }
 
-/// A variable or a parameter as the description shows it.
+/// A variable or a parameter in the description.
 struct Entry {
     name: String,
     reference: u32,
     description: String,
-    /// Float64 or Real, UInt64, Integer.
+    /// Element name: Float64 or Real, UInt64, Integer.
     kind: &'static str,
     /// Causality, variability, initial: attributes of the variable itself.
     role: Attributes,
@@ -217,7 +217,7 @@ fn units(Unit(name, quantity, _, shown): &Unit) -> Attributes {
     [("quantity", quantity.to_string()), ("unit", name.to_string())].into_iter().chain(shown).collect()
 }
 
-/// Writes an element without content.
+/// Writes an empty element.
 pub(super) fn leaf(xml: &mut Xml, name: &str, attributes: Attributes) -> Result<()> {
     with(xml, name, &attributes).write_empty().map(|_| ())
 }
@@ -247,7 +247,7 @@ impl Fmu<'_> {
     }
 }
 
-/// The whole description.
+/// Writes the description.
 fn write(fmu: &Fmu<'_>, standard: Standard) -> Result<String> {
     let mut xml = Writer::new_with_indent(Vec::new(), b' ', 2);
     xml.write_event(Event::Decl(BytesDecl::new("1.0", Some("UTF-8"), None)))?;
@@ -345,7 +345,7 @@ fn write_unit(xml: &mut Xml, Unit(name, _, exponents, shown): &Unit) -> Result<(
     })
 }
 
-/// The scene's duration, in its internal steps or in a thousand.
+/// The default experiment: the scene's duration, with its step or a thousandth.
 fn experiment(fmu: &Fmu<'_>) -> Attributes {
     let duration = fmu.scene.solver.duration_s.get();
     let step = match fmu.scene.pace() {
@@ -355,7 +355,7 @@ fn experiment(fmu: &Fmu<'_>) -> Attributes {
     vec![("startTime", number(0.0)), ("stopTime", number(duration)), ("stepSize", number(step))]
 }
 
-/// The variables of a description. FMI 2.0 does not need the time, and some of its hosts complain of it.
+/// The variables of a description. FMI 2.0 does not require the time, and some of its hosts reject it.
 fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (usize, &'static Variable)> + 'a {
     fmu.catalogue.variables().filter(move |(_, variable)| match variable.causality {
         Causality::Independent => standard == Standard::Fmi3,
@@ -365,12 +365,12 @@ fn variables<'a>(fmu: &'a Fmu<'_>, standard: Standard) -> impl Iterator<Item = (
     })
 }
 
-/// The nodes of the entries of a variable that stand on their own.
+/// The nodes whose entries of a variable are scalar variables.
 fn nodes<'a>(fmu: &'a Fmu<'_>, variable: &Variable) -> impl Iterator<Item = usize> + 'a {
     variable.entries(fmu.stepper.model()).filter(|node| fmu.shows_node(*node))
 }
 
-/// The variables in their order, every entry of its own where there are no arrays; then the parameters.
+/// All variables in order, one per entry if there are no arrays; then the parameters.
 fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
     let mut entries = Vec::new();
     for (place, variable) in variables(fmu, standard) {
@@ -386,7 +386,7 @@ fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
     entries
 }
 
-/// Outputs with the inputs that they follow at once, and what is unknown until initialisation.
+/// The model structure: outputs with the inputs on which they depend directly, and initial unknowns.
 fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]) -> Result<()> {
     let (model, dynamics, form) = (fmu.stepper.model(), fmu.stepper.view().dynamics, fmu.stepper.form());
     let arrays = fmu.has_arrays(standard);
@@ -463,7 +463,7 @@ fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]
     }
 }
 
-/// The same, or the one entry of a scalar.
+/// The same; one entry for a scalar.
 fn nodes_or_one(fmu: &Fmu<'_>, variable: &Variable) -> Vec<usize> {
     if variable.size == Size::Scalar { vec![0] } else { nodes(fmu, variable).collect() }
 }

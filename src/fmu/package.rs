@@ -12,7 +12,7 @@ use super::{documentation, terminals};
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error};
 
-/// The folders of binaries in FMI 2.0 and 3.0 of the platform that a shared library is for, and its suffix.
+/// The folders of binaries in FMI 2.0 and 3.0 for the platform of a shared library, and its suffix.
 fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
     let two = |place: usize| library.get(place..place + 2).map(|bytes| u16::from_le_bytes([bytes[0], bytes[1]]));
     let four = |place: usize| {
@@ -44,7 +44,7 @@ fn platform(library: &[u8]) -> Option<([&'static str; 2], &'static str)> {
 }
 
 impl Fmu<'_> {
-    /// Writes the FMU with shared `libraries`, one for each platform, to `path`: the same scene and libraries, the same bytes.
+    /// Writes the FMU with shared `libraries`, one per platform, to `path`. The same scene and libraries give the same bytes.
     ///
     /// # Errors
     /// [`Error::Fmu`], [`Error::Read`], [`Error::Write`].
@@ -95,16 +95,15 @@ impl Fmu<'_> {
     }
 }
 
-/// The name of the shared library as cargo builds it.
+/// The file name of the shared library that cargo builds.
 pub fn library_name() -> String {
     format!("{}caudal_fmi{}", std::env::consts::DLL_PREFIX, std::env::consts::DLL_SUFFIX)
 }
 
-/// Finds the shared library of the program `executable`: beside it, in `../lib` of it, or in the Python package of the
-/// environment that it stands in.
+/// Finds the shared library of the program `executable`: in its folder, in `../lib`, or in the Python package of its environment.
 ///
 /// # Errors
-/// [`Error::Fmu`] that says what to do.
+/// [`Error::Fmu`] with advice.
 pub fn library(executable: &Path) -> Result<PathBuf> {
     let folder = executable.parent().unwrap_or(Path::new("."));
     let near = [folder.to_path_buf(), folder.join("../lib"), folder.join("deps")];
@@ -120,7 +119,7 @@ pub fn library(executable: &Path) -> Result<PathBuf> {
     })
 }
 
-/// Where the Python package may be in the folder `lib` of an environment, in the order of their names.
+/// The folders in which the Python package may be in the folder `lib` of an environment, in alphabetical order.
 fn python_packages(lib: PathBuf) -> Vec<PathBuf> {
     let entries = std::fs::read_dir(&lib).into_iter().flatten().flatten();
     let versions = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with("python"));

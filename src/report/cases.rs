@@ -1,4 +1,5 @@
-//! Cases side by side: figures of what each axis does, and a page whose table sorts, filters and plays a case.
+//! Report of many cases: figures of the effect of each axis, and a page with a table that can be sorted and filtered, and plays a
+//! case.
 
 use std::collections::{BTreeMap, HashMap};
 
@@ -12,7 +13,7 @@ use super::run_record::Frame;
 use crate::error::Result;
 use crate::words::number;
 
-/// Quantities of a summary that figures and page show, in this order.
+/// Quantities in figures and page, in this order.
 pub const QUANTITIES: [SummaryQuantity; 22] = [
     SummaryQuantity::new("net_displacement_m", "net displacement", "m", true).of_free_heads(),
     SummaryQuantity::new("cycle_thrust_n", "mean thrust over whole cycles", "N", true),
@@ -38,17 +39,17 @@ pub const QUANTITIES: [SummaryQuantity; 22] = [
     SummaryQuantity::new("step_halvings", "step halvings", "1", false),
 ];
 
-/// Lines that join cases in a figure, at most.
+/// Most lines that join cases in a figure.
 const MAX_JOINED_LINES: usize = 200;
-/// Dots of a figure, at most.
+/// Most dots of a figure.
 const MAX_DOTS: usize = 2000;
-/// Parts in which a sampled axis is averaged.
+/// Number of bins in which a sampled axis is averaged.
 const SAMPLE_BINS: usize = 10;
-/// Rows of the page's table, at most.
+/// Most rows of the page's table.
 const MAX_TABLE_ROWS: usize = 20_000;
-/// Paths in a figure, at most.
+/// Most paths in a figure.
 const MAX_PATHS: usize = 120;
-/// Cells of a heat map, at most.
+/// Most cells of a heat map.
 const MAX_CELLS: usize = 10_000;
 
 /// A quantity of a summary.
@@ -56,13 +57,13 @@ const MAX_CELLS: usize = 10_000;
 pub struct SummaryQuantity {
     /// Its key in the summary.
     pub key: &'static str,
-    /// Its name in words.
+    /// Its name.
     pub name: &'static str,
     /// Its unit.
     pub unit: &'static str,
     /// True if it has figures.
     pub drawn: bool,
-    /// True if a held head has none that means anything.
+    /// True if it is meaningless for a held head.
     pub of_free_heads: bool,
 }
 
@@ -81,23 +82,23 @@ impl SummaryQuantity {
 pub struct CaseAxis {
     /// Its name.
     pub name: String,
-    /// Its levels as text.
+    /// Labels of its levels.
     pub labels: Vec<String>,
-    /// Its levels as numbers, where all are.
+    /// Its levels as numbers, if all are.
     pub numbers: Option<Vec<f64>>,
-    /// True if every case has a level of its own.
+    /// True if each case has its own level.
     pub sampled: bool,
-    /// True if equal steps are equal factors.
+    /// True for a geometric sequence.
     pub logarithmic: bool,
 }
 
 impl CaseAxis {
-    /// Where level `i` is drawn: at its number, or at its place in the list.
+    /// The position at which level `i` is drawn: its number, or its index.
     fn at(&self, i: usize) -> f64 {
         self.numbers.as_ref().map_or(i as f64, |numbers| numbers[i])
     }
 
-    /// How it is drawn: levels that are no numbers are categories.
+    /// The scale: levels that are not numbers are categories.
     fn scale(&self) -> Scale {
         match &self.numbers {
             Some(numbers) if self.logarithmic && numbers.iter().all(|x| *x > 0.0) => Scale::LogX,
@@ -106,7 +107,7 @@ impl CaseAxis {
         }
     }
 
-    /// The levels in groups that are averaged together: each by itself, or equal parts of a sample.
+    /// Groups of levels that are averaged: each level, or the bins of a sample.
     fn groups(&self) -> Groups {
         let at: Vec<f64> = (0..self.labels.len()).map(|i| self.at(i)).collect();
         let mut order: Vec<usize> = (0..at.len()).collect();
@@ -136,18 +137,18 @@ impl CaseAxis {
     }
 }
 
-/// Levels in groups.
+/// Groups of levels.
 struct Groups {
     /// The group of each level.
     of: Vec<usize>,
-    /// Where each group is drawn.
+    /// Position at which each group is drawn.
     at: Vec<f64>,
     /// Its name.
     labels: Vec<String>,
 }
 
 impl Groups {
-    /// The mean of the values, given with their levels, in each group; NaN of an empty one.
+    /// The mean in each group of values, given with their levels; NaN for an empty group.
     fn means(&self, values: impl Iterator<Item = (usize, f64)>) -> Vec<f64> {
         let mut sums = vec![(0.0, 0.0); self.at.len()];
         for (level, value) in values {
@@ -158,7 +159,7 @@ impl Groups {
     }
 }
 
-/// What is shown of the cases of a sweep.
+/// The data of the report.
 #[derive(Debug)]
 pub struct Cases {
     name: String,
@@ -166,10 +167,10 @@ pub struct Cases {
     axes: Vec<CaseAxis>,
     split: Option<usize>,
     size: usize,
-    /// Numbers of the cases that are there, and their levels, axis by axis.
+    /// Indices of the cases, and their levels on each axis.
     indices: Vec<usize>,
     levels: Vec<Vec<usize>>,
-    /// One column for each of [`QUANTITIES`]; NaN where there is none.
+    /// One column for each of [`QUANTITIES`]; NaN for missing values.
     columns: Vec<Vec<f64>>,
     endings: BTreeMap<usize, String>,
     motions: BTreeMap<usize, Vec<Frame>>,
@@ -202,7 +203,7 @@ struct PageData<'a> {
 }
 
 impl Cases {
-    /// No cases yet of a sweep of `size` cases along `axes`, whose file is `text`; the levels of `split` are shown apart.
+    /// An empty report for a sweep of `size` cases along `axes`, whose file is `text`; the levels of `split` are shown separately.
     pub fn new(name: &str, axes: Vec<CaseAxis>, split: Option<usize>, size: usize, text: &str) -> Self {
         Self {
             name: name.to_string(),
@@ -218,8 +219,8 @@ impl Cases {
         }
     }
 
-    /// Adds a case: its number, its level on every axis, its quantities, `complete` and `ending` among them, and its motion
-    /// if that is kept.
+    /// Adds a case: its index, its level on each axis, its quantities, including `complete` and `ending`, and its recorded motion,
+    /// if any.
     pub fn add(&mut self, index: usize, levels: &[usize], row: &Map<String, Value>, motion: Vec<Frame>) {
         self.indices.push(index);
         self.levels.iter_mut().zip(levels).for_each(|(column, level)| column.push(*level));
@@ -239,7 +240,7 @@ impl Cases {
         }
     }
 
-    /// The levels that are shown apart, with the positions of their cases.
+    /// The levels that are shown separately, with the indices of their cases.
     fn parts(&self) -> Vec<(String, Vec<usize>)> {
         let all = 0..self.indices.len();
         match self.split {
@@ -252,8 +253,8 @@ impl Cases {
         }
     }
 
-    /// The figures: heat maps of a sweep along two axes, each axis' effect on the displacement or thrust, main effects on every quantity, paths of the centres of mass, and the
-    /// split's levels against each other.
+    /// The figures: heat maps for two axes, the effect of each axis on displacement or thrust, main effects on each quantity, paths
+    /// of the centres of mass, and a comparison of the split's levels.
     pub fn figures(&self) -> Vec<Figure> {
         let (mut figures, mut names) = (Vec::new(), FileNames::default());
         let drawn = || QUANTITIES.iter().zip(&self.columns).filter(|(quantity, _)| quantity.drawn);
@@ -317,7 +318,7 @@ impl Cases {
         if label.is_empty() { format!("{}: {what}", self.name) } else { format!("{}, {label}: {what}", self.name) }
     }
 
-    /// A quantity over two axes; none over a sampled one, whose cases are no grid, and none of too many cells.
+    /// A quantity over two axes; `None` for sampled axes, whose cases are not a grid, and for too many cells.
     fn heat_map(
         &self,
         axes: [usize; 2],
@@ -351,7 +352,7 @@ impl Cases {
         })
     }
 
-    /// A quantity against one axis: lines join the cases that differ in nothing else, and a line of means lies on top.
+    /// A quantity against one axis: lines join cases that differ in nothing else, with a line of means.
     fn against(&self, axis: usize, quantity: &SummaryQuantity, column: &[f64], label: &str, cases: &[usize]) -> Chart {
         let of = &self.axes[axis];
         let point = |i: usize| (of.at(self.levels[axis][i]), column[i]);
@@ -389,7 +390,7 @@ impl Cases {
         }
     }
 
-    /// The main effects of all axes on a quantity: means at each level, relative to the mean of all where signs allow.
+    /// Main effects of all axes on a quantity: means at each level, relative to the overall mean if signs allow.
     fn effects(
         &self,
         shown: &[usize],
@@ -425,7 +426,7 @@ impl Cases {
         }
     }
 
-    /// The cases of each level of the split beside each other, in the order of the first level's sizes.
+    /// The cases of each level of the split side by side, sorted by the first level's values.
     fn compared(&self, quantity: &SummaryQuantity, column: &[f64]) -> Option<Chart> {
         let split = self.split?;
         let others = |i: usize| -> Vec<usize> {
@@ -453,7 +454,7 @@ impl Cases {
         })
     }
 
-    /// The x of the centres of mass in time; the least, the middle and the largest displacement stand out.
+    /// The x of the centres of mass over time; the least, median and largest displacement are highlighted.
     fn paths(&self, label: &str, cases: &[usize]) -> Option<Chart> {
         // A case that failed has no place among the others.
         let complete = cases.iter().filter(|i| !self.endings.contains_key(&self.indices[**i]));
@@ -480,7 +481,7 @@ impl Cases {
         })
     }
 
-    /// How the cases ended that did not reach their end.
+    /// Endings of the cases that did not reach their end.
     pub fn into_endings(self) -> BTreeMap<usize, String> {
         self.endings
     }
@@ -523,15 +524,15 @@ impl Cases {
     }
 }
 
-/// Names of files, each given once.
+/// Unique file names.
 #[derive(Debug, Default)]
 struct FileNames(Vec<String>);
 
-/// At most so many letters of a part are in the name of a file.
+/// Most letters of each part of a file name.
 const MAX_NAME_LENGTH: usize = 40;
 
 impl FileNames {
-    /// The name of a figure's file: letters, digits and few signs of its parts, with a number where that is taken already.
+    /// The name of a figure's file: letters, digits and a few other characters of its parts, with a number if it is taken.
     fn file(&mut self, parts: &[&str]) -> String {
         let sign = |c: char| if c.is_ascii_alphanumeric() || c == '.' { c } else { '-' };
         let clean = |part: &&str| part.chars().take(MAX_NAME_LENGTH).map(sign).collect::<String>();

@@ -1,5 +1,5 @@
-//! Charts as SVG text: one look for every figure of the program. Whatever the data, a chart takes time and memory in proportion
-//! to them, and all that it draws is inside it.
+//! Charts as SVG: line and scatter plots with axes, legend and labels, in one style for all figures. Time and memory are
+//! proportional to the data, and nothing is drawn outside the chart, whatever the data.
 
 use nalgebra::Vector2;
 
@@ -10,7 +10,7 @@ use super::svg::{Anchor, Colour, Svg, cut, dashes, width};
 pub(super) const WIDTH: f64 = 640.0;
 const PLOT: f64 = 310.0;
 
-/// Sizes of letters, px.
+/// Font sizes, px.
 pub(super) const TITLE: f64 = 17.0;
 const NAME: f64 = 15.0;
 pub(super) const LABEL: f64 = 13.0;
@@ -24,16 +24,15 @@ const MAX_LEGEND_LINES: usize = 8;
 pub enum Mark {
     /// A line.
     Line,
-    /// A line with a dot at every point.
+    /// A line with a dot at each point.
     Dotted,
     /// Dots only.
     Dots,
-    /// A thin grey line in the background, without an entry in the legend of its own.
+    /// A thin grey line in the background, without a legend entry.
     Ghost,
-    /// Not drawn: it only widens the axes, so that charts can be compared.
+    /// Invisible: it only extends the axes, so that charts can be compared.
     Unseen,
-    /// A thin dark closed line with its label beside the last point, and without an entry in the legend: the triangle that
-    /// shows a slope.
+    /// A thin dark closed line with its label next to the last point, without a legend entry: the triangle that shows a slope.
     Slope,
     /// The same with its label above the last point: a level.
     Level,
@@ -42,23 +41,23 @@ pub enum Mark {
 /// One series of a chart.
 #[derive(Debug, Clone)]
 pub struct Series {
-    /// Text in the legend.
+    /// Legend label.
     pub label: String,
     /// Points.
     pub points: Vec<(f64, f64)>,
-    /// Look.
+    /// Its style.
     pub mark: Mark,
-    /// Number of its colour and dashes, where it is the same in all figures; else its place among the series.
+    /// Index of its colour and dashes, if it is the same in all figures; otherwise its index among the series.
     pub colour: Option<usize>,
 }
 
 impl Series {
-    /// A series with a look.
+    /// A series with a style.
     pub fn new(label: impl Into<String>, points: Vec<(f64, f64)>, mark: Mark) -> Self {
         Self { label: label.into(), points, mark, colour: None }
     }
 
-    /// With colour and dashes of its own, the `k`-th.
+    /// With the `k`-th colour and dashes.
     pub fn coloured(self, k: usize) -> Self {
         Self { colour: Some(k), ..self }
     }
@@ -69,17 +68,17 @@ impl Series {
 pub enum Scale {
     /// Both linear.
     Linear,
-    /// Both linear, and a metre is as long on one axis as on the other.
+    /// Both linear, with equal scales.
     Equal,
     /// x logarithmic; only positive x are shown.
     LogX,
-    /// y logarithmic; values are shown by their size, down to this many decades below the largest.
+    /// y logarithmic; absolute values, down to this many decades below the largest.
     LogY(i32),
-    /// y logarithmic towards both signs, this many decades each; what is smaller is zero.
+    /// y logarithmic in both directions, with this many decades each; smaller values are zero.
     SignedLogY(i32),
     /// Both logarithmic; only positive numbers are shown.
     LogLog,
-    /// x is the place of a category, 0, 1, 2 …, with these names. Nothing is between two of them: lines become bars.
+    /// x is the index of a category, 0, 1, 2 …, with these names. Lines become bars.
     Categories(Vec<String>),
 }
 
@@ -98,12 +97,12 @@ pub struct Chart {
     pub series: Vec<Series>,
 }
 
-/// A figure as it is kept and shown.
+/// A figure with its file name and caption.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Figure {
     /// Name of its file.
     pub file: String,
-    /// What it shows, in a sentence.
+    /// Its caption.
     pub caption: String,
     /// Its SVG document.
     pub svg: String,
@@ -116,7 +115,7 @@ impl Figure {
     }
 }
 
-/// The frame of a plot, px.
+/// The plot area, px.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct PlotArea {
     pub(super) left: f64,
@@ -193,8 +192,7 @@ impl Chart {
         }
     }
 
-    /// Draws a series, the `named`-th with a colour of its own, through its points where these are on the chart; `slot` is the
-    /// width of a category in the frame, px.
+    /// Draws the visible points of a series, with the `named`-th colour; `slot` is the width of a category, px.
     fn draw(
         &self,
         svg: &mut Svg,
@@ -240,22 +238,22 @@ impl Chart {
 }
 
 impl Series {
-    /// True if it has a colour and may have an entry in the legend.
+    /// True if it has a colour and may have a legend entry.
     fn is_named(&self) -> bool {
         matches!(self.mark, Mark::Line | Mark::Dotted | Mark::Dots)
     }
 }
 
-/// The unbroken pieces of a line, without points that change nothing of the picture.
+/// The contiguous pieces of a line, without points that do not change the picture.
 fn pieces(points: &[Option<(f64, f64)>]) -> impl Iterator<Item = Vec<(f64, f64)>> {
     points.split(Option::is_none).map(|piece| thinned(piece.iter().flatten().map(|(x, y)| Vector2::new(*x, *y))))
 }
 
-/// What is seen of a line, px.
+/// Smallest visible deviation of a line, px.
 const VISIBLE: f64 = 0.1;
 
-/// The line through `points` without those that it passes within [`VISIBLE`] all the same: from the last point kept, directions
-/// that pass all points since within that are a cone, and a point beyond it, or nearer than the one before, begins anew.
+/// Simplifies the line through `points`, with deviations below [`VISIBLE`]. The directions from the last kept point that pass all
+/// later points within that form a cone; a point outside it, or closer than the previous one, starts a new segment.
 fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
     let Some(mut from) = points.next() else { return Vec::new() };
     let (mut kept, mut last) = (vec![(from.x, from.y)], None::<Vector2<f64>>);
@@ -289,14 +287,14 @@ fn thinned(mut points: impl Iterator<Item = Vector2<f64>>) -> Vec<(f64, f64)> {
     kept
 }
 
-/// The entries of a legend in lines, between title and plot: beside the curves, not on them.
+/// The legend entries in lines, between title and plot.
 struct Legend {
     entries: Vec<(usize, f64, f64, String)>,
     lines: usize,
 }
 
 impl Legend {
-    /// The legend of named series; of one alone there is none.
+    /// The legend of named series; empty for a single one.
     fn of(labels: &[(usize, &str)]) -> Self {
         let mut entries = Vec::new();
         let (mut left, mut line) = (20.0, 0);
@@ -334,7 +332,7 @@ impl Legend {
     }
 }
 
-/// The name of an axis with the power of ten that its labels lack, before its unit where it has one.
+/// The label of an axis with the common power of ten of its tick labels, before its unit.
 pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
     let power = format!("10{}", superscript(axis.power));
     match name.strip_suffix(')').and_then(|name| name.rsplit_once('(')) {
@@ -345,14 +343,14 @@ pub(super) fn titled(name: &str, axis: &ChartAxis) -> String {
 }
 
 impl PlotArea {
-    /// The plot under a title and a legend of some height, with room for the labels of y.
+    /// The plot area below a title and a legend of this height, with room for the labels of y.
     pub(super) fn about(y: &ChartAxis, legend: f64) -> Self {
         let widest = y.ticks.iter().map(|(_, label)| width(label, LABEL)).fold(0.0, f64::max);
         let left = 42.0 + widest.min(110.0);
         Self { left, top: 42.0 + legend, width: WIDTH - left - 18.0, height: PLOT }
     }
 
-    /// Where a point is, given from 0 to 1.
+    /// Pixel position of a point that is given from 0 to 1.
     pub(super) fn at(&self, x: f64, y: f64) -> (f64, f64) {
         (self.left + x * self.width, self.top + (1.0 - y) * self.height)
     }
@@ -396,14 +394,14 @@ impl PlotArea {
     }
 }
 
-/// Main effects: what several axes do, each by itself, to the mean of a quantity; one panel an axis, one scale for all.
+/// Main effects: the effect of each axis on the mean of a quantity; one panel per axis, with a common scale.
 #[derive(Debug, Clone)]
 pub struct Effects {
     /// Title.
     pub title: String,
     /// Label of the y axis.
     pub y: String,
-    /// The axes, with their levels in words.
+    /// The axes, with the labels of their levels.
     pub axes: Vec<EffectAxis>,
     /// Label, and the mean at each level of each axis.
     pub series: Vec<(String, Vec<Vec<f64>>)>,
@@ -414,9 +412,9 @@ pub struct Effects {
 pub struct EffectAxis {
     /// Its name.
     pub name: String,
-    /// Its levels in words.
+    /// Labels of its levels.
     pub labels: Vec<String>,
-    /// True if something is between two levels, so that a line may join them.
+    /// True if a line may join the levels.
     pub joined: bool,
 }
 
@@ -424,7 +422,7 @@ pub struct EffectAxis {
 const MIN_PANEL_WIDTH: f64 = 110.0;
 
 impl Effects {
-    /// The figure as an SVG document: the panels in as many rows as they need.
+    /// The figure as an SVG document, with as many rows of panels as needed.
     pub fn svg(&self) -> String {
         let entries: Vec<_> = self.series.iter().map(|(label, _)| label.as_str()).enumerate().collect();
         let legend = Legend::of(&entries);

@@ -1,12 +1,13 @@
-//! Axes of charts: a range that holds the data, whatever they are, and a handful of ticks.
+//! Axes of charts: a range that contains the data, and axis ticks at round numbers (linear, logarithmic, signed logarithmic,
+//! categories).
 
 use crate::words::number;
 
-/// Numbers beyond these are not told from infinity and from zero: no range or tick can leave what numbers can say.
+/// Values beyond these are treated as infinity or zero, so that ranges and ticks cannot overflow.
 const LARGEST: f64 = 1e300;
 const SMALLEST: f64 = 1e-290;
 
-/// Ticks of an axis, about.
+/// Approximate number of ticks.
 const TICKS: f64 = 7.0;
 
 /// How numbers are spaced along an axis.
@@ -14,24 +15,24 @@ const TICKS: f64 = 7.0;
 enum Spacing {
     Linear,
     Logarithmic,
-    /// By the logarithm of their modulus, above the middle or below it as their sign says.
+    /// By the logarithm of their modulus, above or below the middle depending on their sign.
     Signed,
 }
 
 /// An axis from 0 to 1.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ChartAxis {
-    /// What 0 and 1 are: numbers, or their logarithms to base ten; of a signed one the middle and both ends.
+    /// The values at 0 and 1: numbers, or their decimal logarithms; for a signed axis the middle and both ends.
     range: [f64; 2],
     spacing: Spacing,
-    /// Places from 0 to 1 with their labels; those without one are minor.
+    /// Tick positions from 0 to 1 with their labels; minor ticks have none.
     pub ticks: Vec<(f64, String)>,
-    /// The power of ten that all labels are to be multiplied with.
+    /// Common power of ten of all labels.
     pub power: i32,
 }
 
 impl ChartAxis {
-    /// A linear axis that holds the finite ones of `values`, with a margin.
+    /// A linear axis that contains the finite `values`, with a margin.
     pub fn linear(values: impl Iterator<Item = f64>) -> Self {
         Self::from(range(values))
     }
@@ -54,7 +55,7 @@ impl ChartAxis {
         Self { range: [low, high], spacing: Spacing::Linear, ticks, power }
     }
 
-    /// A logarithmic axis that holds the positive ones of `values`, with a margin.
+    /// A logarithmic axis that contains the positive `values`, with a margin.
     pub fn logarithmic(values: impl Iterator<Item = f64>) -> Self {
         let logs = values.filter(|x| *x > 0.0 && x.is_finite()).map(|x| x.clamp(SMALLEST, LARGEST).log10());
         let [low, high] = extent(logs).unwrap_or([-1.0, 0.0]);
@@ -62,7 +63,7 @@ impl ChartAxis {
         Self::from_logs([low - margin, high + margin])
     }
 
-    /// A logarithmic axis for the moduli of `values`: `decades` of them, down from the largest.
+    /// A logarithmic axis for the moduli of `values`: this many `decades` down from the largest.
     pub fn decades(values: impl Iterator<Item = f64>, decades: i32) -> Self {
         let largest = values.filter(|x| x.is_finite()).fold(0.0, |max: f64, x| max.max(x.abs())).min(LARGEST);
         let top = if largest < SMALLEST { 0.0 } else { largest.log10() };
@@ -95,7 +96,8 @@ impl ChartAxis {
         Self { range: [low, high], spacing: Spacing::Logarithmic, ticks, power: 0 }
     }
 
-    /// A logarithmic axis towards both signs: `decades` of them each, down from the largest modulus of `values` to zero in the middle.
+    /// A signed logarithmic axis: this many `decades` in each direction, from the largest modulus of `values` to zero in the
+    /// middle.
     pub fn signed(values: impl Iterator<Item = f64>, decades: i32) -> Self {
         let one = Self::decades(values, decades);
         let [low, high] = one.range;
@@ -113,7 +115,7 @@ impl ChartAxis {
         Self { spacing: Spacing::Signed, ticks, ..one }
     }
 
-    /// An axis of categories, each with as much room as another, at 0, 1, 2 …
+    /// An axis of equally wide categories at 0, 1, 2 …
     pub fn categories(labels: &[String]) -> Self {
         let range = [-0.5, labels.len().max(1) as f64 - 0.5];
         let place = |i: usize| (i as f64 - range[0]) / (range[1] - range[0]);
@@ -121,7 +123,7 @@ impl ChartAxis {
         Self { range, spacing: Spacing::Linear, ticks, power: 0 }
     }
 
-    /// The same range about its middle, `factor` times as long.
+    /// The same range, extended about its middle by `factor`.
     pub fn widened(&self, factor: f64) -> Self {
         let [low, high] = self.range;
         let (middle, half) = (0.5 * low + 0.5 * high, 0.5 * factor * (high - low));
@@ -133,7 +135,7 @@ impl ChartAxis {
         self.range[1] - self.range[0]
     }
 
-    /// Its lower end, as a number.
+    /// Its lower end.
     pub fn low(&self) -> f64 {
         match self.spacing {
             Spacing::Linear => self.range[0],
@@ -142,7 +144,7 @@ impl ChartAxis {
         }
     }
 
-    /// Where a number is, 0 at the lower end and 1 at the upper; none off the axis.
+    /// Position of a number from 0 at the lower end to 1 at the upper; `None` outside the axis.
     pub fn place(&self, x: f64) -> Option<f64> {
         let part = |x: f64| (x - self.range[0]) / self.size();
         let place = match self.spacing {
@@ -154,7 +156,7 @@ impl ChartAxis {
     }
 }
 
-/// Least and largest of values; none of none.
+/// Least and largest value; `None` without values.
 fn extent(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     values.fold(None, |extent, x| {
         let [low, high] = extent.unwrap_or([x, x]);
@@ -162,7 +164,7 @@ fn extent(values: impl Iterator<Item = f64>) -> Option<[f64; 2]> {
     })
 }
 
-/// A range that holds the finite ones of `values` with a margin; never empty.
+/// A non-empty range that contains the finite `values`, with a margin.
 fn range(values: impl Iterator<Item = f64>) -> [f64; 2] {
     let finite = values.filter(|x| x.is_finite()).map(|x| x.clamp(-LARGEST, LARGEST));
     let [low, high] = extent(finite).unwrap_or([0.0, 1.0]);
@@ -180,7 +182,7 @@ fn round_step(step: f64) -> f64 {
     power * [1.0, 2.0, 5.0].into_iter().find(|digit| step <= digit * power * (1.0 + 1e-9)).unwrap_or(10.0)
 }
 
-/// A power of ten as an axis shows it.
+/// The label of a power of ten.
 fn power_of_ten(power: i32) -> String {
     if (-3..=4).contains(&power) {
         return number(10.0_f64.powi(power));
@@ -188,7 +190,7 @@ fn power_of_ten(power: i32) -> String {
     format!("10{}", superscript(power))
 }
 
-/// A whole number in superscript digits.
+/// An integer in superscript digits.
 pub fn superscript(power: i32) -> String {
     let raised = |c: char| match c.to_digit(10) {
         Some(digit) => ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'][digit as usize],

@@ -14,16 +14,16 @@ use super::picture::SvgRenderer;
 use crate::error::{Error, Result};
 use crate::files::{write_atomically, write_error};
 
-/// How a film is made.
+/// Settings of a film.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FilmSettings {
-    /// Pictures per second.
+    /// Frames per second.
     pub per_second: u32,
     /// Seconds of the run per second of the film.
     pub speed: f64,
     /// Pixels per px of the figure.
     pub sharpness: f64,
-    /// First and last time that it shows, s, as far as the run has them.
+    /// First and last time that it shows, s, limited to those of the run.
     pub window: [f64; 2],
 }
 
@@ -33,15 +33,15 @@ impl Default for FilmSettings {
     }
 }
 
-/// The most pictures of a film.
+/// Most frames of a film.
 const MAX_FRAMES: f64 = 100_000.0;
 
-/// A rod over time: positions by rows, one per time and with one entry per node.
+/// The motion of a rod: positions in rows, one per time with one entry per node.
 #[derive(Debug, Clone, Copy)]
 pub struct RodMotion<'a> {
     /// Name of the scene.
     pub name: &'a str,
-    /// Times, s, rising.
+    /// Times, s, increasing.
     pub times: &'a [f64],
     /// Positions, m.
     pub x: &'a [f64],
@@ -50,7 +50,7 @@ pub struct RodMotion<'a> {
 }
 
 impl RodMotion<'_> {
-    /// The rod at a time, linear between those that are there.
+    /// The rod at a time, by linear interpolation.
     fn at(&self, time: f64) -> Vec<(f64, f64)> {
         let nodes = self.x.len() / self.times.len();
         let next = self.times.partition_point(|t| *t <= time).clamp(1, self.times.len() - 1);
@@ -61,7 +61,7 @@ impl RodMotion<'_> {
         (0..nodes).map(|k| (at(self.x, k), at(self.y, k))).collect()
     }
 
-    /// Two corners between which the rod is at all times from `first` to `last`.
+    /// Corners of the bounding box of the rod from `first` to `last`.
     fn corners(&self, [first, last]: [f64; 2]) -> Vec<(f64, f64)> {
         let nodes = self.x.len() / self.times.len();
         // With the times next to them, between which its first and last picture lie.
@@ -75,7 +75,7 @@ impl RodMotion<'_> {
         vec![(left, low), (right, high)]
     }
 
-    /// The picture of a time, with axes that hold for all between `corners`.
+    /// The frame at a time, with axes for all between `corners`.
     fn svg(&self, time: f64, corners: &[(f64, f64)]) -> String {
         let rod = self.at(time);
         let head = rod.first().copied().into_iter().collect();
@@ -89,10 +89,12 @@ impl RodMotion<'_> {
 }
 
 impl FilmSettings {
-    /// Writes a film to `path`, which ends in .gif or .mp4; `watch` is asked before every picture, with the part that is done.
+    /// Writes a film to `path`, which ends in .gif or .mp4. `watch` is called before each frame with the completed fraction, and
+    /// may stop it.
     ///
     /// # Errors
-    /// [`Error::Write`] for another ending, a run of one time or a window without any of it, no font, no ffmpeg for an MP4, or a disk that is full.
+    /// [`Error::Write`] for another extension, a run of one time, a window outside the run, no font, no ffmpeg for an MP4, or a
+    /// full disk.
     pub fn write(
         &self,
         path: &Path,

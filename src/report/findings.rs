@@ -1,4 +1,4 @@
-//! What a study found: its answer in words, numbers, tables and figures, written as one folder with a page.
+//! Findings of a study: answers in sentences, numbers, tables and figures, written to one folder with a page.
 
 use serde::Serialize;
 use serde_json::{Map, Value, json};
@@ -11,7 +11,7 @@ use crate::files::WrittenFiles;
 use crate::scene::Document;
 use crate::words::number;
 
-/// Up to this many rows of a table are on the page.
+/// Most rows of a table on the page.
 const MAX_TABLE_ROWS: usize = 60;
 
 /// A table of texts and numbers.
@@ -23,16 +23,16 @@ pub struct Table {
     pub title: &'static str,
     /// Names of its columns, with units.
     pub columns: Vec<String>,
-    /// Its rows; a number that is not finite, or null, is an empty field.
+    /// Its rows; null and non-finite numbers are empty cells.
     pub rows: Vec<Vec<Value>>,
 }
 
-/// All that a study found.
+/// The findings of a study.
 #[derive(Debug, Clone, Default)]
 pub struct Findings {
-    /// What was studied: `natural modes` …
+    /// Subject of the study: `natural modes` …
     pub subject: &'static str,
-    /// The answer, a sentence or two each.
+    /// The answers, of a sentence or two each.
     pub answers: Vec<String>,
     /// The numbers behind it, for summary.json.
     pub numbers: Map<String, Value>,
@@ -42,7 +42,7 @@ pub struct Findings {
     pub tables: Vec<Table>,
     /// Other files: name and text.
     pub files: Vec<(String, String)>,
-    /// A motion that the page plays, and what it shows.
+    /// An animation for the page, and its caption.
     pub motion: Option<Box<(Animation, String)>>,
 }
 
@@ -56,7 +56,7 @@ struct PageTable {
 }
 
 impl Findings {
-    /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each put in place whole.
+    /// Writes summary.json, the tables, other files, figures and report.html to `folder`, in this order, each atomically.
     ///
     /// # Errors
     /// [`Error::Page`].
@@ -99,7 +99,7 @@ impl Findings {
 }
 
 impl Table {
-    /// Its text as CSV.
+    /// The table as CSV.
     pub(crate) fn csv(&self) -> std::result::Result<String, csv::Error> {
         let mut writer = csv::Writer::from_writer(Vec::new());
         writer.write_record(&self.columns)?;

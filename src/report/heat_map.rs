@@ -1,4 +1,4 @@
-//! Heat maps: a number over two axes as the colour of cells, with the largest and the least marked.
+//! Heat maps: a quantity over two axes as cell colours, with extreme values marked.
 
 use super::chart::{LABEL, LINE, PlotArea, Scale, TITLE, WIDTH};
 use super::chart_axis::ChartAxis;
@@ -6,8 +6,8 @@ use super::outcome_map::edges;
 use super::svg::{Anchor, Colour, Svg, cut, width};
 use crate::words::significant;
 
-/// Colours from the least to the largest number, of rising lightness, so that print and any kind of colour vision keep their
-/// order: matplotlib's viridis at equal steps.
+/// Sequential colour map with increasing lightness, which survives print and colour-vision deficiency: matplotlib's viridis at
+/// equal steps.
 const SEQUENTIAL: [[u8; 3]; 10] = [
     [68, 1, 84],
     [72, 40, 120],
@@ -20,14 +20,14 @@ const SEQUENTIAL: [[u8; 3]; 10] = [
     [181, 222, 43],
     [253, 231, 37],
 ];
-/// Colours from one sign to the other, zero in the middle: ColorBrewer's RdBu, from blue to red.
+/// Diverging colour map with zero in the middle: ColorBrewer's RdBu, from blue to red.
 const DIVERGING: [[u8; 3]; 5] = [[33, 102, 172], [146, 197, 222], [247, 247, 247], [244, 165, 130], [178, 24, 43]];
 
-/// Different colours of a map.
+/// Number of colours.
 const COLOUR_COUNT: usize = 64;
-/// Positive numbers whose largest is this many times the least are coloured by their logarithms.
+/// Positive values are coloured by their logarithm if the largest exceeds this multiple of the least.
 const LOG_SCALE_RANGE: f64 = 100.0;
-/// Room for the scale of colours with its labels, px.
+/// Width of the colour scale with its labels, px.
 const SCALE_WIDTH: f64 = 88.0;
 
 /// An axis of a heat map.
@@ -35,9 +35,9 @@ const SCALE_WIDTH: f64 = 88.0;
 pub struct HeatMapAxis {
     /// Its name.
     pub name: String,
-    /// Where its levels are drawn, rising; of categories 0, 1, 2 …
+    /// Positions of its levels, increasing; for categories 0, 1, 2 …
     pub at: Vec<f64>,
-    /// How they are spaced: linear, logarithmic or categories.
+    /// Its scale: linear, logarithmic or categories.
     pub scale: Scale,
 }
 
@@ -61,18 +61,18 @@ impl HeatMapAxis {
     }
 }
 
-/// A number over two axes.
+/// A quantity over two axes.
 #[derive(Debug, Clone)]
 pub struct HeatMap {
     /// Title.
     pub title: String,
-    /// The axes.
+    /// The horizontal axis.
     pub x: HeatMapAxis,
-    /// The axis upwards.
+    /// The vertical axis.
     pub y: HeatMapAxis,
-    /// What the number is, with its unit.
+    /// Label of the quantity, with its unit.
     pub value: String,
-    /// Level of x, level of y, number, and the case that has it. A cell of several cases has the last.
+    /// Level of x, level of y, value, and index of the case. If several cases share a cell, the last one is shown.
     pub cells: Vec<(usize, usize, f64, usize)>,
 }
 
@@ -132,7 +132,7 @@ impl HeatMap {
     }
 }
 
-/// The colours of numbers.
+/// The colour scale.
 struct ColourScale {
     axis: ChartAxis,
     signed: bool,
@@ -159,7 +159,7 @@ impl ColourScale {
         ((place * COLOUR_COUNT as f64) as usize).min(COLOUR_COUNT - 1)
     }
 
-    /// That of a shade: linear between the colours that are given.
+    /// A colour of the map, by linear interpolation.
     fn colour(&self, shade: usize) -> [u8; 3] {
         let given: &[[u8; 3]] = if self.signed { &DIVERGING } else { &SEQUENTIAL };
         let place = shade as f64 / (COLOUR_COUNT - 1) as f64 * (given.len() - 1) as f64;
@@ -169,7 +169,7 @@ impl ColourScale {
         [0, 1, 2].map(|k| mixed(k).round() as u8)
     }
 
-    /// The scale, right of the map.
+    /// Draws the scale to the right of the map.
     fn draw(&self, svg: &mut Svg, frame: &PlotArea, name: &str) {
         let (left, wide, step) = (frame.left + frame.width + 16.0, 14.0, frame.height / COLOUR_COUNT as f64);
         for shade in 0..COLOUR_COUNT {

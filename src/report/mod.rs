@@ -1,4 +1,5 @@
-//! What a run or a study leaves behind: tables, figures, numbers and a page, in one folder.
+//! Reports: what a run, sweep, study or design writes to its folder: tables, figures (SVG), numbers (JSON) and a self-contained
+//! page (HTML).
 
 pub mod cases;
 pub mod chart;

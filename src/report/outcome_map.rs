@@ -1,50 +1,50 @@
-//! Maps of outcomes: for every panel a field of coloured cells over two logarithmic or linear axes, one legend for all.
+//! Outcome maps: panels of coloured cells over two linear or logarithmic axes, with a common legend.
 
 use super::chart_axis::ChartAxis;
 use super::svg::{Anchor, Colour, Svg, cut, width};
 
-/// Size of a panel and height of the strip for the legend, px.
+/// Size of a panel, and height of the legend, px.
 const PANEL: (f64, f64) = (360.0, 290.0);
 const LEGEND: f64 = 54.0;
-/// Of what theory says.
+/// Colour of theoretical boundaries.
 const BOUNDARY: Colour = Colour::INK;
 
-/// What a cell may be.
+/// A possible outcome of a cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Category {
-    /// Text in the legend.
+    /// Legend label.
     pub label: &'static str,
     /// Colour, red, green and blue.
     pub colour: [u8; 3],
 }
 
-/// One field of cells.
+/// A panel of cells.
 #[derive(Debug, Clone)]
 pub struct Panel {
     /// Title.
     pub title: String,
-    /// For every x, one category for every y, by its place among those of the map.
+    /// Index of the category for each x and y.
     pub cells: Vec<Vec<usize>>,
-    /// A boundary that theory gives; empty if there is none.
+    /// A theoretical boundary; empty if there is none.
     pub boundary: Vec<(f64, f64)>,
 }
 
-/// The whole map.
+/// The map.
 #[derive(Debug, Clone)]
 pub struct OutcomeMap {
     /// Title.
     pub title: String,
-    /// Label of the x axis, and its values, rising.
+    /// Label of the x axis, and its values, increasing.
     pub x: (String, Vec<f64>),
-    /// True if x is linear, not logarithmic.
+    /// True if x is linear, otherwise logarithmic.
     pub linear: bool,
-    /// Label of the y axis, and its values, rising; y is logarithmic.
+    /// Label of the y axis, and its values, increasing; y is logarithmic.
     pub y: (String, Vec<f64>),
-    /// What the boundary is.
+    /// Label of the boundary.
     pub boundary: String,
     /// The categories.
     pub categories: Vec<Category>,
-    /// The panels, two in a row.
+    /// The panels, two per row.
     pub panels: Vec<Panel>,
 }
 
@@ -126,7 +126,7 @@ impl OutcomeMap {
     }
 }
 
-/// The borders of cells around `values`: midway between them, and as far out at the ends.
+/// The borders of cells around `values`: midway between them, and symmetric at the ends.
 pub(super) fn edges(values: &[f64], linear: bool) -> Vec<f64> {
     let v: Vec<f64> = values.iter().map(|x| if linear { *x } else { x.ln() }).collect();
     let step = |i: usize| if v.len() < 2 { 0.5 } else { 0.5 * (v[i + 1] - v[i]) };

@@ -1,4 +1,4 @@
-//! The files of a run: each is written beside its place and put there whole.
+//! Output folder of a run: trajectory and node tables, written step by step, then summary, figures and page.
 
 use std::ops::ControlFlow;
 use std::path::Path;
@@ -31,16 +31,16 @@ pub struct Output {
     columns: Vec<&'static Variable>,
     times: RecordingTimes,
     period: Option<f64>,
-    /// Room for the summary, so that a disk that the tables fill still takes it.
+    /// Reserved disk space for the summary, so that tables cannot fill the disk before it is written.
     reserve: NamedTempFile,
     folder: Folder, // the last one to be dropped: it goes where it is empty
 }
 
-/// The summary's size, bytes: of its numbers, of each final position, and at most what is reserved for it.
+/// Size of the summary, bytes: of its numbers, per final position, and the most that is reserved.
 const SUMMARY_BYTES: [usize; 3] = [8192, 90, 1 << 20];
 
 impl Output {
-    /// Whether the tables of a run of `scene` fit into `folder`.
+    /// Checks that the tables of a run of `scene` fit into `folder`.
     ///
     /// # Errors
     /// [`Error::Room`] if they do not.
@@ -59,7 +59,7 @@ impl Output {
     /// Claims `folder` for a run of `scene` and records its first state.
     ///
     /// # Errors
-    /// [`Error::Room`]; those of [`Folder::claim`]. There is no folder then where there was none.
+    /// [`Error::Room`]; those of [`Folder::claim`]. A folder that did not exist is then not created.
     pub fn create(folder: &Path, scene: &Scene, stepper: &Stepper, claim: Claim) -> Result<Self> {
         Self::fits(folder, scene, stepper)?;
         let nodes_file = match scene.nodes_table() {
@@ -94,7 +94,7 @@ impl Output {
         Ok(output)
     }
 
-    /// Sees the state after a step; `watch` is asked at every time that is recorded, and may end it.
+    /// Records the state after a step. `watch` is called at each recorded time, and may stop the run.
     ///
     /// # Errors
     /// [`Error::Write`]; those of [`Stepper::at`].
@@ -121,8 +121,8 @@ impl Output {
         self.nodes.row(view.state)
     }
 
-    /// Completes every file with the state at the end and puts it in place: first the summary, then tables, figures, and the
-    /// page, each of them whatever happens to those after it.
+    /// Completes all files with the final state and puts them in place: first the summary, then tables, figures, and the page. An
+    /// error in one does not affect the others.
     pub fn finish(
         mut self,
         stepper: &Stepper,
@@ -154,11 +154,11 @@ impl Output {
     }
 }
 
-/// The files that every run has.
+/// The files that every run writes.
 const RUN_FILES: [&str; 6] =
     ["summary.json", "trajectory.csv", "report.html", "shape.svg", "com_path.svg", "energy.svg"];
 
-/// The names that the table of node positions may have.
+/// Possible names of the table of node positions.
 const NODES_FILES: [&str; 2] = ["nodes.csv", "nodes.parquet"];
 
 /// The table of node positions.
@@ -209,7 +209,7 @@ impl NodesWriter {
         }
     }
 
-    /// Puts it in place.
+    /// Puts the table in place.
     fn keep(self, results: &mut FolderWriter<'_>) {
         match self.table {
             NodesFormat::Csv(table) => results.put_table(*table),

@@ -1,4 +1,4 @@
-//! Figures as PNG and PDF files. They are SVG; resvg draws them, with the fonts of the system.
+//! Figures as PNG and PDF files: SVG rendered by resvg with the fonts of the system.
 
 use std::path::{Path, PathBuf};
 
@@ -9,18 +9,18 @@ use super::folder::{Claim, Folder, Owner};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 
-/// Families that have no serifs, of which most systems have one.
+/// Sans-serif font families, of which most systems have one.
 const FAMILIES: [&str; 6] = ["Inter", "Noto Sans", "DejaVu Sans", "Liberation Sans", "Arial", "Helvetica"];
 
-/// Pixels of a picture per px of its figure.
+/// Pixels per px of a figure.
 pub const SHARPNESS: f64 = 2.0;
 
-/// A kind of file that a figure can be turned into.
+/// A file format for figures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum PictureFormat {
-    /// Pixels.
+    /// Raster graphics.
     Png,
-    /// Vectors, letters as outlines.
+    /// Vector graphics, with letters as outlines.
     Pdf,
 }
 
@@ -33,14 +33,14 @@ impl PictureFormat {
     }
 }
 
-/// What draws: the fonts of the system.
+/// Renders SVG with the fonts of the system.
 #[derive(Debug)]
 pub struct SvgRenderer {
     options: Options<'static>,
 }
 
 impl SvgRenderer {
-    /// Finds the fonts.
+    /// Loads the fonts.
     pub fn new() -> Self {
         let mut options = Options::default();
         let fonts = options.fontdb_mut();
@@ -53,7 +53,7 @@ impl SvgRenderer {
         Self { options }
     }
 
-    /// The picture of an SVG document, `sharpness` pixels per px.
+    /// Renders an SVG document with `sharpness` pixels per px.
     ///
     /// # Errors
     /// Why it cannot be drawn.
@@ -66,7 +66,7 @@ impl SvgRenderer {
         Ok(pixels)
     }
 
-    /// An SVG document as the bytes of another file.
+    /// Converts an SVG document to another format.
     ///
     /// # Errors
     /// Why it cannot be drawn.
@@ -95,11 +95,11 @@ impl Default for SvgRenderer {
     }
 }
 
-/// Turns all figures of `folder` (`.svg`), or those of these `names`, into files of these `formats` in `out`, which may be the
+/// Converts all figures of `folder` (`.svg`), or those of these `names`, to these `formats` in the folder `out`, which may be the
 /// same.
 ///
 /// # Errors
-/// [`Error::Read`] if there is no such figure; those of [`Folder::export`]; what cannot be written is in the result.
+/// [`Error::Read`] if there is no such figure; those of [`Folder::export`]. Write errors are in the result.
 pub fn convert(
     folder: &Path,
     names: Option<&[String]>,

@@ -1,12 +1,12 @@
-//! The figures of a run: those of the source study (its Figures 3–9), the energy balance, and what holds a held head.
+//! The figures of a run: those of the source study (its Figures 3–9), the energy balance, and the force and moment on a held head.
 
 use super::chart::{Chart, Figure, Mark, Scale, Series};
 use super::run_record::{Frame, RunRecord};
 
-/// Earlier shapes drawn behind the last one.
+/// Number of earlier shapes in the background.
 const EARLIER_SHAPES: usize = 8;
 
-/// Names of all figures that a run may have.
+/// Names of all possible figures of a run.
 pub const FILES: [&str; 12] = [
     "shape.svg",
     "com_path.svg",
@@ -22,7 +22,7 @@ pub const FILES: [&str; 12] = [
     "energy.svg",
 ];
 
-/// The figures that a run has.
+/// The figures of a run.
 pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     let chart =
         |title: &str, x: &str, y: &str, scale, series| Chart::new(format!("{name}: {title}"), x, y, scale, series);
@@ -103,8 +103,8 @@ pub fn all(name: &str, record: &RunRecord, period: Option<f64>) -> Vec<Figure> {
     .collect()
 }
 
-/// What put energy into the rod since the start (J, above zero), and what took it or has it stored (below zero): as the variables say,
-/// they add up to zero. Parts that are always zero are left out.
+/// The energy balance since the start: work that was put into the rod (J, positive), and work or energy that was dissipated or
+/// stored (negative). They add up to zero. Terms that are always zero are left out.
 pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
     let parts = [
         ("actuation", "actuation_work_j", 1.0),
@@ -130,7 +130,7 @@ pub fn energy_balance(record: &RunRecord) -> Vec<Series> {
     drawn.filter(|series| series.points.iter().any(|point| point.1 != 0.0)).collect()
 }
 
-/// The last shape with its centre of mass, over earlier ones of the last period (or of the whole run without one).
+/// The last shape with its centre of mass, over earlier ones of the last period (without a period, of the run).
 fn shapes(frames: &[Frame], period: Option<f64>) -> Vec<Series> {
     let Some(last) = frames.last() else { return Vec::new() };
     let start = period.map_or(f64::NEG_INFINITY, |period| last.time - period);

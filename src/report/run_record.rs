@@ -1,4 +1,4 @@
-//! What figures and the page need of a run, thinned so that its size does not grow with the run's.
+//! The record of a run for figures and page: curves and animation frames, downsampled so that its size is bounded.
 
 use std::ops::ControlFlow;
 
@@ -13,23 +13,23 @@ use crate::spectrum::Spectrum;
 use crate::stepper::Stepper;
 use crate::variable::{Variable, View};
 
-/// Between half of this and this many times are kept for a curve.
+/// Most samples of a curve; at least half as many are kept.
 const MAX_SAMPLES: usize = 2500;
 /// The same for frames of the animation.
 const MAX_FRAMES: usize = 1200;
 
-/// Which times are recorded.
+/// The times that are recorded.
 #[derive(Debug, Clone, Copy)]
 pub enum RecordingTimes {
-    /// Every so many steps; the last one that was passed.
+    /// Multiples of a number of steps; the last one that was passed.
     Steps(u64, u64),
-    /// The multiples of so many seconds; the next multiple.
+    /// Multiples of an interval (s); the next multiple.
     Every(f64, u64),
 }
 
 impl RecordingTimes {
-    /// Those that a scene asks for, after the first state. Where `stepper` takes steps of its own instead of the scene's,
-    /// they are where the scene's would have ended.
+    /// Those that a scene asks for, after the initial state. If `stepper` takes its own steps instead of the scene's, they are at
+    /// the ends of the scene's.
     pub fn of(scene: &Scene, stepper: &Stepper) -> Self {
         let every = scene.record.every.map_or(1, |every| every.get() as u64);
         match (scene.record.interval_s, scene.pace(), stepper.pace()) {
@@ -39,8 +39,8 @@ impl RecordingTimes {
         }
     }
 
-    /// Shows what the step just made has passed, and whether it is recorded: its end, or the multiples within it, which may
-    /// be many, so that `look` may end it.
+    /// Calls `look` for the last step with the dense output at recorded times within it, or at its end. There may be many; `look`
+    /// may stop it.
     ///
     /// # Errors
     /// Those of `look` and of [`Stepper::at`].
@@ -71,7 +71,7 @@ impl RecordingTimes {
     }
 }
 
-/// Multiple `k` of `interval` (s), where it is not after `now` (s), which it is where both differ by rounding alone.
+/// Multiple `k` of `interval` (s), if it is not after `now` (s), up to rounding.
 fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
     let time = k as f64 * interval;
     match (time - now).abs() <= SAME_TIME * interval + 4.0 * f64::EPSILON * now {
@@ -80,38 +80,38 @@ fn due(interval: f64, k: u64, now: f64) -> Option<f64> {
     }
 }
 
-/// Times that differ by less than this part of the interval between them are one.
+/// Times that differ by less than this fraction of the interval are equal.
 const SAME_TIME: f64 = 1e-9;
 
-/// The rod at a time.
+/// The rod at a time, for the animation.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Frame {
     /// Time, s.
     pub time: f64,
-    /// Some of its nodes, head and tip among them, m.
+    /// Positions of some nodes, including head and tip, m.
     pub points: Vec<[f64; 2]>,
     /// Centre of mass, m.
     pub com: [f64; 2],
-    /// Semi-axes (m) and angle (rad) of the body around the first node, where there is one.
+    /// Semi-axes (m) and angle (rad) of the body at the head, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub body: Option<[f64; 3]>,
-    /// The medium, where it has layers.
+    /// The medium, if it has layers.
     #[serde(default)]
     pub medium: Option<(Fluid, Layers)>,
 }
 
 impl Frame {
-    /// At most about this many nodes of it are kept.
+    /// Approximate limit of the number of nodes.
     pub const POINTS: usize = 120;
 
-    /// Semi-axes (m) and angle (rad) of the body before `rod`, whose nodes are at `q`.
+    /// Semi-axes (m) and angle (rad) of the body at the head of `rod`, whose nodes are at `q`.
     pub fn body(rod: &Rod, q: &[f64]) -> Option<[f64; 3]> {
         let body = rod.body?;
         let along = node(q, 1) - node(q, 0);
         Some([body.along, body.across, along.y.atan2(along.x)])
     }
 
-    /// The rod now.
+    /// The current frame.
     pub fn of(view: &View<'_>) -> Self {
         let nodes = view.state.q.len() / 2;
         let points = Self::POINTS.min(nodes);
@@ -130,7 +130,7 @@ impl Frame {
     }
 }
 
-/// Every n-th of what comes; n doubles when `limit` is reached, so the run's length need not be known.
+/// Downsampling: every n-th item; n doubles whenever `limit` is reached, so that the length of the run need not be known.
 #[derive(Debug)]
 struct Thinned<T> {
     kept: Vec<T>,
@@ -162,7 +162,7 @@ impl<T> Thinned<T> {
     }
 }
 
-/// Curves and frames of a run, at times of their own: what is recorded in tables does not thin them.
+/// Curves and frames of a run, independent of the recorded tables.
 #[derive(Debug)]
 pub struct RunRecord {
     times: RecordingTimes,
@@ -172,13 +172,13 @@ pub struct RunRecord {
     step: u64,
 }
 
-/// Samples in a period of what drives the tail, and in a run, where steps are chosen by their error; at most [`MAX_SAMPLES`] in all.
+/// Samples per period of the drive, and per run, for adaptive steps; at most [`MAX_SAMPLES`] in total.
 const SAMPLES_PER_PERIOD: f64 = 24.0;
 const SAMPLES_PER_RUN: f64 = 1000.0;
 
 impl RunRecord {
-    /// A record that begins with the state at the start of a run: of every step, or, where steps are chosen by their error and may be
-    /// longer than what happens in them, of equal times.
+    /// Starts a record with the initial state. It samples every step or, for adaptive steps, which may be longer than the motion
+    /// they contain, equidistant times.
     pub fn start(scene: &Scene, stepper: &Stepper) -> Self {
         let duration = scene.solver.duration_s.get();
         let drive = Spectrum::of_model(stepper.model()).fastest();
@@ -201,7 +201,7 @@ impl RunRecord {
         record
     }
 
-    /// Sees the step that was just made.
+    /// Records the last step.
     ///
     /// # Errors
     /// Those of [`Stepper::at`].
@@ -221,7 +221,7 @@ impl RunRecord {
         self.frames.offer(self.step, || Frame::of(view));
     }
 
-    /// Sees the state at the end, unless it is there already.
+    /// Records the final state, unless it was recorded.
     pub fn finish(&mut self, view: &View<'_>) {
         let now = Some(view.state.t);
         if self.samples.kept.last().map(|sample| sample[0]) != now {
@@ -232,7 +232,7 @@ impl RunRecord {
         }
     }
 
-    /// The curve of variable `y` against variable `x`; empty if the scene has not both.
+    /// The curve of variable `y` against variable `x`; empty if the scene lacks one of them.
     pub fn curve(&self, x: &str, y: &str) -> Vec<(f64, f64)> {
         let column = |name: &str| self.columns.iter().position(|variable| variable.name == name);
         match (column(x), column(y)) {

@@ -10,23 +10,23 @@ use tempfile::NamedTempFile;
 use crate::error::{Error, Result};
 use crate::files::{partial_file, write_error};
 
-/// A CSV file in the making.
+/// Writer of a CSV file.
 #[derive(Debug)]
 pub struct CsvTable {
     path: PathBuf,
     file: NamedTempFile,
-    /// Whole rows on their way to the file.
+    /// Rows that are not yet written to the file.
     rows: String,
     /// Time of the last row, s.
     pub last: Option<f64>,
-    /// Where the file ended when a write failed: nothing that comes after it counts.
+    /// Length of the file when a write failed; later rows are ignored.
     broken: Option<u64>,
 }
 
-/// Rows go to the file in pieces of about this size, bytes.
+/// Rows are written in chunks of about this size, bytes.
 const CHUNK_BYTES: usize = 1 << 16;
 
-/// Adds the shortest text that is read as `x` again.
+/// Appends the shortest text that parses to `x`.
 fn push_number(text: &mut String, x: f64) {
     let mut buffer = zmij::Buffer::new();
     let digits = buffer.format(x);
@@ -39,14 +39,14 @@ fn push_number(text: &mut String, x: f64) {
 }
 
 impl CsvTable {
-    /// Begins the file with a header of plain names.
+    /// Creates the file with its header.
     pub fn create(path: PathBuf, columns: impl Iterator<Item = String>) -> Result<Self> {
         let file = partial_file(&path)?;
         let rows = columns.collect::<Vec<_>>().join(",") + "\n";
         Ok(Self { path, file, rows, last: None, broken: None })
     }
 
-    /// Adds a row; nothing after a row that failed.
+    /// Appends a row, unless an earlier one failed.
     pub fn row(&mut self, time: f64, values: impl Iterator<Item = f64>) -> Result<()> {
         if self.broken.is_some() {
             return Ok(());
@@ -76,15 +76,15 @@ impl CsvTable {
         write_error(&self.path, &error)
     }
 
-    /// Where it belongs.
+    /// Its path.
     pub fn path(&self) -> PathBuf {
         self.path.clone()
     }
 
-    /// The finished file, its place, and what kept its last rows out of it, unless that was said before.
+    /// The finished file, its path, and the error that truncated it, unless it was reported before.
     ///
     /// # Errors
-    /// [`Error::Write`] if not even that can be had.
+    /// [`Error::Write`] if even the truncated file cannot be completed.
     pub fn complete(mut self) -> Result<(NamedTempFile, PathBuf, Option<Error>)> {
         let lost = match self.broken {
             None => self.flush().err(),
@@ -98,7 +98,7 @@ impl CsvTable {
     }
 }
 
-/// Takes half a line from the end of a file.
+/// Removes an incomplete last line.
 fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
     let mut end = file.metadata()?.len();
     let mut block = [0; 4096];
@@ -115,7 +115,7 @@ fn cut_to_whole_lines(file: &mut File) -> std::io::Result<()> {
     file.set_len(0)
 }
 
-/// A CSV table of texts, numbers and truths in the making.
+/// Writer of a CSV table with texts, numbers and booleans.
 #[derive(Debug)]
 pub struct MixedCsvTable {
     path: PathBuf,
@@ -123,7 +123,7 @@ pub struct MixedCsvTable {
 }
 
 impl MixedCsvTable {
-    /// Begins the table at `path` with its header.
+    /// Creates the table at `path` with its header.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -133,7 +133,7 @@ impl MixedCsvTable {
         Ok(table)
     }
 
-    /// Adds a row; null is an empty cell.
+    /// Appends a row; null is an empty cell.
     ///
     /// # Errors
     /// [`Error::Write`].
@@ -168,14 +168,14 @@ impl MixedCsvTable {
 pub enum ColumnType {
     /// Numbers.
     Number,
-    /// Yes or no.
+    /// Booleans.
     Truth,
-    /// Anything else.
+    /// Anything else, as text.
     Text,
 }
 
 impl ColumnType {
-    /// The type that holds `value` and all that one of this type (`None`: nothing yet) holds.
+    /// The type that can hold `value` along with all values of the `known` type (`None`: no values yet).
     pub fn widened(known: Option<Self>, value: &Value) -> Option<Self> {
         let own = match value {
             Value::Null => return known,

@@ -1,4 +1,4 @@
-//! A run's trajectory in memory, for faces that hand it on as arrays, and the page that plays it.
+//! A run's trajectory in memory as arrays (for Python), and a page that plays it.
 
 use std::ops::ControlFlow;
 
@@ -12,21 +12,21 @@ use crate::scene::{NodesTable, Scene};
 use crate::stepper::Stepper;
 use crate::variable::{Size, Variable, View};
 
-/// Node positions, recorded where the scene would table them.
+/// Node positions, which are recorded if the scene tables them.
 const POSITIONS: [&str; 2] = ["x_m", "y_m"];
 
-/// The rows of one variable.
+/// The values of one variable over time.
 #[derive(Debug, Clone)]
 pub struct Column {
     /// The variable.
     pub variable: &'static Variable,
     /// The nodes of its entries; `[0]` for a scalar.
     pub nodes: Vec<usize>,
-    /// One entry per node, row after row.
+    /// One entry per node, row by row.
     pub values: Vec<f64>,
 }
 
-/// Variables at the times that a scene records.
+/// Variables at the recorded times of a scene.
 #[derive(Debug)]
 pub struct TrajectoryTable {
     columns: Vec<Column>,
@@ -36,8 +36,8 @@ pub struct TrajectoryTable {
 }
 
 impl TrajectoryTable {
-    /// Begins with the state now. Beside the time it holds the variables `names`; without names those of trajectory.csv,
-    /// and the node positions of `scene.record` if they are tabled.
+    /// Starts with the current state. Along with the time it records the variables `names`, by default those of trajectory.csv, and
+    /// the node positions of `scene.record` if they are tabled.
     ///
     /// # Errors
     /// [`Error::UnknownVariable`](crate::Error::UnknownVariable).
@@ -69,7 +69,7 @@ impl TrajectoryTable {
         Ok(trajectory)
     }
 
-    /// Sees the state after a step; `watch` is asked at every time that is recorded, and may end it.
+    /// Records the state after a step. `watch` is called at each recorded time, and may stop the run.
     ///
     /// # Errors
     /// Those of [`Stepper::at`].
@@ -90,7 +90,7 @@ impl TrajectoryTable {
         outcome
     }
 
-    /// Sees the state at the end, unless it is there already.
+    /// Records the final state, unless it was recorded.
     pub fn finish(&mut self, stepper: &Stepper) {
         let view = stepper.view();
         if self.last != view.state.t {

@@ -1,4 +1,4 @@
-//! A run as VTK files: one polyline with its fields per time, and a collection of them.
+//! VTK files (for ParaView): one polyline with its fields per time, and a collection of them.
 
 use std::collections::HashMap;
 use std::fmt::Write;
@@ -11,20 +11,20 @@ use crate::rod::Rod;
 use crate::stepper::Stepper;
 use crate::variable::Size;
 
-/// What the points are made of.
+/// The coordinates of the points.
 pub const POSITIONS: [&str; 2] = ["x_m", "y_m"];
 
-/// Pairs that are vectors in VTK, and their names there.
+/// Pairs of variables that are vectors in VTK, with their names there.
 const VECTORS: [(&str, &str, &str); 2] = [("vx_m_s", "vy_m_s", "velocity_m_s"), ("force_x_n", "force_y_n", "force_n")];
 
-/// The variables that a run is exported with: those of nodes and joints, and those of trajectory.csv.
+/// The exported variables: those of nodes and joints, and those of trajectory.csv.
 pub fn fields(stepper: &Stepper) -> Vec<String> {
     let chosen = stepper.variables().iter().filter(|variable| variable.recorded || variable.size != Size::Scalar);
     chosen.map(|variable| variable.name.to_string()).collect()
 }
 
-/// Writes `name`.pvd and one `name`_000000.vtp per time of the `columns` of a run: points by positions, arc length and radius,
-/// what belongs to nodes and joints as fields of points (not a number where there is no joint), numbers as field data.
+/// Writes `name`.pvd and one `name`_000000.vtp per time of the `columns` of a run: positions as points, arc length and radius,
+/// quantities of nodes and joints as point data (NaN without a joint), scalars as field data.
 ///
 /// # Errors
 /// [`Error::UnknownVariable`] without positions or times.

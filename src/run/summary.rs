@@ -16,7 +16,7 @@ use crate::system::Form;
 const MIN_DISPLACEMENT: f64 = 1e-9;
 
 impl Summary {
-    /// The summary of a run of `scene`, of which `warnings` were known before ([`Assessment`](crate::check::Assessment)).
+    /// The summary of a run of `scene`, given the `warnings` of its [`Assessment`](crate::assessment::Assessment).
     pub fn of(scene: &Scene, stepper: &Stepper, outcome: &Outcome, warnings: &[String]) -> Self {
         let (meter, work) = (stepper.meter(), stepper.work());
         let (now, model) = (&meter.now, stepper.model());

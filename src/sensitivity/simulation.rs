@@ -401,7 +401,7 @@ impl Simulation {
     /// What a run of the scene says of itself: where its model, its steps and its energy balance leave their ranges.
     ///
     /// # Errors
-    /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::check::Assessment).
+    /// Those of [`simulate`](Self::simulate), and of the scene's [`Assessment`](crate::assessment::Assessment).
     #[cfg(feature = "faer")]
     pub fn notes(&mut self) -> Result<Vec<String>> {
         let warnings =

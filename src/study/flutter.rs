@@ -1,5 +1,5 @@
-//! `caudal study stability --vary flow`: where a tail that is held in a flow stays straight, flutters or diverges, over the speed
-//! of the flow and the mass of the tail, from the eigenvalues of small motions about its rest, beside theory's line.
+//! `caudal study stability --vary flow`: flutter and divergence of a held tail in a flow, over the flow speed and the mass of the
+//! tail, from the eigenvalues of small motions about its equilibrium; compared with beam theory.
 
 use std::f64::consts::TAU;
 
@@ -19,26 +19,25 @@ use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Figure, Findings, Table};
 use crate::scene::{HeadKind, Scene};
 
-/// Most nodes that eigenvalues are computed for: their cost grows as N³, and the error at so many is 0.1 %.
+/// Most nodes for which eigenvalues are computed: the cost grows as N³, and the error with this many is 0.1 %.
 const MAX_NODES: usize = 65;
 
-/// Smallest and largest share of the water in the inertia, β.
+/// Range of the mass ratio β, the share of the water in the inertia.
 const MASS_RATIO_RANGE: [f64; 2] = [0.05, 0.95];
 
-/// Smallest and largest speed where none are asked for, in units of √(EI/m_a)/L.
+/// Default range of the flow speed, in units of √(EI/m_a)/L.
 const DEFAULT_SPEED_RANGE: [f64; 2] = [1.0, 20.0];
 
-/// Part of the length up to which a rest is straight, of EI/L² up to which loads along it are none, and up to which stretched
-/// edges are alike.
+/// An equilibrium is straight, a load along it zero (over EI/L²), and edges are equally long, up to this fraction.
 const MAX_DEVIATION: f64 = 1e-2;
 
-/// Motions whose growth and frequency are followed over the speed.
+/// Number of modes that are tracked over the speed.
 const TRACKED_MODES: usize = 5;
 
-/// Speeds at which they are, for each of the map.
+/// Speeds of the tracked modes per speed of the map.
 const TRACKING_REFINEMENT: usize = 4;
 
-/// What becomes of the rest.
+/// What happens to the equilibrium.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 enum RestStability {
     Stable,
@@ -61,27 +60,27 @@ impl RestStability {
     }
 }
 
-/// One mass of the rod, over speeds of the flow.
+/// One mass ratio, over flow speeds.
 #[derive(Debug)]
 struct SpeedScan {
     share: f64,
     speeds: Vec<f64>,
-    /// Also where it first leaves its rest.
+    /// True to search for the critical speed too.
     critical: bool,
 }
 
-/// What is found at a speed.
+/// The result at one speed.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct FlutterPoint {
     outcome: RestStability,
-    /// σ (1/s) and ω (rad/s) of the motion that grows fastest.
+    /// σ (1/s) and ω (rad/s) of the fastest growing mode.
     leading: [f64; 2],
-    /// Those of the slowest motions.
+    /// σ and ω of the slowest modes.
     slowest: Vec<[f64; 2]>,
 }
 
 impl FlutterPoint {
-    /// Above zero where the rest is left; below, how little of its size the least damped oscillation loses, less than none.
+    /// Positive if the equilibrium is unstable; otherwise minus the relative damping of the least damped oscillation.
     fn rise(&self) -> f64 {
         if self.outcome != RestStability::Stable {
             return 1.0;
@@ -92,25 +91,25 @@ impl FlutterPoint {
     }
 }
 
-/// What is found of a mass.
+/// The results for one mass ratio.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct ScanResult {
     points: Vec<FlutterPoint>,
-    /// The first speed (m/s) at which the rest is left, how, and ω (rad/s) there.
+    /// The critical speed (m/s), the kind of instability, and ω (rad/s) there.
     critical: Option<(f64, RestStability, f64)>,
 }
 
-/// What the tail is like, and what theory measures it by.
+/// Properties of the tail, and the scales of the theory.
 struct HeldTail {
     /// Direction of the flow.
     direction: [f64; 2],
-    /// The flow comes against the free end.
+    /// True if the flow comes from the free end.
     is_reversed: bool,
-    /// Mass of the rod and of the water that goes with it across, kg.
+    /// Mass of the rod and added mass across it, kg.
     masses: [f64; 2],
     /// √(EI/m_a)/L, m/s.
     unit: f64,
-    /// Share χ of the wake, where theory has this rod; else why it has not.
+    /// Share χ of the wake, if the theory covers this rod; otherwise the reason why not.
     theory: std::result::Result<f64, &'static str>,
 }
 
@@ -119,13 +118,13 @@ impl HeldTail {
         self.masses[1] / (self.masses[0] + self.masses[1])
     }
 
-    /// The factor on the rod's density that gives the water the share β.
+    /// The factor on the rod's density that gives the mass ratio β.
     fn factor(&self, share: f64) -> f64 {
         self.masses[1] * (1.0 - share) / (share * self.masses[0])
     }
 }
 
-/// What the tail of `scene` is like, by its rest.
+/// The properties of the tail of `scene` at its equilibrium.
 fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail, Unsteady> {
     let refuse = |key: &'static str, problem: &str| Unsteady { key, problem: problem.to_string() };
     let Some(reactive) = scene.reactive_on().cloned() else {
@@ -157,7 +156,7 @@ fn tail(scene: &Scene, steady: &mut SteadyState) -> std::result::Result<HeldTail
     Ok(HeldTail { direction, is_reversed, masses, unit, theory })
 }
 
-/// The tail in a flow of that speed (m/s), with that factor on its density.
+/// The tail at this flow speed (m/s), with this factor on its density.
 fn point(scene: &Scene, tail: &HeldTail, factor: f64, speed: f64) -> FlutterPoint {
     let none = FlutterPoint { outcome: RestStability::NoRest, leading: [0.0; 2], slowest: Vec::new() };
     let scene = scene.with_rod_density(factor).with_flow(tail.direction.map(|x| x * speed));
@@ -256,7 +255,7 @@ pub(super) fn flutter(scene: &Scene, asked: &StabilityOptions, runner: StudyRunn
 struct FlutterReport<'a> {
     scene: &'a Scene,
     tail: &'a HeldTail,
-    /// The scene's own flow (m/s), and what is found there.
+    /// The scene's own flow speed (m/s), and the result there.
     own: Option<(f64, FlutterPoint)>,
     nodes: usize,
     cases: &'a [SpeedScan],

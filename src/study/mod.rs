@@ -31,7 +31,7 @@ pub use runner::{StudyOutcome, StudyRunner};
 pub use scaling::ScalingOptions;
 pub use stability::{StabilityOptions, Vary};
 
-/// A study, with what is asked of it.
+/// A study with its options.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Study {
@@ -41,9 +41,9 @@ pub enum Study {
     Scaling(ScalingOptions),
     /// Error against cost of methods, steps and meshes.
     Accuracy(AccuracyOptions),
-    /// What methods do over the step and a parameter.
+    /// Stability of the methods over the step and a parameter, or of the rod in a flow.
     Stability(StabilityOptions),
-    /// The same motion under every law of the fluid.
+    /// The same motion with each fluid model.
     Fluid(FluidOptions),
 }
 
@@ -59,7 +59,7 @@ impl Study {
         }
     }
 
-    /// The folder of its results where none is asked for.
+    /// The default folder of its results.
     pub fn folder(&self, scene: &Scene) -> PathBuf {
         PathBuf::from("out").join(format!("{}-study-{}", scene.name, self.name()))
     }
@@ -76,8 +76,8 @@ impl Study {
     /// Runs the study on `scene`.
     ///
     /// # Errors
-    /// [`Error::Study`] for what is not allowed, [`Error::Scene`] if the scene has not what is studied; those of
-    /// [`Scene::model`], [`Error::Write`], [`Error::Journal`].
+    /// [`Error::Study`] for invalid options, [`Error::Scene`] if the scene lacks what is studied; those of [`Scene::model`],
+    /// [`Error::Write`], [`Error::Journal`].
     pub fn run(&self, scene: &Scene, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
         if let Some(problem) = self.refused() {
             return Err(Error::Study { problem });
@@ -92,7 +92,7 @@ impl Study {
         }
     }
 
-    /// What of the question is not allowed.
+    /// The error in its options, if any.
     fn refused(&self) -> Option<String> {
         match self {
             Self::Fluid(_) => None,
@@ -117,27 +117,27 @@ impl Study {
     }
 }
 
-/// What is wrong with whole numbers that belong in a range.
+/// The error of integers outside a range.
 fn outside(name: &str, numbers: &[u64], [low, high]: [u64; 2]) -> Option<String> {
     let wrong = numbers.iter().find(|number| !(low..=high).contains(number))?;
     let most = if high == u64::MAX { "on".to_string() } else { format!("to {high}") };
     Some(format!("{name}: found {wrong}; allowed: whole numbers from {low} {most}"))
 }
 
-/// What is wrong with numbers that shall be positive.
+/// The error of numbers that must be positive.
 fn not_positive(name: &str, numbers: &[f64]) -> Option<String> {
     let wrong = numbers.iter().find(|number| !(number.is_finite() && **number > 0.0))?;
     Some(format!("{name}: found {wrong}; allowed: positive numbers"))
 }
 
-/// What is wrong with two numbers that shall be positive and rising.
+/// The error of two numbers that must be positive and increasing.
 fn not_rising(name: &str, numbers: Option<[f64; 2]>) -> Option<String> {
     let [low, high] = numbers?;
     not_positive(name, &[low, high])
         .or_else(|| (low >= high).then(|| format!("{name}: found {low},{high}; allowed: the smaller number first")))
 }
 
-/// Writes what the study of scene `name` found to its `folder`, and forgets the runs that it keeps there once all is written.
+/// Writes the findings of the study of scene `name` to its `folder`, and deletes the stored runs once everything is written.
 ///
 /// # Errors
 /// Those of [`Findings::write`].

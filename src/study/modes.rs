@@ -1,4 +1,5 @@
-//! `caudal study modes`: natural frequencies and shapes of a scene's rod, and its matrices for other programs.
+//! `caudal study modes`: natural frequencies and mode shapes of a scene's rod, damped modes in its fluid, and mass and stiffness
+//! matrices for other programs.
 
 use std::f64::consts::TAU;
 
@@ -15,24 +16,24 @@ use crate::report::{Findings, Table};
 use crate::rod::Rod;
 use crate::scene::Scene;
 
-/// Up to this many nodes all frequencies are computed: their cost grows as N³ (a second or so here).
+/// All frequencies are computed up to this many nodes: the cost grows as N³ (about a second here).
 const MAX_NODES_FOR_SPECTRUM: usize = 1001;
-/// Up to this many nodes the matrices are written: some 0.3 kB of text a node.
+/// The matrices are written up to this many nodes: about 0.3 kB of text per node.
 const MAX_NODES_FOR_MATRICES: usize = 100_001;
-/// Up to this many nodes motions with damping are computed: their cost grows as N³, twice as many unknowns as nodes twice.
+/// Damped modes are computed up to this many nodes: the cost grows as N³, with four unknowns per node.
 const MAX_NODES_FOR_DAMPING: usize = 129;
-/// Shapes in the figure.
+/// Mode shapes in the figure.
 const DRAWN_SHAPES: usize = 5;
-/// Up to this many points of a shape are tabled and drawn.
+/// Most points of a mode shape in tables and figures.
 const MAX_SHAPE_POINTS: usize = 2001;
-/// A mode of ωΔt up to this is resolved by a step, as a second-order method is then off by ω²Δt²/12 = 0.3 % in frequency.
+/// A step resolves modes up to this ωΔt: the frequency error of a second-order method, ω²Δt²/12, is then 0.3 %.
 const RESOLVED: f64 = 0.2;
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ModesOptions {
-    /// How many of the lowest modes.
+    /// Number of lowest modes.
     pub count: usize,
 }
 
@@ -42,7 +43,7 @@ impl Default for ModesOptions {
     }
 }
 
-/// A fluid of this part of its density is none; a law of drag may divide by it.
+/// Fraction of the density that stands for no fluid, since drag laws may divide by it.
 const VACUUM: f64 = 1e-12;
 
 /// The `count` lowest modes of `scene`.
@@ -152,7 +153,7 @@ pub(super) fn modes(scene: &Scene, count: usize) -> Result<Findings> {
     Ok(findings)
 }
 
-/// Adds the motions about the rest of the rod in its fluid and under its loads: frequencies with damping, and what grows.
+/// Adds the modes about the rod's equilibrium in its fluid and under its loads: damped frequencies and growth rates.
 fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()> {
     let model = scene.model()?;
     if model.forces.is_empty() && model.load.is_none() {
@@ -238,7 +239,7 @@ fn about_rest(scene: &Scene, count: usize, findings: &mut Findings) -> Result<()
     Ok(())
 }
 
-/// `step` (s) is `None` if steps are adaptive: no ωΔt then.
+/// `step` (s) is `None` for adaptive steps, without ωΔt.
 fn modes_table(found: &[Mode], matrices: &Matrices, step: Option<f64>) -> Table {
     let rows = found.iter().enumerate().map(|(i, mode)| {
         let ratio = matrices.damping_ratio(mode);
@@ -276,13 +277,13 @@ fn shapes_table(found: &[Mode], rod: &Rod) -> Table {
     }
 }
 
-/// The nodes of a shape that are shown, head and tip among them.
+/// The nodes of a mode shape that are shown, among them head and tip.
 fn points(shape: &[f64]) -> impl Iterator<Item = usize> {
     let (last, shown) = (shape.len() - 1, shape.len().min(MAX_SHAPE_POINTS) - 1);
     (0..=shown).map(move |i| i * last / shown)
 }
 
-/// Frequencies (Hz) by mode number, with that of the drive and 1/Δt in radians, where there is one step, as lines.
+/// Frequencies (Hz) by mode number, with lines for the drive and for 1/Δt.
 fn frequencies(found: &[Mode], all: Option<&Modes>, drive: Option<f64>, step: Option<f64>) -> Vec<Series> {
     let curve = |axis: Axis| -> Vec<f64> {
         match (all, axis) {

@@ -1,18 +1,18 @@
 //! Root search: the first zero crossing of a function of one variable, by sampling, golden-section search for narrow peaks, and
 //! bisection.
 
-/// Intervals in which a first speed is looked for, and halvings of the one where it is.
+/// Sampling intervals of the search, and bisections of the one with the crossing.
 pub(super) const SAMPLES: usize = 60;
 const BISECTIONS: usize = 30;
 
-/// Looks for the top of a narrow peak between samples.
+/// Golden-section steps in the search for a narrow peak between samples.
 const GOLDEN_STEPS: usize = 24;
 
-/// The golden section.
+/// The golden ratio.
 const GOLDEN_RATIO: f64 = 0.618_033_988_749_895;
 
-/// Two neighbours between which `f` first rises above zero, after `samples` (x, f(x)) with rising x: where it peaks between samples
-/// below zero, the top of the peak is looked for.
+/// Two arguments between which `f` first becomes positive, from `samples` (x, f(x)) with increasing x. Between samples around a
+/// negative maximum, the peak is searched for.
 pub(super) fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) -> Option<[f64; 2]> {
     for i in 0..samples.len() {
         let (x, here) = samples[i];
@@ -48,7 +48,7 @@ pub(super) fn first_rise(samples: &[(f64, f64)], mut f: impl FnMut(f64) -> f64) 
     None
 }
 
-/// The first x between `low` and `high` from which `f` is above zero.
+/// The least x between `low` and `high` at which `f` becomes positive.
 pub(super) fn first_crossing(low: f64, high: f64, mut f: impl FnMut(f64) -> f64) -> Option<f64> {
     let at = |i: usize| low + (high - low) * i as f64 / SAMPLES as f64;
     let mut samples = Vec::with_capacity(SAMPLES);

@@ -1,4 +1,4 @@
-//! `caudal study scaling`: what a step costs, and how right it is, from coarse meshes to the finest.
+//! `caudal study scaling`: time, memory and error of a step, from coarse to the finest meshes.
 
 use std::time::{Duration, Instant};
 
@@ -16,22 +16,22 @@ use crate::scene::{FormKey, Scene};
 use crate::stepper::Stepper;
 use crate::system::Form;
 
-/// A run is repeated until it took this long in all.
+/// A run is repeated until it took this long in total.
 const MIN_MEASURED_TIME: Duration = Duration::from_millis(300);
-/// Growth is fitted from this many nodes on; below, a step's constant costs show.
+/// Exponents are fitted to meshes with at least this many nodes; below, constant costs dominate.
 const MIN_FITTED_NODES: u64 = 129;
-/// Memory is measured from this many nodes on; below, what the allocator keeps in stock blurs it.
+/// Memory is measured on meshes with at least this many nodes; below, reserves of the allocator dominate.
 const MIN_WEIGHED_NODES: u64 = 100_000;
-/// Curvature is compared at this many points and the ends of so many parts.
+/// Number of equal parts of the rod between which curvatures are compared.
 const COMPARED_POINTS: usize = 16;
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct ScalingOptions {
-    /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that every mesh has the nodes of those before.
+    /// Numbers of nodes; empty for 2ᵏ + 1 up to a million, so that the meshes are nested.
     pub nodes: Vec<u64>,
-    /// Steps of every run.
+    /// Number of steps per run.
     pub steps: u64,
 }
 
@@ -41,47 +41,47 @@ impl Default for ScalingOptions {
     }
 }
 
-/// One run.
+/// A run on one mesh.
 #[derive(Debug)]
 struct MeshRun {
     nodes: u64,
     form: Form,
-    /// Step size, s: the scene's, or a shorter one where positions are only weighed.
+    /// Time step, s: the scene's, or a shorter one if only the memory of nodal positions is measured.
     step: f64,
     steps: u64,
 }
 
-/// What came of it.
+/// The result of a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 struct MeshResult {
-    /// Why it failed.
+    /// The error, if it failed.
     failure: Option<String>,
-    /// Time of a mean step, s: its iterations times the time of one in the step where that was least, which other work on
-    /// the machine disturbed least.
+    /// Mean time per step, s: the number of iterations times the time per iteration in the fastest step, which other processes
+    /// disturbed least.
     #[serde(deserialize_with = "or_nan")]
     step_s: f64,
     iterations: u64,
     halvings: u64,
     fallbacks: u64,
-    /// Peak of memory beyond what was there before, bytes.
+    /// Peak memory beyond that before the run, bytes.
     memory: Option<u64>,
     #[serde(deserialize_with = "both_or_nan")]
     tip: [f64; 2],
-    /// Curvature at equal distances along the rod, 1/m.
+    /// Curvature at equidistant points, 1/m.
     curvature: Vec<f64>,
 }
 
-/// A number, of which JSON has null where it is none.
+/// A number that is null in JSON if it is NaN.
 fn or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<f64, D::Error> {
     Option::deserialize(from).map(|x| x.unwrap_or(f64::NAN))
 }
 
-/// Two of these.
+/// Two such numbers.
 fn both_or_nan<'de, D: Deserializer<'de>>(from: D) -> std::result::Result<[f64; 2], D::Error> {
     <[Option<f64>; 2]>::deserialize(from).map(|both| both.map(|x| x.unwrap_or(f64::NAN)))
 }
 
-/// Measures steps of `scene` on meshes of every size.
+/// Measures steps of `scene` on all meshes.
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).
@@ -195,7 +195,7 @@ fn power_law(points: &[(f64, f64)]) -> Option<[f64; 2]> {
     (logs.len() > 1 && along > 0.0).then(|| [across / along, (y - across / along * x).exp()])
 }
 
-/// Largest difference of two lists.
+/// The largest difference of two lists.
 fn difference(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
 }
@@ -388,7 +388,7 @@ fn falling_triangle(series: &[Series], order: i32) -> Option<Series> {
         .then(|| Series::new(order.to_string(), vec![(x0, bottom), (x1, bottom), (x0, top)], Mark::Slope))
 }
 
-/// Memory of this process and caches of this machine, where the system tells.
+/// Memory of this process and caches of this machine, if the system reports them.
 mod memory {
     use super::{Mark, Series};
 
@@ -398,18 +398,18 @@ mod memory {
         line.split_whitespace().next()?.parse::<u64>().ok().map(|kilobytes| 1024 * kilobytes)
     }
 
-    /// Forgets the peak so far; bytes resident now.
+    /// Resets the peak; returns the resident memory, bytes.
     pub fn reset() -> Option<u64> {
         std::fs::write("/proc/self/clear_refs", "5").ok()?;
         status("VmRSS:")
     }
 
-    /// Most bytes resident since the last reset.
+    /// Peak resident memory since the last reset, bytes.
     pub fn peak() -> Option<u64> {
         status("VmHWM:")
     }
 
-    /// Lines where a run's memory, by the bytes per node of the largest, fills the machine's caches.
+    /// Lines at which a run's memory fills the machine's caches, from the bytes per node of the largest mesh.
     pub fn caches(weighed: impl Iterator<Item = (u64, Option<u64>)>, times: &[Series]) -> Vec<Series> {
         let Some((nodes, Some(bytes))) = weighed.filter(|run| run.1.is_some()).max_by_key(|run| run.0) else {
             return Vec::new();

@@ -1,5 +1,5 @@
-//! `caudal study stability`: for every method a map of what its steps do, over the step and a parameter of the scene; over the
-//! speed of a flow, of what the rod does in it ([`flutter`](super::flutter)).
+//! `caudal study stability`: a map per method of its outcome over the time step and a parameter of the scene. Over the speed of a
+//! flow, see [`flutter`](super::flutter).
 
 use std::collections::BTreeMap;
 
@@ -17,14 +17,14 @@ use crate::report::outcome_map::{Category, OutcomeMap, Panel};
 use crate::report::{Findings, Table};
 use crate::scene::{HeadKind, NODES, Scene};
 
-/// Samples of tip and energy in a run.
+/// Samples of tip and energy per run.
 const SAMPLES: usize = 200;
-/// Up to this many nodes the limit of theory is computed.
+/// The theoretical stability limit is computed up to this many nodes.
 const MAX_NODES_FOR_MODES: u64 = 401;
-/// The references' steps are this part of the smallest of the map.
+/// The references use this fraction of the smallest step of the map.
 const REFERENCE_STEP: f64 = 0.5;
-/// Energy from nowhere over the largest energy or work: from this on at the end of a run, when it grew by the factor since
-/// its middle, the method makes energy.
+/// A method creates energy if the defect of the energy balance exceeds this fraction of the largest energy or work at the end of
+/// the run, and grew by this factor in its second half.
 const MAX_BALANCE_DEFECT: f64 = 0.2;
 const MIN_ENERGY_GROWTH: f64 = 2.0;
 
@@ -38,14 +38,14 @@ pub enum Vary {
     Amplitude,
     /// The number of nodes.
     Nodes,
-    /// The spin of a free rod at the start.
+    /// The initial spin of a free rod.
     Spin,
-    /// The speed of the flow, and the mass of the rod beside the water's: what the rod does in it, whatever the method.
+    /// The speed of the flow and the mass ratio of the rod: stability of the rod itself, for any method.
     Flow,
 }
 
 impl Vary {
-    /// All of them, with their names.
+    /// All parameters, with their names.
     pub const ALL: [(&str, Self); 5] = [
         ("modulus", Self::Modulus),
         ("amplitude", Self::Amplitude),
@@ -64,7 +64,7 @@ impl Vary {
         }
     }
 
-    /// Smallest and largest value where none are asked for.
+    /// The default range.
     fn range(self, scene: &Scene) -> [f64; 2] {
         let nodes = scene.rod.nodes.get() as f64;
         let modulus = scene.rod.youngs_modulus_pa.get();
@@ -79,7 +79,7 @@ impl Vary {
         }
     }
 
-    /// What speaks against varying it in `scene`.
+    /// Why it cannot vary in `scene`, if so.
     fn refused(self, scene: &Scene) -> Option<(&'static str, &'static str)> {
         match self {
             Self::Amplitude if scene.actuation.is_none() => {
@@ -103,30 +103,30 @@ impl Vary {
     }
 }
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct StabilityOptions {
-    /// What varies.
+    /// The parameter that varies.
     pub vary: Vary,
-    /// From where to where; `None` for a range around the scene's value.
+    /// Its range; `None` for a range around the scene's value.
     pub range: Option<[f64; 2]>,
-    /// Smallest and largest step, s; `None` for a hundredth to four times the scene's.
+    /// Range of steps, s; `None` for a hundredth to four times the scene's.
     pub steps: Option<[f64; 2]>,
-    /// Values and steps: this many of each.
+    /// Number of values and of steps.
     pub points: usize,
-    /// Error of the tip's path, relative to how far it goes, up to which a run counts as accurate.
+    /// Error of the tip's path, relative to its extent, up to which a run is accurate.
     pub accurate: f64,
 }
 
 impl Default for StabilityOptions {
-    /// The modulus, at twelve values and twelve steps around the scene's own.
+    /// Young's modulus, with twelve values and twelve steps around the scene's own.
     fn default() -> Self {
         Self { vary: Vary::Modulus, range: None, steps: None, points: 12, accurate: 0.05 }
     }
 }
 
-/// What a run came to.
+/// The outcome of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum StepOutcome {
     Accurate,
@@ -169,7 +169,7 @@ impl StepOutcome {
     }
 }
 
-/// True if the method makes energy: so much that the run was given up or failed by it, or more and more up to the end.
+/// True if the method creates energy: the run was aborted or failed because of it, or it still grows at the end.
 fn grows(run: &StudyRun) -> bool {
     let largest = |part: &[f64]| part.iter().copied().fold(0.0, f64::max);
     let (middle, last) = (run.created.len() / 2, run.created.len() * 3 / 4);
@@ -180,7 +180,7 @@ fn grows(run: &StudyRun) -> bool {
     end > MAX_BALANCE_DEFECT && end > MIN_ENERGY_GROWTH * early
 }
 
-/// Largest distance of two tips over how far the second goes.
+/// Largest distance of two tips over the extent of the second's path.
 fn apart(run: &StudyRun, reference: &StudyRun) -> f64 {
     let distance = |a: &[f64; 2], b: &[f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
     run.tip.iter().zip(&reference.tip).map(|(a, b)| distance(a, b)).fold(0.0, f64::max) / reference.travel()
@@ -194,17 +194,16 @@ struct MapRun {
     halving: bool,
 }
 
-/// `count` values from `low` to `high` at equal ratios.
+/// A geometric sequence of `count` values from `low` to `high`.
 pub(super) fn geometric_sequence([low, high]: [f64; 2], count: usize) -> Vec<f64> {
     let last = count.max(2) - 1;
     (0..=last).map(|i| low * (high / low).powf(i as f64 / last as f64)).collect()
 }
 
-/// Maps the stability of every method on `scene`.
+/// Maps the stability of each method on `scene`.
 ///
 /// # Errors
-/// [`Error::Scene`] if the scene has not what shall vary; those of [`Scene::model`], [`Error::Write`],
-/// [`Error::Journal`].
+/// [`Error::Scene`] if the scene lacks the parameter that varies; those of [`Scene::model`], [`Error::Write`], [`Error::Journal`].
 pub(super) fn stability(scene: &Scene, asked: &StabilityOptions, runner: StudyRunner<'_>) -> Result<StudyOutcome> {
     if let Some((key, problem)) = asked.vary.refused(scene) {
         return Err(Error::Scene { place: scene.name.clone(), key: key.into(), problem: problem.into() });
@@ -279,13 +278,13 @@ struct StabilityReport<'a> {
 }
 
 impl StabilityReport<'_> {
-    /// The outcomes of a method: for every value one a step.
+    /// The outcomes of a method: for each value one per step.
     fn of(&self, recipe: usize) -> impl Iterator<Item = &[StepOutcome]> {
         let cells = self.values.len() * self.steps.len();
         self.outcomes[recipe * cells..(recipe + 1) * cells].chunks(self.steps.len())
     }
 
-    /// The largest step that theory allows a method at every value, where it limits it and the modes are computed.
+    /// The theoretical stability limit of a method at each value, if it has one and the modes are computed.
     fn boundary(&self, recipe: &SimulationMethod) -> Result<Vec<(f64, f64)>> {
         let method = (recipe.method.build)(&recipe.values);
         let Some(limit) = stability_limit(&*method) else { return Ok(Vec::new()) };
@@ -335,7 +334,7 @@ impl StabilityReport<'_> {
         Ok(findings)
     }
 
-    /// What a method does from small to large steps, over all values.
+    /// A sentence on the outcomes of a method from small to large steps, over all values.
     fn in_words(&self, recipe: usize, name: &SimulationMethod, boundary: &[(f64, f64)]) -> String {
         let columns: Vec<_> = self.of(recipe).collect();
         // Largest step up to which the predicate holds, at every value.

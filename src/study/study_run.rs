@@ -1,4 +1,4 @@
-//! One run of a study: a scene by some method with some step, and what the studies compare of it.
+//! One run of a study: a scene with a given model, method and step, its cost, and the quantities that studies compare.
 
 use std::fmt;
 use std::ops::ControlFlow;
@@ -17,30 +17,30 @@ use crate::reduced::{FULL, RUNGS, Rung};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
-/// A run is repeated until all repetitions took so long together, or there are so many; the fastest counts.
+/// A run is repeated until all repetitions took this long, or this often; the fastest counts.
 const MIN_MEASURED_TIME: Duration = Duration::from_millis(100);
 const MAX_REPETITIONS: u32 = 30;
 
-/// Energy from nowhere, over the largest energy or work, from which on a run is given up: it only grows.
+/// A run is aborted if the defect of its energy balance exceeds this multiple of the largest energy or work: it only grows.
 const MAX_ENERGY_DEFECT: f64 = 1e3;
 
-/// Energies below so many times what one rounding of the positions makes are noise: over 10⁴ steps at rest it comes to a third of one.
+/// Energies below this multiple of the rounding energy are noise; over 10⁴ steps at rest a third of it was measured.
 const ENERGY_NOISE: f64 = 1e3;
 
-/// A tip that goes no further than this part of the length is at rest.
+/// A tip is at rest if it moves by less than this fraction of the length.
 const MIN_TRAVEL: f64 = 1e-9;
 
-/// Parameters worth comparing beside the defaults: the source study's Newmark.
+/// Parameters to compare in addition to the defaults: the source study's Newmark.
 const EXTRA_PARAMETERS: &[(&str, &[f64])] = &[("newmark", &[0.5, 0.5])];
 
-/// A model, and the method with its parameters that solves the whole one.
+/// A model, and for the full one the integrator with its parameters.
 #[derive(Clone, PartialEq)]
 pub struct SimulationMethod {
-    /// The rung of the ladder of models.
+    /// The kind of model.
     pub rung: &'static Rung,
-    /// The method; a cheaper model has its own.
+    /// The integrator; cheaper models have their own.
     pub method: &'static Method,
-    /// Values of its parameters, in their order.
+    /// Values of its parameters, in order.
     pub values: Vec<f64>,
 }
 
@@ -74,23 +74,23 @@ impl fmt::Debug for SimulationMethod {
 }
 
 impl SimulationMethod {
-    /// The whole model by a method.
+    /// The full model with an integrator.
     pub fn whole(method: &'static Method, values: Vec<f64>) -> Self {
         Self { rung: &FULL, method, values }
     }
 
-    /// The whole model by the method `name` with its default parameters.
+    /// The full model with the integrator `name` and its default parameters.
     pub fn named(name: &str) -> Option<Self> {
         Method::named(name).map(|method| Self::whole(method, method.defaults()))
     }
 
-    /// The one of `scene`.
+    /// The model and integrator of `scene`.
     pub fn own(scene: &Scene) -> Option<Self> {
         let (method, values) = scene.method().ok()?;
         Some(Self { rung: scene.choice().ok()?.rung, method, values })
     }
 
-    /// The whole model by every method with its defaults, others that are worth comparing, and the one of `scene`.
+    /// The full model with each integrator and its default parameters, other parameters to compare, and those of `scene`.
     pub fn all(scene: &Scene) -> Vec<Self> {
         let mut all = Vec::new();
         for method in METHODS {
@@ -114,29 +114,29 @@ impl SimulationMethod {
         rungs.map(|rung| Self { rung, method, values: values.clone() }).collect()
     }
 
-    /// True if `name` is that of its method or, of a cheaper model, of the model.
+    /// True if `name` is that of its integrator or, for a cheaper model, of the model.
     pub fn is(&self, name: &str) -> bool {
         name == if self.is_whole() { self.method.name } else { self.rung.name }
     }
 
-    /// True if it keeps all of the rod's mechanics.
+    /// True for the full model.
     pub fn is_whole(&self) -> bool {
         *self.rung == FULL
     }
 
-    /// `scene` solved by it.
+    /// `scene` with this model and integrator.
     pub fn of(&self, scene: &Scene) -> Scene {
         scene.with_method(self.method, &self.values).with_model(self.rung)
     }
 }
 
-/// Averages over cycles that tables of runs show.
+/// Means over cycles in tables of runs.
 pub const TABLE_MEASURES: [Measure; 3] = [cycle::FORWARD_SPEED, cycle::THRUST, cycle::EFFICIENCY];
 
 /// How a run failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Failure {
-    /// Newton's method did not converge, or met a number that is not finite.
+    /// Newton's method did not converge, or met a non-finite number.
     Newton,
     /// The rod folded over, or an edge collapsed.
     Fold,
@@ -154,22 +154,22 @@ impl Failure {
     }
 }
 
-/// What came of a run.
+/// The result of a run.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct StudyRun {
-    /// How it failed, when (s), and in which words.
+    /// The kind of failure, its time (s), and the error message.
     pub failure: Option<(Failure, f64, String)>,
-    /// Steps made.
+    /// Number of steps.
     pub steps: u64,
     /// Newton iterations, each with one linear solve.
     pub iterations: u64,
     /// Factorisations.
     pub factorisations: u64,
-    /// Steps halved.
+    /// Number of halved steps.
     pub halvings: u64,
     /// Wall-clock time of the fastest repetition, s.
     pub wall_s: f64,
-    /// Processor time of the fastest repetition, s: what else the machine does hardly counts in it.
+    /// Processor time of the fastest repetition, s, which other processes hardly affect.
     pub processor_s: f64,
     /// Length of the rod, m.
     pub length: f64,
@@ -183,34 +183,33 @@ pub struct StudyRun {
     pub cycles: [Option<f64>; TABLE_MEASURES.len()],
     /// Energy put in by actuation, loads, head and flow, J.
     pub work_in: f64,
-    /// The largest size of that during the run: more than at the end, where most of it comes back.
+    /// The largest of it during the run: more than at the end if most of it is returned.
     pub largest_work_in: f64,
-    /// Tip (m) at the start and at equal times, up to the end or the failure.
+    /// Tip (m) at the start and at equidistant times, until the end or the failure.
     pub tip: Vec<[f64; 2]>,
-    /// Energy from nowhere over the largest energy or work so far, at the same times: the largest since the time before.
+    /// Defect of the energy balance over the largest energy or work so far: the largest since the previous of these times.
     pub created: Vec<f64>,
 }
 
-/// What to do in a run.
+/// Options of a run.
 #[derive(Debug, Clone, Copy)]
 pub struct RunOptions {
-    /// Equal parts of the duration at whose ends tip and energy are noted.
+    /// Number of equidistant times at which tip and energy are sampled.
     pub samples: usize,
-    /// The part of the length by which the tip is pushed at the start, if it is; zero for a run to compare with, which has
-    /// the same steps.
+    /// Displacement of the tip at the start, over the length; zero for a run that only takes the same steps.
     pub push: Option<f64>,
-    /// True if a step that fails is halved, false if it ends the run.
+    /// True to halve a failing step, false to end the run.
     pub halving: bool,
-    /// True if a short run is repeated for its time.
+    /// True to repeat a short run in order to time it.
     pub timed: bool,
 }
 
 impl StudyRun {
-    /// What a trial cost, as tables of studies have it.
+    /// The cost columns in tables of studies.
     pub const COSTS: [&'static str; 6] =
         ["steps", "newton_iterations", "linear_solves", "step_halvings", "wall_s", "processor_s"];
 
-    /// [`COSTS`](Self::COSTS) of this one.
+    /// The values of [`COSTS`](Self::COSTS).
     pub fn costs(&self) -> [Value; 6] {
         let counts = [self.steps, self.iterations, self.factorisations, self.halvings];
         let [steps, iterations, factorisations, halvings] = counts.map(|count| json!(count));
@@ -358,20 +357,20 @@ impl StudyRun {
         Ok(ControlFlow::Continue(()))
     }
 
-    /// How far the tip goes from where it began, m; no less than what rounding makes of rest.
+    /// The extent of the tip's path, m; at least the rounding error of a tip at rest.
     pub fn travel(&self) -> f64 {
         let first = self.tip.first().copied().unwrap_or_default();
         let distance = |tip: &[f64; 2]| (tip[0] - first[0]).hypot(tip[1] - first[1]);
         self.tip.iter().map(distance).fold(MIN_TRAVEL * self.length, f64::max)
     }
 
-    /// True if it reached its end.
+    /// True if the run reached its end.
     pub fn is_complete(&self, options: RunOptions) -> bool {
         self.failure.is_none() && self.tip.len() > options.samples
     }
 }
 
-/// Processor time of this thread so far, s, where the system tells.
+/// Processor time of this thread, s, if the system reports it.
 fn processor_time() -> Option<f64> {
     #[cfg(unix)]
     {
@@ -382,13 +381,13 @@ fn processor_time() -> Option<f64> {
     None
 }
 
-/// What actuation, loads, head and flow put in.
+/// Work of actuation, loads, head and flow.
 fn put_in(work: &Power) -> f64 {
     work.actuation + work.load + work.head + work.flow
 }
 
-/// Moves the tip across the rod by about this part of the length: pushes and stops it within two short steps, so that no
-/// momentum is left that would carry it off.
+/// Displaces the tip across the rod by about this fraction of the length: pushes and stops it within two short steps, so that no
+/// momentum remains.
 fn displace_tip(stepper: &mut Stepper, scene: &Scene, part: f64) -> Result<()> {
     let rod = &stepper.model().rod;
     let step = 0.01 * scene.typical_step().min(0.01 * scene.solver.duration_s.get());

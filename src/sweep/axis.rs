@@ -1,4 +1,4 @@
-//! Axes of a sweep: the levels that scene keys go through.
+//! Axes of a sweep: levels of scene keys (lists, ranges, factors, zipped keys), and Latin hypercube samples.
 
 use serde::Deserialize;
 use toml::Value;
@@ -10,47 +10,47 @@ use crate::scene::value::refused;
 /// Most levels of an axis, and most points of a sample.
 const MAX_LEVELS: usize = 1_000_000;
 
-/// Numbers between whole ones that differ from a whole one by no more than this part of it are that.
+/// Levels that differ from an integer by less than this fraction are integers.
 const WHOLE_TOLERANCE: f64 = 1e-12;
 
-/// Keys that tell an axis from a table of the scene.
+/// Keys by which an axis is recognised.
 pub(super) const AXIS_KEYS: [&str; 10] =
     ["values", "factors", "zip", "keys", "labels", "from", "to", "count", "between", "scale"];
 
-/// What the levels do to the keys.
+/// How levels are applied to the keys.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AxisKind {
-    /// They replace the values.
+    /// Levels replace the values.
     Values,
-    /// They multiply the values.
+    /// Levels multiply the values.
     Factors,
-    /// Each key has values of its own, which go together.
+    /// Each key has its own list of values, which advance together.
     Zip,
 }
 
-/// One axis.
+/// An axis of a sweep.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SweepAxis {
-    /// Its name: a column of the table.
+    /// Its name, which is a column of the table.
     pub name: String,
-    /// Where it stands in the sweep's file.
+    /// Its path in the sweep's file.
     pub(super) path: String,
-    /// What its levels do.
+    /// How its levels are applied.
     pub kind: AxisKind,
-    /// The scene's keys that it moves.
+    /// The scene's keys that it sets.
     pub keys: Vec<String>,
-    /// What its column shows at each level.
+    /// Labels of its levels, for the table.
     pub labels: Vec<Value>,
-    /// The values, or factors, of the keys at each level: one for each key, or one for all.
+    /// The values, or factors, at each level: one per key, or one for all.
     pub(super) levels: Vec<Vec<Value>>,
-    /// True where the levels are points of the sample, which all such axes go through together.
+    /// True if the levels are points of the sample, in which all sampled axes advance together.
     pub sampled: bool,
-    /// True where equal steps of it are equal factors.
+    /// True if the levels are a geometric sequence.
     pub logarithmic: bool,
 }
 
 impl SweepAxis {
-    /// True where a sweep's file calls it `name`.
+    /// True if the sweep's file may call it `name`.
     pub(super) fn is_called(&self, name: &str) -> bool {
         self.name == name || self.name.strip_prefix("axis.").is_some_and(|own| own == name && is_result(own))
     }
@@ -76,13 +76,13 @@ enum Spacing {
     Log,
 }
 
-/// What a sweep's file says of levels.
+/// Levels as read from the file.
 enum AxisLevels {
     Listed { values: Vec<Value>, scale: Spacing },
     Between { low: f64, high: f64, scale: Spacing },
 }
 
-/// The axes in `table`, which stands at `path`, in no particular order.
+/// The axes in `table` at `path`, in no particular order.
 pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<SweepAxis>, Fault> {
     let mut axes = Vec::new();
     for (key, value) in table {
@@ -106,7 +106,7 @@ pub(super) fn read(table: &toml::Table, path: &str) -> Result<Vec<SweepAxis>, Fa
     Ok(axes)
 }
 
-/// The axis that `value` at `path` describes; that of a sample has its two ends as levels until it is drawn.
+/// The axis that `value` at `path` describes. A sampled axis has its two ends as levels until it is sampled.
 fn axis(value: &Value, path: &str) -> Result<SweepAxis, Fault> {
     let fault = |problem: String| Fault { key: path.to_string(), problem };
     let name = path.split_once('.').map_or(path, |(_, name)| name).to_string();
@@ -233,7 +233,7 @@ fn labelled(labels: &Value, count: usize, path: &str) -> Result<Vec<Value>, Faul
     }
 }
 
-/// Columns of a sweep's table that are no quantities of a summary, and those of a summary that are not means over cycles.
+/// Names of result columns: those that are not in a summary, and those of a summary that are not means over cycles.
 const RESULT_COLUMNS: [&str; 81] = [
     "case",
     "scene_hash",
@@ -318,7 +318,7 @@ const RESULT_COLUMNS: [&str; 81] = [
     "final_positions_m",
 ];
 
-/// True for the name of a column of results.
+/// True if `name` is that of a result column.
 pub(super) fn is_result(name: &str) -> bool {
     RESULT_COLUMNS.contains(&name) || name.starts_with("cycle")
 }
@@ -380,7 +380,7 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, Fault> {
     }
 }
 
-/// The point a part x of the way from `low` to `high`; exactly `low` at 0.
+/// The point at fraction x between `low` and `high`; exactly `low` at 0.
 fn between(low: f64, high: f64, scale: Spacing, x: f64) -> f64 {
     match scale {
         Spacing::Linear => low + (high - low) * x,
@@ -389,8 +389,8 @@ fn between(low: f64, high: f64, scale: Spacing, x: f64) -> f64 {
     }
 }
 
-/// Gives the sampled axes their levels: a Latin hypercube, in which each axis has one point in each of `count` equal
-/// parts of its range, at a random place of it, in random order (McKay, Beckman & Conover 1979).
+/// Samples the axes: a Latin hypercube, with one random point of each axis in each of `count` equal parts of its range, in random
+/// order (McKay, Beckman & Conover 1979).
 pub(super) fn sample(axes: &mut [SweepAxis], samples: Option<Sampling>) -> Result<(), Fault> {
     let mut sampled = axes.iter_mut().filter(|axis| axis.sampled).peekable();
     let fault = |key: &str, problem: String| Err(Fault { key: key.to_string(), problem });
@@ -421,7 +421,7 @@ pub(super) fn sample(axes: &mut [SweepAxis], samples: Option<Sampling>) -> Resul
     Ok(())
 }
 
-/// A number, whole or not.
+/// An integer or a float.
 pub(super) fn number(value: &Value) -> Option<f64> {
     match value {
         Value::Float(x) => Some(*x),
@@ -435,7 +435,7 @@ fn texts(value: &Value) -> Option<Vec<String>> {
     texts.filter(|texts| !texts.is_empty())
 }
 
-/// The dotted keys and values of all that is no table below `table`.
+/// The dotted keys and values of all leaves below `table`.
 pub(super) fn leaves(table: &toml::Table, path: &str, found: &mut Vec<(String, Value)>) {
     for (key, value) in table {
         let path = if path.is_empty() { key.clone() } else { format!("{path}.{key}") };
@@ -454,7 +454,7 @@ pub(super) fn look_up<'a>(table: &'a toml::Table, key: &str) -> Option<&'a Value
     }
 }
 
-/// The product of two numbers, whole where the first is and stays so.
+/// The product of two numbers; an integer if the first is one and stays so.
 pub(super) fn product(value: &Value, factor: &Value) -> Option<Value> {
     let product = number(value)? * number(factor)?;
     let whole = value.is_integer() && product == product.round() && product.abs() < 9e15;

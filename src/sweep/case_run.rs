@@ -1,4 +1,4 @@
-//! One case: run to its end, or to its failure, and put down as a row.
+//! Runs the cases of a sweep, similar ones batched, and stores a result for each.
 
 use std::borrow::Cow;
 use std::ops::ControlFlow;
@@ -6,10 +6,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
-use super::Sweep;
+use super::case_result::CaseResult;
+use super::definition::Sweep;
 use crate::assessment::Assessment;
 use crate::batch::{Batch, WIDTH};
 use crate::error::{Error, Result};
@@ -20,42 +20,14 @@ use crate::run::{BatchedRun, Ending, run_batched};
 use crate::scene::Scene;
 use crate::stepper::Stepper;
 
-/// Entries of a summary that a row leaves out: what every run of the same scene does not repeat to the bit, and what is no
-/// single quantity.
+/// Entries of a summary that a result leaves out: those that differ between runs of the same scene, and lists.
 const LEFT_OUT: [&str; 4] = ["name", "caudal_version", "wall_s", "final_positions_m"];
 
-/// What came out of a case.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct CaseResult {
-    /// Hash of its scene, with all that the axes changed.
-    pub scene_hash: String,
-    /// The quantities of its summary; of a case that could not start only `complete` and `ending`, its error.
-    pub quantities: Map<String, Value>,
-    /// Its motion, if that is kept.
-    pub frames: Vec<Frame>,
-    /// Time (s) and centre of mass (m) along its path, if that is kept.
-    pub trace: Vec<[f64; 3]>,
-    /// Time it took, s.
-    pub wall_s: f64,
-}
-
-impl CaseResult {
-    /// True if the case reached its end.
-    pub fn complete(&self) -> bool {
-        self.quantities.get("complete") == Some(&Value::Bool(true))
-    }
-
-    /// How it ended: "complete", or its error.
-    pub fn ending(&self) -> &str {
-        self.quantities.get("ending").and_then(Value::as_str).unwrap_or_default()
-    }
-}
-
-/// Runs the cases of `todo` on `threads` threads and adds each to `journal` the moment it is done; `progress` gets its index and
-/// row then. Raising `interrupted` ends all at once: cases under way are dropped.
+/// Runs the cases `todo` on `threads` threads and adds each result to `journal` immediately; `progress` receives its index and
+/// result. Setting `interrupted` aborts all running cases.
 ///
 /// # Errors
-/// Those of [`Journal::add`]. A case that fails is a row.
+/// Those of [`Journal::add`]. A failing case is a result, not an error.
 pub fn run(
     sweep: &Sweep,
     journal: &mut Journal,
@@ -84,13 +56,13 @@ pub fn run(
     journal.sync()
 }
 
-/// The rows of some cases, which share their steps where they can; none of a case that was interrupted. The time that a row says it
-/// took is its part of the time of all.
+/// Runs some cases, similar ones batched; `None` for an interrupted case. The wall-clock time of a result is an equal share of the
+/// time of all.
 pub fn run_together(sweep: &Sweep, indices: &[usize], interrupted: &AtomicBool) -> Vec<Option<CaseResult>> {
     run_cases_with(sweep, indices, interrupted, |_| None)
 }
 
-/// The same, some of whose steppers are `made` already.
+/// The same, with some steppers `made` before.
 fn run_cases_with(
     sweep: &Sweep,
     indices: &[usize],
@@ -133,14 +105,14 @@ fn scene(sweep: &Sweep, index: usize) -> Result<Hashed<'_>> {
     }
 }
 
-/// A case on its way to its row.
+/// A running case.
 struct CaseRun<'a> {
     scene: &'a Result<Hashed<'a>>,
     warnings: Vec<String>,
     row: CaseResult,
-    /// Frames and points of the path that are wanted.
+    /// Number of frames and of points of the path to record.
     wanted: [usize; 2],
-    /// When the next of them is due, s.
+    /// The time at which the next of them is due, s.
     due: f64,
 }
 
@@ -151,7 +123,7 @@ impl<'a> CaseRun<'a> {
         Self { scene, warnings: Vec::new(), row: CaseResult::default(), wanted, due: 0.0 }
     }
 
-    /// Its run at the start, whose stepper may be `made` already; where there is none the row says why.
+    /// The run at its start, with a stepper that may be `made` before; if it cannot start, the result has the error.
     fn begin(&mut self, made: Option<Stepper>) -> Option<BatchedRun<'a>> {
         let start = self.scene.as_ref().map_err(Error::clone).and_then(|(scene, hash)| {
             self.row.scene_hash = hash.to_string();
@@ -168,7 +140,7 @@ impl<'a> CaseRun<'a> {
         self.row.quantities.insert("ending".to_string(), error.to_string().into());
     }
 
-    /// Keeps what is wanted of its motion, up to the time of `stepper`.
+    /// Records frames and path up to the time of `stepper`.
     fn keep(&mut self, stepper: &mut Stepper) -> Result<()> {
         let now = stepper.time();
         let Self { row, scene: Ok((scene, _)), wanted, due, .. } = self else { return Ok(()) };
@@ -189,12 +161,12 @@ impl<'a> CaseRun<'a> {
     }
 }
 
-/// Time number `i` of `count` times from 0 to `duration`, s.
+/// Time `i` of `count` equidistant times from 0 to `duration`, s.
 fn even(duration: f64, count: usize, i: usize) -> Option<f64> {
     (i < count).then(|| duration * (i as f64 / count.saturating_sub(1).max(1) as f64))
 }
 
-/// The single quantities of a summary, lists of numbers one by one, notes as one text.
+/// The scalar quantities of a summary; lists of numbers element by element, notes as one text.
 fn quantities(summary: &Summary) -> Map<String, Value> {
     let mut row = Map::new();
     let Ok(Value::Object(entries)) = serde_json::to_value(summary) else { return row };

@@ -1,8 +1,10 @@
-//! A sweep on its way to other machines, and its cases there.
+//! Distributed sweeps: what a worker is sent, and how it runs cases.
 
 use std::sync::atomic::AtomicBool;
 
-use super::{CaseResult, Sweep, run_together};
+use super::case_result::CaseResult;
+use super::case_run::run_together;
+use super::definition::Sweep;
 use crate::batch::WIDTH;
 use crate::distributed::Bundle;
 use crate::error::{Error, Result};
@@ -10,17 +12,17 @@ use crate::jobs;
 use crate::scene::Files;
 use crate::scene::files::Contents;
 
-/// A sweep that came in a [`Bundle`].
+/// A sweep on a worker.
 #[derive(Debug)]
 pub struct SweepWorker {
     sweep: Sweep,
 }
 
 impl Sweep {
-    /// It and all that its cases need.
+    /// The sweep, with all files that its cases need.
     ///
     /// # Errors
-    /// [`Error::Read`] for a file that is no longer there.
+    /// [`Error::Read`] for a file that no longer exists.
     pub fn bundle(&self) -> Result<Bundle> {
         let tables = self.checked.get().into_iter().flat_map(|checked| &checked.tables);
         let mut files = Contents::new();
@@ -33,7 +35,7 @@ impl Sweep {
 }
 
 impl SweepWorker {
-    /// The sweep of a [`Bundle`] as bytes.
+    /// Reads the sweep from the bytes of a [`Bundle`].
     ///
     /// # Errors
     /// Those of [`Bundle::read`] and [`Sweep::read`].
@@ -43,11 +45,11 @@ impl SweepWorker {
         Ok(Self { sweep })
     }
 
-    /// Runs the cases `indices`; returns for each its line for [`Journal::add_line`](jobs::Journal::add_line) of the program that sent
-    /// the parcel, and the time that it took, s. A case that fails is a line too.
+    /// Runs the cases `indices`. Returns for each the line for [`Journal::add_line`](jobs::Journal::add_line) of the program that
+    /// sent the bundle, and its wall-clock time, s. A failing case has a line too.
     ///
     /// # Errors
-    /// [`Error::Parcel`] for a case that the sweep has not.
+    /// [`Error::Parcel`] for a case that the sweep does not have.
     pub fn lines(&self, indices: &[usize]) -> Result<Vec<(Vec<u8>, f64)>> {
         let refused = |index: usize| Error::Parcel { problem: format!("it has no case {index}") };
         if let Some(unknown) = indices.iter().find(|index| **index >= self.sweep.size()) {

@@ -1,4 +1,4 @@
-//! What a sweep's journals hold, as table, figures and report.
+//! Results of a sweep: reads its journals, and writes its table (CSV, Parquet), figures and report.
 
 use std::borrow::Cow;
 use std::collections::BTreeMap;
@@ -8,7 +8,9 @@ use serde::de::{DeserializeOwned, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
-use super::{CaseResult, Sweep};
+use super::axis::{SweepAxis, number};
+use super::case_result::CaseResult;
+use super::definition::{PAGE, Sweep, TABLE};
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::jobs::{self, Job, Journal};
@@ -18,23 +20,19 @@ use crate::report::parquet::parquet_of;
 use crate::report::tables::{ColumnType, MixedCsvTable};
 use crate::report::{Figure, Folder};
 
-/// From this number of cases on the table is there as Parquet too.
+/// From this number of cases on, the table is written as Parquet too.
 #[cfg(feature = "parquet")]
 const PARQUET_FROM: usize = 1000;
 
-/// The files that every sweep has.
-pub(super) const TABLE: &str = "table.csv";
-pub(super) const PAGE: &str = "report.html";
-
-/// Rows that are still in memory: what is written at the end need not be read again. Only so many are kept.
+/// Results that are still in memory, so that they need not be read from the journal. Their number is limited.
 #[derive(Debug, Default)]
 pub struct RecentResults(BTreeMap<usize, CaseResult>);
 
 impl RecentResults {
-    /// Some 15 MB.
+    /// About 15 MB.
     const MOST: usize = 500;
 
-    /// Keeps the row of a case, while there is room.
+    /// Stores the result of a case, unless the limit is reached.
     pub fn keep(&mut self, index: usize, row: CaseResult) {
         if self.0.len() < Self::MOST {
             self.0.insert(index, row);
@@ -48,12 +46,12 @@ pub struct SweepResults<'a> {
     sweep: &'a Sweep,
     journals: Vec<Journal>,
     fresh: RecentResults,
-    /// Which journal has each case.
+    /// Index of the journal of each case.
     holder: Vec<Option<usize>>,
 }
 
 impl<'a> SweepResults<'a> {
-    /// The results in `journals`, which must all be of `job`, the sweep's.
+    /// The results in `journals`, all of which must be of the job `job` of the sweep.
     ///
     /// # Errors
     /// [`Error::Journal`] if one is of another job.
@@ -71,23 +69,23 @@ impl<'a> SweepResults<'a> {
         Ok(Self { sweep, journals, fresh: RecentResults::default(), holder })
     }
 
-    /// The same, of whose rows some are in memory.
+    /// The same, with some results in memory.
     #[must_use]
     pub fn with(self, fresh: RecentResults) -> Self {
         Self { fresh, ..self }
     }
 
-    /// The cases that no journal has.
+    /// The cases without a result.
     pub fn missing(&self) -> impl Iterator<Item = usize> {
         (0..self.holder.len()).filter(|index| self.holder[*index].is_none())
     }
 
-    /// The rows, in the order of the cases; what is missing is left out.
+    /// The results in the order of the cases, without missing ones.
     pub fn rows(&self) -> impl Iterator<Item = Result<(usize, Cow<'_, CaseResult>)>> {
         self.read(Cow::Borrowed, Cow::Owned)
     }
 
-    /// The rows: `kept` of one that is in memory, `read` of what `T` has of one that is not.
+    /// The results: `kept` of those in memory, `read` of the others, deserialised as `T`.
     fn read<'b, T: DeserializeOwned, R>(
         &'b self,
         kept: impl Fn(&'b CaseResult) -> R,
@@ -104,7 +102,7 @@ impl<'a> SweepResults<'a> {
         self.holder.iter().enumerate().filter_map(row)
     }
 
-    /// Writes table, figures and report into `folder`, in this order, each put in place whole.
+    /// Writes table, figures and report to `folder`, in this order, each atomically.
     ///
     /// # Errors
     /// [`Error::Journal`], [`Error::Read`].
@@ -222,13 +220,13 @@ impl<'a> SweepResults<'a> {
         table.complete()
     }
 
-    /// Empty cases for figures and page.
+    /// The cases for figures and page, empty.
     fn cases(&self) -> Cases {
         let sweep = self.sweep;
-        let axis = |axis: &super::SweepAxis| CaseAxis {
+        let axis = |axis: &SweepAxis| CaseAxis {
             name: axis.name.clone(),
             labels: axis.labels.iter().map(label).collect(),
-            numbers: axis.labels.iter().map(super::axis::number).collect(),
+            numbers: axis.labels.iter().map(number).collect(),
             sampled: axis.sampled,
             logarithmic: axis.logarithmic,
         };
@@ -236,20 +234,20 @@ impl<'a> SweepResults<'a> {
     }
 }
 
-/// What is written of results.
+/// What was written.
 #[derive(Debug)]
 pub struct WrittenSweep {
     /// The files.
     pub kept: WrittenFiles,
-    /// How the cases ended that did not reach their end.
+    /// Endings of the cases that did not reach their end.
     pub failed: BTreeMap<usize, String>,
 }
 
-/// What a table needs of a [`CaseResult`].
+/// The part of a [`CaseResult`] that a table needs.
 enum ResultView<'a> {
-    /// It is in memory.
+    /// In memory.
     Kept(&'a CaseResult),
-    /// It was read.
+    /// Read from a journal.
     Read(ResultRead),
 }
 
@@ -261,7 +259,7 @@ impl ResultView<'_> {
         }
     }
 
-    /// The quantity `name`, which most rows have at the place `near`.
+    /// The quantity `name`, which is at index `near` in most results.
     fn quantity(&self, near: usize, name: &str) -> Option<&Value> {
         match self {
             Self::Kept(row) => row.quantities.get(name),
@@ -277,7 +275,7 @@ struct ResultRead {
     quantities: Vec<(String, Value)>,
 }
 
-/// The entries of a map in their order.
+/// The entries of a map, in order.
 fn in_order<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<Vec<(String, Value)>, D::Error> {
     struct Entries;
     impl<'de> Visitor<'de> for Entries {
@@ -298,18 +296,18 @@ fn in_order<'de, D: Deserializer<'de>>(deserializer: D) -> std::result::Result<V
     deserializer.deserialize_map(Entries)
 }
 
-/// Where the entry `name` stands: at `near`, as in rows of the same kind, or anywhere.
+/// The index of the entry `name`: usually `near`.
 fn place<T>(entries: &[(String, T)], near: usize, name: &str) -> Option<usize> {
     let there = entries.get(near).is_some_and(|(other, _)| other == name);
     if there { Some(near) } else { entries.iter().position(|(other, _)| other == name) }
 }
 
-/// A level as text and axes show it.
+/// A level as text for tables and axes.
 fn label(value: &toml::Value) -> String {
     value.as_str().map_or_else(|| value.to_string(), str::to_string)
 }
 
-/// A value of a scene in a cell: numbers, texts and truths as they are, anything else as its TOML.
+/// A value of a scene for a table cell: numbers, strings and booleans as they are, others as TOML.
 fn json(value: &toml::Value) -> Value {
     match value {
         toml::Value::Integer(x) => (*x).into(),

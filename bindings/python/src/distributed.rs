@@ -1,4 +1,4 @@
-//! Jobs whose parts are done elsewhere: the starts of designs, the runs of studies.
+//! Jobs whose parts run on workers (Dask): the starts and checks of designs, the runs of studies.
 
 use std::path::PathBuf;
 use std::sync::Mutex;

@@ -10,21 +10,21 @@ use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
 
-/// Part of the length that two runs start apart to see whether they separate.
+/// Initial distance of two nearby runs, over the length.
 pub const PUSH: f64 = 1e-9;
 
-/// Two runs that come apart by this factor make a motion that cannot be predicted.
+/// A motion is chaotic if two nearby runs diverge by this factor.
 const CHAOTIC_GROWTH: f64 = 1e4;
 
-/// The growth is followed up to this part of the length, over windows of these parts of the duration, in the longest that
-/// shows so many samples of it.
+/// The growth is fitted up to this fraction of the length. Runs cover these fractions of the duration; the longest with this many
+/// samples below that is used.
 const SATURATION: f64 = 1e-3;
 
 pub const WINDOWS: [f64; 4] = [1.0, 0.1, 0.01, 0.001];
 
 const MIN_SAMPLES: usize = 100;
 
-/// What there is to say where the references disagree.
+/// The findings if the two references disagree.
 pub fn without_reference(
     scene: &Scene,
     nodes: u64,
@@ -94,8 +94,8 @@ pub fn without_reference(
     Ok(findings)
 }
 
-/// Rate (1/s) at which a distance grows by least squares of its logarithm, up to the time (s, also returned) where it is a
-/// thousandth of `length`, or the end.
+/// Growth rate (1/s) of a distance by a least-squares fit of its logarithm, until it reaches a thousandth of `length` (at the time
+/// that is also returned, s), or the end.
 fn growth(apart: &[(f64, f64)], length: f64) -> Option<(f64, f64)> {
     let until = apart.iter().position(|p| p.1 > SATURATION * length).unwrap_or(apart.len()).max(3).min(apart.len());
     let logs: Vec<_> = apart[..until].iter().filter(|p| p.1 > 0.0).map(|p| (p.0, p.1.ln())).collect();

@@ -12,23 +12,23 @@ use crate::scene::{HeadKind, Scene};
 use crate::study::study_run::{SimulationMethod, StudyRun};
 use crate::words::{percent, two_digits};
 
-/// From this error on, relative, a cheaper model computes another motion.
+/// A cheaper model with a larger relative error computes another motion.
 const MEANINGLESS_ERROR: f64 = 1.0;
 
-/// A cheaper model is as good as it gets where its error is at most this multiple of the one that no step removes.
+/// A cheaper model has converged if its error is at most this multiple of its own modelling error.
 const CONVERGED: f64 = 1.1;
 
-/// The errors that a user is told how to reach.
+/// Target errors for which settings are recommended.
 const TARGETS: [f64; 2] = [1e-2, 1e-4];
 
-/// All that is known when every run is made.
+/// The results of all runs.
 pub struct AccuracyReport<'a> {
     pub scene: &'a Scene,
     pub meshes: &'a [u64],
     pub references: &'a [Reference],
     pub cases: &'a [PlannedRun],
     pub runs: &'a [StudyRun],
-    /// Which methods are left out, and why.
+    /// Methods that are left out, with the reason.
     pub left_out: &'a [String],
 }
 
@@ -36,9 +36,9 @@ pub struct AccuracyReport<'a> {
 pub struct Row<'a> {
     pub case: &'a PlannedRun,
     pub run: &'a StudyRun,
-    /// Against the reference on its own mesh: what the steps do. `None` if the run failed.
+    /// Error against the reference on the same mesh: that of the time steps. `None` if the run failed.
     pub time: Option<[f64; 3]>,
-    /// Against the limit of fine meshes.
+    /// Error against the limit of fine meshes.
     pub total: Option<[f64; 3]>,
 }
 
@@ -66,7 +66,7 @@ impl Row<'_> {
     }
 }
 
-/// A number in few digits.
+/// A number with few digits.
 fn short(x: f64) -> String {
     let digits: f64 = format!("{x:.2e}").parse().unwrap_or(x);
     format!("{digits:e}")
@@ -78,7 +78,7 @@ fn milliseconds(seconds: f64) -> String {
 }
 
 impl AccuracyReport<'_> {
-    /// What is compared.
+    /// The quantities that are compared.
     pub fn quantities(&self) -> [&'static ComparedQuantity; 3] {
         quantities(self.scene)
     }
@@ -87,7 +87,7 @@ impl AccuracyReport<'_> {
         self.scene.head.kind != HeadKind::Free
     }
 
-    /// Nodes of the first mesh: the scene's own unless others were asked for.
+    /// Nodes of the first mesh: by default the scene's own.
     pub fn nodes(&self) -> u64 {
         self.meshes.first().copied().unwrap_or_default()
     }
@@ -110,8 +110,8 @@ impl AccuracyReport<'_> {
         Ok(findings)
     }
 
-    /// The limit of fine meshes by Richardson's extrapolation with the order that three meshes show, and its uncertainty:
-    /// half of what the extrapolation adds.
+    /// The limit of fine meshes by Richardson extrapolation with the observed order of three meshes, and its uncertainty: half of
+    /// the extrapolated change.
     fn mesh_limit(&self) -> Option<(RunResults, [f64; 3], f64)> {
         let [.., a, b, c] = self.references else { return None };
         let [.., na, nb, nc] = self.meshes else { return None };
@@ -177,7 +177,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    /// How far the fluid's law is published to be from the truth in each quantity, relative; none of what nothing is known.
+    /// Published relative uncertainty of the fluid's law in each quantity; `None` if unknown.
     pub fn law(&self) -> Option<(String, [Option<f64>; 3])> {
         let rod = self.scene.model().ok()?.rod;
         let [motion, power] = self.scene.uncertainty(&rod)?.measured(self.is_held());
@@ -185,7 +185,7 @@ impl AccuracyReport<'_> {
         Some((law?.with_reactive(reactive), [Some(motion), None, Some(power)]))
     }
 
-    /// What the fluid's law leaves open, beside what steps and mesh do.
+    /// Compares the uncertainty of the fluid's law with the errors of steps and mesh.
     fn law_in_words(&self, rows: &[Row<'_>], findings: &mut Findings) {
         let Some((name, of_law)) = self.law() else { return };
         for (quantity, error) in self.quantities().iter().zip(of_law) {
@@ -216,8 +216,7 @@ impl AccuracyReport<'_> {
         });
     }
 
-    /// For every cheaper model that ran, the run with the finest tolerance on the scene's own mesh, and its errors: those
-    /// that no step removes.
+    /// For each cheaper model, the run with the finest tolerance on the scene's own mesh, and its errors: the modelling errors.
     pub fn settled<'r, 's>(&self, rows: &'r [Row<'s>]) -> Vec<(&'r Row<'s>, [f64; 3])> {
         let mut settled: Vec<(&Row<'_>, [f64; 3])> = Vec::new();
         for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
@@ -231,7 +230,7 @@ impl AccuracyReport<'_> {
         settled
     }
 
-    /// What the cheaper models leave out, and what the whole one costs that errs as much.
+    /// What the cheaper models omit, and what the full model costs at the same error.
     fn cheaper_models(&self, rows: &[Row<'_>], findings: &mut Findings) {
         let on_mesh = || self.on(rows, self.nodes());
         let first = |row: &Row<'_>| row.time.map(|e| e[0]);
@@ -283,7 +282,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    /// The cheapest row whose error of the quantity is at most `target`, and stays so at finer steps of the same method.
+    /// The cheapest run whose error of the quantity is at most `target`, also with finer steps of the same method.
     pub fn cheapest<'r, 's>(
         &self,
         rows: impl Iterator<Item = &'r Row<'s>>,

@@ -10,7 +10,7 @@ use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Findings, Table};
 use crate::study::study_run::{StudyRun, TABLE_MEASURES};
 
-/// An error is shown down to this multiple of the reference's own.
+/// Errors are shown down to this multiple of the reference's own error.
 const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
 
 impl AccuracyReport<'_> {
@@ -71,13 +71,13 @@ impl AccuracyReport<'_> {
         Ok(())
     }
 
-    /// The level of what the fluid's law leaves open in quantity `i`.
+    /// The uncertainty of the fluid's law in quantity `i`, as a level line.
     fn law_level(&self, i: usize) -> Option<(String, f64)> {
         let (name, errors) = self.law()?;
         Some((format!("law of the fluid, {name}"), errors[i]?))
     }
 
-    /// Error of the first quantity by the steps, one line per method, and by each mesh, as level lines.
+    /// Error of the first quantity due to the steps, one line per method, and due to each mesh, as level lines.
     fn decomposition(&self, rows: &[Row<'_>], limit: &RunResults) -> Chart {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
@@ -104,7 +104,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    /// For every method the cheapest step to each target on the scene's own mesh.
+    /// For each method the cheapest step for each target error, on the scene's own mesh.
     pub(super) fn recommended(&self, rows: &[Row<'_>]) -> Table {
         let nodes = self.nodes();
         let mut curves: Vec<String> = Vec::new();
@@ -178,7 +178,7 @@ impl AccuracyReport<'_> {
     }
 }
 
-/// Level lines across a chart of `series`, with their names at a quarter of its width.
+/// Level lines across a chart of `series`, labelled at a quarter of its width.
 fn level_lines(levels: impl Iterator<Item = (String, f64)>, series: &[Series]) -> Vec<Series> {
     let x = || series.iter().flat_map(|series| &series.points).map(|p| p.0).filter(|x| *x > 0.0);
     let (low, high) = (x().fold(f64::INFINITY, f64::min), x().fold(0.0, f64::max));

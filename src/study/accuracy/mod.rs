@@ -1,11 +1,10 @@
-//! `caudal study accuracy`: which model, method, step and mesh give which error, at what cost.
+//! `caudal study accuracy`: error against cost of models, methods, steps and meshes.
 //!
-//! Errors are measured against references that the study computes itself, by two methods that have nothing in common but the
-//! equations: ESDIRK3 with small steps, and generalized-α with small steps extrapolated to none (Richardson). What they
-//! differ by is the reference's own error; where that is no small part of the result, no reference exists, and the study
-//! measures how fast two runs separate that start a billionth of a length apart.
+//! Errors are measured against references that the study computes itself with two independent methods: ESDIRK3 with small steps,
+//! and generalized-α with small steps and Richardson extrapolation. Their difference is the error of the reference. If it is not
+//! small, no reference exists, and the study measures how fast two runs diverge that start a billionth of a length apart.
 //!
-//! The references are of the whole model, so the errors of a cheaper one have the model's own in them, which no step removes.
+//! The references use the full model, so that the errors of a cheaper model include its modelling error, which no step removes.
 
 mod divergence_of_nearby_runs;
 mod explanations;
@@ -28,8 +27,8 @@ use crate::jobs;
 use crate::report::Findings;
 use crate::scene::Scene;
 
-/// Newton's tolerance in runs with fixed steps: far below every error of interest. In those that choose their steps it follows
-/// from their tolerance, and so it is part of their error.
+/// Newton's tolerance in runs with fixed steps, far below all errors of interest. With adaptive steps it follows from their
+/// tolerance, and is part of their error.
 const NEWTON_TOLERANCE: f64 = 1e-12;
 /// The references use this fraction of the study's finest step, and half of it.
 const REFERENCE_STEP: f64 = 0.5;
@@ -38,17 +37,17 @@ const MAX_REFERENCE_ERROR: f64 = 1e-2;
 /// Pairs of nearby runs use the explicit method up to this many steps.
 const MAX_EXPLICIT_STEPS: f64 = 1e7;
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct AccuracyOptions {
-    /// Meshes, their numbers of nodes; empty for the scene's own and two finer ones.
+    /// Numbers of nodes; empty for the scene's own mesh and two finer ones.
     pub nodes: Vec<u64>,
-    /// Fixed steps (s); empty for eight times the scene's down to a thirty-second.
+    /// Fixed steps (s); empty for eight times the scene's step down to a thirty-second of it.
     pub steps: Vec<f64>,
     /// Tolerances of adaptive methods and of cheaper models; empty for 1e-2 … 1e-7.
     pub tolerances: Vec<f64>,
-    /// Names of methods and of cheaper models that are left out.
+    /// Names of methods and cheaper models to leave out.
     pub without: Vec<String>,
 }
 
@@ -60,7 +59,7 @@ fn alpha() -> Option<SimulationMethod> {
     SimulationMethod::named("generalized-alpha")
 }
 
-/// Charts the error of `scene` against its cost for every model, method, step and mesh.
+/// Computes the error of `scene` against its cost for each model, method, step and mesh.
 ///
 /// # Errors
 /// Those of [`Scene::model`], [`Error::Write`](crate::Error::Write), [`Error::Journal`](crate::Error::Journal).

@@ -2,11 +2,11 @@
 
 use crate::scene::{HeadKind, Scene};
 
-/// A quantity that runs are compared by.
+/// A quantity by which runs are compared.
 pub struct ComparedQuantity {
     /// Its name.
     pub name: &'static str,
-    /// The same within a sentence, after "in".
+    /// Its name within a sentence, after "in".
     pub within: &'static str,
     /// Its name in keys, columns and files.
     pub key: &'static str,

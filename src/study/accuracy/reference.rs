@@ -1,4 +1,4 @@
-//! Results of runs, their errors, and the references that errors are measured against.
+//! Reference solutions by two independent methods (ESDIRK3; generalized-α with Richardson extrapolation), and errors against them.
 
 use crate::study::study_run::{RunOptions, StudyRun};
 
@@ -8,24 +8,24 @@ pub const SAMPLES: usize = 500;
 /// Options of the study's runs.
 pub const RUN_OPTIONS: RunOptions = RunOptions { samples: SAMPLES, push: None, halving: true, timed: true };
 
-/// The part of the mean modulus of a force that errors of its mean are relative to where the mean is smaller.
+/// Errors of a mean force are relative to at least this fraction of the mean modulus.
 const MIN_MEAN_FORCE: f64 = 1e-3;
 
-/// The part of the tip's path that errors of a displacement are relative to where the displacement is smaller.
+/// Errors of a displacement are relative to at least this fraction of the tip's path.
 const MIN_DISPLACEMENT: f64 = 1e-5;
 
-/// What runs are compared by, see [`quantities`](super::quantities::quantities).
+/// The results by which runs are compared, see [`quantities`](super::quantities::quantities).
 #[derive(Debug, Clone)]
 pub struct RunResults {
-    /// Net displacement (m) along x and nothing, or mean force (N) on a held head along x and y.
+    /// Net displacement (m) along x, and zero; or mean force (N) on a held head along x and y.
     pub first: [f64; 2],
-    /// Errors of it are relative to no less than this.
+    /// Least reference value for its relative errors.
     least: f64,
     pub tip: Vec<[f64; 2]>,
-    /// How far the tip goes, m.
+    /// Extent of the tip's path, m.
     travel: f64,
     pub work: f64,
-    /// Largest |work| of the run: what errors of the work are compared with.
+    /// Largest |work| of the run, to which errors of the work are relative.
     pub largest_work: f64,
 }
 
@@ -41,7 +41,7 @@ impl RunResults {
         }
     }
 
-    /// fine + (fine − coarse)/(ratio − 1).
+    /// Richardson extrapolation: fine + (fine − coarse)/(ratio − 1).
     pub fn extrapolated(coarse: &Self, fine: &Self, ratio: f64) -> Self {
         let to = |c: f64, f: f64| f + (f - c) / (ratio - 1.0);
         let tips = coarse.tip.iter().zip(&fine.tip);
@@ -55,12 +55,12 @@ impl RunResults {
         }
     }
 
-    /// The distance of the first quantity from the other's.
+    /// Distance of the first quantity between two results.
     pub fn apart(&self, other: &Self) -> f64 {
         (self.first[0] - other.first[0]).hypot(self.first[1] - other.first[1])
     }
 
-    /// The first quantity in words.
+    /// The first quantity as text.
     pub fn first_in_words(&self, held: bool) -> String {
         let [x, y] = self.first;
         if held { format!("mean head force ({x:.9e}, {y:.9e}) N") } else { format!("displacement {x:.9e} m") }

@@ -11,12 +11,12 @@ use crate::scene::Scene;
 use crate::study::study_run::StudyRun;
 use crate::words::{percent, two_digits};
 
-/// All that is known when every run is made.
+/// The results of all runs.
 pub struct FluidReport<'a> {
     pub scene: &'a Scene,
     pub models: &'a FluidModels,
     pub swims: &'a [FluidModelRun],
-    /// The model that differences are against.
+    /// Index of the reference model.
     pub reference: Option<usize>,
     pub held: bool,
 }
@@ -26,7 +26,7 @@ pub struct FluidReport<'a> {
 pub struct Row<'a> {
     pub model: &'a FluidModel,
     pub swim: &'a FluidModelRun,
-    /// Differences of motion and power from the reference, relative.
+    /// Relative differences of motion and power from the reference.
     pub differences: Option<[f64; 2]>,
     pub is_reference: bool,
 }
@@ -36,7 +36,7 @@ fn signed(part: f64) -> String {
 }
 
 impl<'a> FluidReport<'a> {
-    /// What is compared beside the power.
+    /// The quantity that is compared along with the power.
     pub fn motion(&self) -> &'static str {
         if self.held { "thrust" } else { "speed" }
     }
@@ -121,7 +121,7 @@ impl<'a> FluidReport<'a> {
         }
     }
 
-    /// Which model the scene needs: the simplest one whose differences are within what the reference is uncertain by.
+    /// The fluid model that the scene needs: the simplest one whose differences are within the uncertainty of the reference.
     fn verdict(&self, rows: &[Row<'_>], reference: &Row<'_>, limits: [f64; 2]) -> (String, String) {
         let keeps_water = self.models.water_decides && reference.model.reactive;
         let within = |row: &&Row<'_>| {

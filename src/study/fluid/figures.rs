@@ -1,4 +1,4 @@
-//! Error against cost, forces by what they come from, and the swimmers side by side.
+//! Figures: error against cost, forces by source, and an animation of all models.
 
 use super::explanations::{FluidReport, Row};
 use super::model_run::{ForceBreakdown, PHASES};
@@ -6,7 +6,7 @@ use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Animation, Findings, Frame};
 use crate::words::percent;
 
-/// Lanes of the page are this many times as wide as the widest swimmer moves, and at least this part of a length.
+/// Width of a lane of the animation over the widest motion, and its least width over the length.
 const LANE_WIDTH: f64 = 1.15;
 const MIN_LANE_WIDTH: f64 = 0.2;
 
@@ -56,7 +56,7 @@ impl FluidReport<'_> {
         }
     }
 
-    /// Forces of a row by what they come from.
+    /// Forces of a model by their source.
     fn forces(&self, row: &Row<'_>, file: &str, findings: &mut Findings) {
         let whose = if row.model.own { format!("{}, the scene's own", row.model) } else { row.model.to_string() };
         let mut figure = |name: &str,
@@ -108,7 +108,7 @@ impl FluidReport<'_> {
         );
     }
 
-    /// All swimmers that came to their end, each on a lane of its own.
+    /// An animation of all completed runs, each on its own lane.
     pub(super) fn motions(rows: &[Row<'_>]) -> Option<Box<(Animation, String)>> {
         let mut swam: Vec<&Row<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
         swam.sort_by_key(|row| !row.is_reference);

@@ -1,4 +1,4 @@
-//! `caudal study fluid`: the same motion under every law of the fluid that can hold, and which of them the scene needs.
+//! `caudal study fluid`: the same motion with each fluid model, and which of them the scene needs.
 //!
 //! Each drag law is run with and without the reactive force. The reference is the most accurate of the models that are valid at the
 //! scene's Reynolds number: the one that ignores the fewest keys of the scene and has the smallest published uncertainty. Differences
@@ -19,12 +19,12 @@ use crate::error::Result;
 use crate::jobs;
 use crate::scene::{HeadKind, Scene};
 
-/// What is asked for.
+/// Options of the study.
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct FluidOptions {}
 
-/// Runs `scene` under every law that can hold.
+/// Runs `scene` with each valid fluid model.
 ///
 /// # Errors
 /// Those of [`Scene::model`]; [`Error::Scene`](crate::Error::Scene) without a medium; [`Error::Write`](crate::Error::Write),

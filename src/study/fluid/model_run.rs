@@ -1,4 +1,4 @@
-//! One run under one law: what it comes to, what every cause does along the rod and over a cycle, and frames to play.
+//! A run with one fluid model: its means, the forces of each source along the rod and over a cycle, and frames for the animation.
 
 use std::ops::ControlFlow;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -18,46 +18,46 @@ use crate::stepper::Stepper;
 use crate::study::study_run::{RunOptions, StudyRun};
 use crate::variable::View;
 
-/// Phases of the last period at which forces are looked at.
+/// Number of times in the last period at which forces are sampled.
 pub const PHASES: usize = 48;
-/// Periods from the start that are played, and frames of each; of a scene without a period, frames in all.
+/// Number of periods in the animation, and frames per period; for a scene without a period, the total number of frames.
 const ANIMATED_PERIODS: f64 = 8.0;
 const FRAMES_PER_PERIOD: f64 = 30.0;
-/// Most points of a frame.
+/// Most points per frame.
 const MAX_FRAME_POINTS: usize = 40;
 
-/// A short run is repeated for its time.
+/// Short runs are repeated in order to time them.
 const RUN_OPTIONS: RunOptions = RunOptions { samples: 8, push: None, halving: true, timed: true };
 
-/// What one cause does to the rod, along the way in which its head looks.
+/// The forces of one source on the rod, along and across the head's direction.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ForceBreakdown {
-    /// The cause.
+    /// Name of the source.
     pub name: String,
-    /// Mean force per length over the last period at every node of the rod, N/m.
+    /// Mean force per length over the last period at each node, N/m.
     pub along: Vec<f64>,
-    /// Root mean square of the force per length across that way, N/m.
+    /// Root mean square of the force per length across the head's direction, N/m.
     pub across: Vec<f64>,
-    /// Force on the whole rod at each of [`PHASES`] equal parts of the last period, N.
+    /// Total force at each of [`PHASES`] equidistant times of the last period, N.
     pub cycle: Vec<f64>,
 }
 
-/// A run under one law.
+/// A run with one fluid model.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct FluidModelRun {
-    /// Its cost, and how it failed.
+    /// Its cost, and its failure, if any.
     pub run: StudyRun,
-    /// Motion and power.
+    /// Means of motion and power.
     pub means: Option<Means>,
     /// Mean power of the actuation (W) and efficiency.
     pub actuation_power: Option<f64>,
     pub efficiency: Option<f64>,
-    /// By what the forces come from.
+    /// Forces by source.
     pub parts: Vec<ForceBreakdown>,
     pub frames: Vec<Frame>,
 }
 
-/// Times, from first to last in equal parts.
+/// Equidistant times.
 struct SampleTimes {
     next: usize,
     count: usize,
@@ -66,7 +66,7 @@ struct SampleTimes {
 }
 
 impl SampleTimes {
-    /// The next one, where it is over by `now`.
+    /// The next time, if it is not after `now`.
     fn pass(&mut self, now: f64) -> Option<f64> {
         let t = self.from + self.by * self.next as f64;
         (self.next < self.count && t <= now).then(|| {
@@ -90,7 +90,7 @@ impl FluidModelRun {
         (!interrupted.load(Ordering::Relaxed)).then_some(swim)
     }
 
-    /// True if it reached its end.
+    /// True if the run reached its end.
     pub fn is_complete(&self) -> bool {
         self.run.is_complete(RUN_OPTIONS)
     }
@@ -151,7 +151,7 @@ impl FluidModelRun {
     }
 }
 
-/// What `look` sees at time `t`; inside the first part of a halved step nothing is kept, and its end has to do.
+/// The result of `look` at time `t`. Within the first part of a halved step no dense output exists; its end is used then.
 fn at<T>(stepper: &mut Stepper, t: f64, mut look: impl FnMut(&View<'_>) -> T) -> Result<T> {
     match stepper.at(t, &mut look) {
         Err(Error::OutsideStep { .. }) => Ok(look(&stepper.view())),
@@ -168,12 +168,12 @@ fn frame(view: &View<'_>) -> Frame {
     frame
 }
 
-/// The forces of every cause on every node, at every time looked at.
+/// The forces of each source on each node, at all sampled times.
 struct ForceSamples<'a> {
     causes: Vec<&'a dyn Force>,
-    /// For every time and cause, what it gives every node, N.
+    /// Nodal forces for each time and source, N.
     seen: Vec<Vec<Vec<Vector2<f64>>>>,
-    /// Sum of where the head looks.
+    /// Sum of the head's directions.
     ahead: Vector2<f64>,
 }
 
@@ -196,7 +196,7 @@ impl<'a> ForceSamples<'a> {
         self.seen.push(self.causes.iter().map(of).collect());
     }
 
-    /// What cause `i` does.
+    /// The forces of source `i`.
     fn part(&self, rod: &Rod, i: usize, name: &str) -> ForceBreakdown {
         let ahead = self.ahead.try_normalize(0.0).unwrap_or(Vector2::x());
         let times = self.seen.len().max(1) as f64;
