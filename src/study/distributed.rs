@@ -7,7 +7,7 @@ use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use std::sync::{Mutex, PoisonError};
 
-use super::Study;
+use super::definition::Study;
 use super::runner::{CachedResults, PendingRuns, Plan, RunRequest, StudyOutcome, StudyRunner, locked};
 use crate::distributed::{Bundle, DistributableJob};
 use crate::error::{Error, Result};
