@@ -71,7 +71,7 @@ impl Job {
 
 /// A result in a line.
 #[derive(Serialize, Deserialize)]
-struct Entry<T> {
+struct JournalEntry<T> {
     index: usize,
     result: T,
 }
@@ -263,7 +263,9 @@ impl Journal {
                     return Ok(if torn { FirstLine::Torn } else { FirstLine::Other });
                 };
                 job = FirstLine::Job(first);
-            } else if let Some(entry) = json.and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok()) {
+            } else if let Some(entry) =
+                json.and_then(|json| serde_json::from_slice::<JournalEntry<IgnoredAny>>(json).ok())
+            {
                 self.lines.entry(entry.index).or_insert(at);
             }
             if line.ends_with(b"\n") {
@@ -311,7 +313,7 @@ impl Journal {
         reader.seek(SeekFrom::Start(*at)).map_err(failed)?;
         let mut line = Vec::new();
         reader.by_ref().read_until(b'\n', &mut line).map_err(failed)?;
-        let entry = line_json(&line).and_then(|json| serde_json::from_slice::<Entry<T>>(json).ok());
+        let entry = line_json(&line).and_then(|json| serde_json::from_slice::<JournalEntry<T>>(json).ok());
         let entry =
             entry.ok_or_else(|| journal_error(&self.path, format!("the result of {index} cannot be read back")))?;
         Ok(Some(entry.result))
@@ -323,7 +325,7 @@ impl Journal {
     /// [`Error::Write`]; earlier results remain.
     pub fn add<T: Serialize>(&mut self, index: usize, result: T) -> Result<()> {
         let at = self.end;
-        self.line(&Entry { index, result })?;
+        self.line(&JournalEntry { index, result })?;
         self.lines.insert(index, at);
         Ok(())
     }
@@ -334,7 +336,7 @@ impl Journal {
     /// # Errors
     /// [`Error::Journal`] for a damaged line or one that is not of this job; [`Error::Write`].
     pub fn add_line(&mut self, line: &[u8]) -> Result<(usize, bool)> {
-        let entry = line_json(line).and_then(|json| serde_json::from_slice::<Entry<IgnoredAny>>(json).ok());
+        let entry = line_json(line).and_then(|json| serde_json::from_slice::<JournalEntry<IgnoredAny>>(json).ok());
         let index = entry.map(|entry| entry.index).filter(|index| *index < self.job.size);
         let index =
             index.ok_or_else(|| journal_error(&self.path, "a line that was sent to it is damaged".to_string()))?;
@@ -386,12 +388,12 @@ impl Drop for Journal {
 
 /// The line of a result, for [`Journal::add_line`] of another program; `None` if it cannot be serialised as JSON.
 pub fn line<T: Serialize>(index: usize, result: T) -> Option<Vec<u8>> {
-    line_of(&Entry { index, result }).ok()
+    line_of(&JournalEntry { index, result }).ok()
 }
 
 /// The index and the result in a [`line()`]; `None` if it is damaged.
 pub fn read_line<T: DeserializeOwned>(line: &[u8]) -> Option<(usize, T)> {
-    let entry: Entry<T> = serde_json::from_slice(line_json(line)?).ok()?;
+    let entry: JournalEntry<T> = serde_json::from_slice(line_json(line)?).ok()?;
     Some((entry.index, entry.result))
 }
 

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use caudal::error::{Error, Result};
 use caudal::reduced::Measure;
 use caudal::report::Summary;
-use caudal::report::{Claim, Output};
+use caudal::report::{Claim, RunOutput};
 use caudal::run::{Ending, run as run_scene};
 use caudal::scene::Scene;
 use caudal::verification::Verification;
@@ -33,7 +33,7 @@ pub fn run(
         return Ok(refuse(&error));
     }
     let folder = out.unwrap_or_else(|| output_folder(&scene));
-    let mut output = match Output::create(&folder, &scene, &stepper, Claim::forced(force)) {
+    let mut output = match RunOutput::create(&folder, &scene, &stepper, Claim::forced(force)) {
         Ok(output) => output,
         Err(error) => return Ok(refuse(&error)),
     };

@@ -23,7 +23,7 @@ pub enum Study {
     /// Natural frequencies and mode shapes of the rod; its matrices M, C and K for other programs
     Modes {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// How many of the lowest modes
         #[arg(long, default_value_t = ModesOptions::default().count)]
         count: usize,
@@ -31,7 +31,7 @@ pub enum Study {
     /// Time, memory and error of a step on meshes from coarse to the finest, in both forms
     Scaling {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// Numbers of nodes, separated by commas [default: 17, 33, 65 … 1048577]
         #[arg(long, value_delimiter = ',')]
         nodes: Vec<u64>,
@@ -42,7 +42,7 @@ pub enum Study {
     /// Error against cost for every model, method, step and mesh, and which of them to take
     Accuracy {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// Numbers of nodes, separated by commas [default: the scene's, and twice and four times as many edges]
         #[arg(long, value_delimiter = ',')]
         nodes: Vec<u64>,
@@ -59,13 +59,13 @@ pub enum Study {
     /// The same motion under every law of the fluid that can hold: speed, power, cost, and which law the scene needs
     Fluid {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
     },
     /// What every method does at every step, over a parameter: accurate, wrong, growing, failing; with --vary flow, where a
     /// held tail stays at rest, flutters or diverges, over the speed of the flow and the tail's mass, beside theory
     Stability {
         #[command(flatten)]
-        common: Common,
+        common: StudyArguments,
         /// What varies: modulus, amplitude, nodes, spin, or flow
         #[arg(long, default_value = "modulus", value_parser = vary)]
         vary: Vary,
@@ -109,7 +109,7 @@ fn low_high(text: &str) -> Result<[f64; 2], String> {
 }
 
 #[derive(Debug, Clone, Args)]
-pub struct Common {
+pub struct StudyArguments {
     #[command(flatten)]
     scene: SceneArguments,
     /// Folder for the results [default: out/<name of the scene>-study-<kind>]

@@ -21,7 +21,7 @@ pub struct Arguments {
     #[command(subcommand)]
     merge: Option<SweepAction>,
     #[command(flatten)]
-    sweep: Option<Common>,
+    sweep: Option<SweepSource>,
     /// Threads [default: one per core]
     #[arg(long, value_name = "N")]
     jobs: Option<std::num::NonZeroUsize>,
@@ -41,7 +41,7 @@ enum SweepAction {
     /// Make one table and report of the journals of all shards
     Merge {
         #[command(flatten)]
-        sweep: Common,
+        sweep: SweepSource,
         /// Journals, or folders with journals [default: the folder of the results]
         journals: Vec<PathBuf>,
         /// Make them of the cases that are there by now, also while the sweep runs
@@ -51,7 +51,7 @@ enum SweepAction {
 }
 
 #[derive(Debug, Args)]
-struct Common {
+struct SweepSource {
     /// The sweep, a TOML file with a base scene and axes
     sweep: PathBuf,
     /// Override a key of the base scene, for example --set start.kind=shaped
@@ -65,7 +65,7 @@ struct Common {
     force: bool,
 }
 
-impl Common {
+impl SweepSource {
     fn read(&self) -> Result<(Sweep, PathBuf)> {
         let sweep = Sweep::read(&self.sweep, &self.set)?;
         let folder = self.out.clone().unwrap_or_else(|| sweep.folder());
@@ -90,7 +90,7 @@ fn wanted(sweep: &Sweep, arguments: &Arguments) -> Vec<usize> {
     }
 }
 
-fn list(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
+fn list(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
     let cases = wanted(&sweep, arguments);
@@ -112,7 +112,7 @@ fn threads(arguments: &Arguments) -> usize {
     arguments.jobs.map_or_else(cores, usize::from)
 }
 
-fn run(common: &Common, arguments: &Arguments) -> Result<ExitCode> {
+fn run(common: &SweepSource, arguments: &Arguments) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(threads(arguments))?;
     let mut cases = wanted(&sweep, arguments);
@@ -187,7 +187,7 @@ fn finish(results: &SweepResults<'_>, folder: &mut Folder) -> Result<ExitCode> {
     Ok(if failed.is_empty() { whole } else { ExitCode::from(exit::FAILED) })
 }
 
-fn merge(common: &Common, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
+fn merge(common: &SweepSource, from: &[PathBuf], partial: bool) -> Result<ExitCode> {
     let (sweep, folder) = common.read()?;
     let job = sweep.job(cores())?;
     let from = if from.is_empty() { std::slice::from_ref(&folder) } else { from };

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::table::{DesignTable, Variable};
+use super::table::{DesignTable, DesignVariable};
 use crate::error::Result;
 use crate::scene::{Document, Scene};
 use crate::sensitivity::number::{Number, keys_with};
@@ -33,7 +33,7 @@ impl DesignVector {
     /// The baseline of a design: the scene as it is, whose joints have the stiffness `own` (N m²).
     pub fn before(table: &DesignTable, own: &[f64]) -> Self {
         let mut before = Self { numbers: table.initial_numbers(), ..Self::of(own.to_vec()) };
-        if !table.variables.contains(&Variable::Stiffness) && !table.numbers.is_empty() {
+        if !table.variables.contains(&DesignVariable::Stiffness) && !table.numbers.is_empty() {
             before.stiffness_n_m2.clear(); // it follows from the scene
         }
         before

@@ -9,7 +9,7 @@ use super::scenarios::ScenarioResult;
 use super::search::EstimatedNumber;
 use super::solve::{Answer, ComparedProfile, Design};
 use super::stl;
-use super::table::{Goal, Variable};
+use super::table::{DesignVariable, Goal};
 use crate::cycle::MEASURES;
 use crate::error::Result;
 use crate::report::chart::{Chart, Mark, Scale, Series};
@@ -160,14 +160,14 @@ impl Design {
         let mut figures = Vec::new();
         for (variable, file, title, y, values) in [
             (
-                Variable::Amplitude,
+                DesignVariable::Amplitude,
                 "amplitude.svg",
                 "amplitude of the actuation",
                 "amplitude over the scene's",
                 &found.profile.amplitude,
             ),
             (
-                Variable::Phase,
+                DesignVariable::Phase,
                 "phase.svg",
                 "phase of the actuation",
                 "phase subtracted (rad)",
@@ -175,7 +175,7 @@ impl Design {
             ),
         ] {
             if self.table.variables.contains(&variable) {
-                let own = if variable == Variable::Amplitude { 1.0 } else { 0.0 };
+                let own = if variable == DesignVariable::Amplitude { 1.0 } else { 0.0 };
                 let series = vec![
                     Series::new(self.after(), line(values), Mark::Dotted),
                     Series::new(BASELINE, line(&vec![own; values.len()]), Mark::Line),
@@ -546,8 +546,8 @@ impl Design {
             Answer::Identification(_) => columns.extend(["standard deviation (N m²)", "signal to noise", "verdict"]),
             Answer::Search(_) => {
                 let has = |variable| self.table.variables.contains(&variable);
-                columns.extend(has(Variable::Amplitude).then_some("amplitude over the scene's"));
-                columns.extend(has(Variable::Phase).then_some("phase subtracted (rad)"));
+                columns.extend(has(DesignVariable::Amplitude).then_some("amplitude over the scene's"));
+                columns.extend(has(DesignVariable::Phase).then_some("phase subtracted (rad)"));
                 columns.extend(self.table.fits_positions().then_some("standard deviation (N m²)"));
                 columns.push("verdict");
             }
@@ -567,8 +567,8 @@ impl Design {
                 Answer::StaticShape(found) if found.missed.iter().any(|(node, _)| *node == k) => "misses the shape",
                 Answer::Search(found) => {
                     let has = |variable| self.table.variables.contains(&variable);
-                    row.extend(has(Variable::Amplitude).then(|| json!(found.profile.amplitude[i])));
-                    row.extend(has(Variable::Phase).then(|| json!(found.profile.phase_rad[i])));
+                    row.extend(has(DesignVariable::Amplitude).then(|| json!(found.profile.amplitude[i])));
+                    row.extend(has(DesignVariable::Phase).then(|| json!(found.profile.phase_rad[i])));
                     let deviation = found.deviations.get(i);
                     row.extend(self.table.fits_positions().then(|| json!(deviation.map(|d| d * ei))));
                     let identifies = self.table.goal == Goal::Identify;

@@ -37,5 +37,5 @@ pub use robustness::Robustness;
 pub use search::{Search, SearchIteration, SearchResult};
 pub use solve::{Answer, Design};
 pub use static_shape::{Equilibrium, StaticShape, rest};
-pub use table::{Aggregate, DesignTable, Goal, Variable};
+pub use table::{Aggregate, DesignTable, DesignVariable, Goal};
 pub use tolerance::Tolerance;

@@ -10,7 +10,7 @@ use super::design_vector::DesignVector;
 use super::designed_scene::with_fixed_fluid;
 use super::limits::{LimitValue, Limits};
 use super::objective::{Objective, ObjectiveValue, objective_of};
-use super::table::{DesignTable, Variable};
+use super::table::{DesignTable, DesignVariable};
 use crate::error::{Error, Result};
 use crate::jobs;
 use crate::rod::Rod;
@@ -19,10 +19,10 @@ use crate::sensitivity::{Parameter, Problem};
 use crate::sweep::Sweep;
 
 /// Keys of the scene that are set by a design variable along the rod.
-const KEYS_OF_VARIABLES: [(Variable, &[&str]); 3] = [
-    (Variable::Stiffness, &["rod.stiffness_profile", "rod.stiffness_gradient"]),
-    (Variable::Amplitude, &["actuation.amplitude_profile"]),
-    (Variable::Phase, &["actuation.phase_profile_rad"]),
+const KEYS_OF_VARIABLES: [(DesignVariable, &[&str]); 3] = [
+    (DesignVariable::Stiffness, &["rod.stiffness_profile", "rod.stiffness_gradient"]),
+    (DesignVariable::Amplitude, &["actuation.amplitude_profile"]),
+    (DesignVariable::Phase, &["actuation.phase_profile_rad"]),
 ];
 
 /// One of the scenes that a design is for.
@@ -99,7 +99,7 @@ impl Scenario {
         let of_motion =
             DesignTable { largest_mass_kg: None, neutral_buoyancy: false, least_wall_m: None, ..table.clone() };
         let limits = Limits::of(&of_motion, &mut problem, &objective)?;
-        let stiffer = if table.variables.contains(&Variable::Stiffness) {
+        let stiffer = if table.variables.contains(&DesignVariable::Stiffness) {
             let stiffness = |of: &Rod| of.joints().map(|k| of.section_stiffness(k)).collect::<Vec<_>>();
             stiffness(&problem.model().rod).iter().zip(stiffness(rod)).map(|(case, own)| case / own).collect()
         } else {

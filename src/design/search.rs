@@ -27,7 +27,7 @@ use super::objective::{Objective, ObjectiveValue, TARGET_TOLERANCE};
 use super::qp::{Constraint, QuadraticProgram};
 use super::refit::max_misfit;
 use super::scenarios::{Scenario, evaluate_all};
-use super::table::{DesignTable, Goal, Variable};
+use super::table::{DesignTable, DesignVariable, Goal};
 use super::tolerance::{Tolerance, tolerance};
 use super::unknowns::{FIXED_UNKNOWN, RANK_TOLERANCE, Unknowns};
 use crate::error::{Error, Result};
@@ -471,13 +471,13 @@ impl<'a> Search<'a> {
             };
             if let Some(v_t) = &svd.v_t {
                 let x = best.point.x.as_slice();
-                let of = |variable: &Variable| {
+                let of = |variable: &DesignVariable| {
                     let size = noise * together;
                     unknowns.deviations(variable, x, v_t, svd.singular_values.as_slice(), size)
                 };
-                deviations = of(&Variable::Stiffness);
+                deviations = of(&DesignVariable::Stiffness);
                 confused = unidentifiable_groups(&unknowns.names(), v_t, svd.singular_values.as_slice(), noise);
-                for variable in self.table.variables.iter().filter(|v| matches!(v, Variable::Number(_))) {
+                for variable in self.table.variables.iter().filter(|v| matches!(v, DesignVariable::Number(_))) {
                     of_numbers.extend(of(variable));
                 }
             }

@@ -24,7 +24,7 @@ use super::scenarios::{Scenario, ScenarioResult, scenarios};
 use super::search::{ITERATIONS_EXHAUSTED, Search, SearchIteration, SearchResult};
 use super::static_shape::{Equilibrium, StaticShape, rest};
 use super::stl;
-use super::table::{DesignTable, Goal, Variable};
+use super::table::{DesignTable, DesignVariable, Goal};
 use crate::assessment::Assessment;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
@@ -432,7 +432,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
     let rod = &search.problem.model().rod;
     let xi: Vec<f64> = rod.joints().map(|k| rod.xi(k)).collect();
     let reference = search.reference;
-    let even = if table.variables.contains(&Variable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
+    let even = if table.variables.contains(&DesignVariable::Stiffness) { table.mean.unwrap_or(1.0) } else { 1.0 };
     let centre = xi.iter().sum::<f64>() / xi.len() as f64;
     let of = |factors: Vec<f64>| DesignVector {
         numbers: table.initial_numbers(),
@@ -446,7 +446,7 @@ fn compare(search: &mut Search<'_>, found: &SearchResult, table: &DesignTable) -
     };
     let alike = before.stiffness_n_m2.iter().all(|ei| (ei / (even * reference) - 1.0).abs() < SAME_STIFFNESS);
     add(BASELINE, before, search);
-    if table.variables.contains(&Variable::Stiffness) {
+    if table.variables.contains(&DesignVariable::Stiffness) {
         if !alike {
             add("even stiffness", of(vec![even; xi.len()]), search);
         }

@@ -95,7 +95,7 @@ impl Goal {
 /// What a search changes: along the rod, or a number of the scene.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(from = "String", into = "String")]
-pub enum Variable {
+pub enum DesignVariable {
     /// Bending stiffness.
     Stiffness,
     /// Amplitude of the actuation.
@@ -106,7 +106,7 @@ pub enum Variable {
     Number(String),
 }
 
-impl From<String> for Variable {
+impl From<String> for DesignVariable {
     fn from(name: String) -> Self {
         match name.as_str() {
             "stiffness" => Self::Stiffness,
@@ -117,13 +117,13 @@ impl From<String> for Variable {
     }
 }
 
-impl From<Variable> for String {
-    fn from(variable: Variable) -> Self {
+impl From<DesignVariable> for String {
+    fn from(variable: DesignVariable) -> Self {
         match variable {
-            Variable::Stiffness => "stiffness".to_string(),
-            Variable::Amplitude => "amplitude".to_string(),
-            Variable::Phase => "phase".to_string(),
-            Variable::Number(key) => key,
+            DesignVariable::Stiffness => "stiffness".to_string(),
+            DesignVariable::Amplitude => "amplitude".to_string(),
+            DesignVariable::Phase => "phase".to_string(),
+            DesignVariable::Number(key) => key,
         }
     }
 }
@@ -200,7 +200,7 @@ pub struct DesignTable {
     /// What identification finds and a dynamic goal may change; stiffness where it is absent.
     #[serde(default = "stiffness")]
     #[cfg_attr(feature = "schema", schemars(with = "Vec<String>"))]
-    pub variables: Vec<Variable>,
+    pub variables: Vec<DesignVariable>,
     /// Where it is unknown, ξ; linear in between. Every joint where it is absent.
     pub knots: Option<Vec<f64>>,
     /// Least and largest stiffness, over EI of the scene before its profile.
@@ -275,8 +275,8 @@ fn default_bounds() -> [f64; 2] {
     DEFAULT_BOUNDS
 }
 
-fn stiffness() -> Vec<Variable> {
-    vec![Variable::Stiffness]
+fn stiffness() -> Vec<DesignVariable> {
+    vec![DesignVariable::Stiffness]
 }
 
 #[cfg(feature = "schema")]
@@ -517,7 +517,7 @@ impl DesignTable {
     /// The numbers of `scene` among the variables.
     fn numbers_of(&self, scene: &Scene) -> std::result::Result<Vec<Number>, String> {
         let keys = self.variables.iter().filter_map(|variable| match variable {
-            Variable::Number(key) => Some(key),
+            DesignVariable::Number(key) => Some(key),
             _ => None,
         });
         let keys: Vec<&String> = keys.collect();
@@ -598,7 +598,7 @@ impl DesignTable {
     /// Checks what a search may change.
     fn check_variables(&self, scene: &Scene) -> std::result::Result<(), (&'static str, String)> {
         let has = |variable| self.variables.contains(&variable);
-        let (amplitude, phase) = (has(Variable::Amplitude), has(Variable::Phase));
+        let (amplitude, phase) = (has(DesignVariable::Amplitude), has(DesignVariable::Phase));
         let twice = (1..self.variables.len()).any(|i| self.variables[..i].contains(&self.variables[i]));
         if self.variables.is_empty() || twice {
             let allowed = "some of \"stiffness\", \"amplitude\", \"phase\" and numbers of the scene, each once";

@@ -8,7 +8,7 @@ use nalgebra::DMatrix;
 use super::basis::{Basis, second_differences};
 use super::design_vector::DesignVector;
 use super::qp::{Constraint, QuadraticProgram};
-use super::table::{DesignTable, Goal, Variable};
+use super::table::{DesignTable, DesignVariable, Goal};
 use crate::model::Model;
 use crate::sensitivity::Parameter;
 use crate::sensitivity::number::Number;
@@ -34,7 +34,7 @@ enum Transform {
 /// The unknowns of one design variable; values are relative to a reference.
 #[derive(Debug, Clone)]
 struct VariableBlock {
-    variable: Variable,
+    variable: DesignVariable,
     /// The reference, one for all values or one for each.
     units: Vec<f64>,
     map: Transform,
@@ -105,10 +105,10 @@ impl VariableBlock {
     /// A description of an unknown.
     fn place(&self, i: usize) -> String {
         match &self.variable {
-            Variable::Stiffness => self.places[i].clone(),
-            Variable::Amplitude => format!("amplitude at {}", self.places[i]),
-            Variable::Phase => format!("phase at {}", self.places[i]),
-            Variable::Number(_) => self.places[i].clone(),
+            DesignVariable::Stiffness => self.places[i].clone(),
+            DesignVariable::Amplitude => format!("amplitude at {}", self.places[i]),
+            DesignVariable::Phase => format!("phase at {}", self.places[i]),
+            DesignVariable::Number(_) => self.places[i].clone(),
         }
     }
 }
@@ -143,7 +143,7 @@ impl Unknowns {
         let own_factors = crate::rod::Profile::through(points)
             .map(|profile| xi.iter().map(|xi| profile.at(*xi)).collect::<Vec<f64>>());
         let mut first = 0;
-        let block = |variable: &Variable| {
+        let block = |variable: &DesignVariable| {
             let along = |unit: f64, map: Transform, bounds: [f64; 2], mean: Option<f64>, of: fn(usize) -> Parameter| {
                 VariableBlock {
                     variable: variable.clone(),
@@ -160,19 +160,19 @@ impl Unknowns {
                 }
             };
             let block = match variable {
-                Variable::Stiffness => VariableBlock {
+                DesignVariable::Stiffness => VariableBlock {
                     own: own_factors.clone().filter(|_| table.goal == Goal::Identify),
                     ..along(rod.ei, stiffness_map, table.bounds, table.mean, Parameter::Stiffness)
                 },
-                Variable::Amplitude => {
+                DesignVariable::Amplitude => {
                     let bounds = table.amplitude_bounds.unwrap_or([0.5, 2.0]);
                     along(1.0, Transform::Logarithm, bounds, table.amplitude_mean, Parameter::WaveAmplitude)
                 }
-                Variable::Phase => {
+                DesignVariable::Phase => {
                     let bounds = table.phase_bounds_rad.unwrap_or([-PI, PI]);
                     along(1.0, Transform::Same, bounds, None, Parameter::WavePhase)
                 }
-                Variable::Number(key) => {
+                DesignVariable::Number(key) => {
                     let numbers: Vec<&Number> = table.numbers.iter().filter(|number| number.key == *key).collect();
                     VariableBlock {
                         variable: variable.clone(),
@@ -196,7 +196,7 @@ impl Unknowns {
             block
         };
         let mut own = DesignVector::of(stiffness);
-        if !table.numbers.is_empty() && !table.variables.contains(&Variable::Stiffness) {
+        if !table.numbers.is_empty() && !table.variables.contains(&DesignVariable::Stiffness) {
             own.stiffness_n_m2.clear();
         }
         Self {
@@ -232,10 +232,10 @@ impl Unknowns {
         for (block, _, x) in self.parts(x) {
             let values = block.basis.joints(x).into_iter().enumerate().map(|(i, x)| block.unit(i) * block.value(x));
             match &block.variable {
-                Variable::Stiffness => profile.stiffness_n_m2 = values.collect(),
-                Variable::Amplitude => profile.amplitude = values.collect(),
-                Variable::Phase => profile.phase_rad = values.collect(),
-                Variable::Number(_) => {
+                DesignVariable::Stiffness => profile.stiffness_n_m2 = values.collect(),
+                DesignVariable::Amplitude => profile.amplitude = values.collect(),
+                DesignVariable::Phase => profile.phase_rad = values.collect(),
+                DesignVariable::Number(_) => {
                     profile.numbers.extend(values.zip(&block.places).map(|(value, place)| (place.clone(), value)));
                 }
             }
@@ -256,7 +256,7 @@ impl Unknowns {
             for (i, (row, x)) in block.basis.rows.iter().zip(block.basis.joints(x)).enumerate() {
                 let size = match block.variable {
                     // The parameter is relative to what it is, as the unknown is.
-                    Variable::Amplitude => 1.0,
+                    DesignVariable::Amplitude => 1.0,
                     _ => block.unit(i) * block.slope(block.value(x)),
                 };
                 let by = by.next().map_or(0.0, |by| by * size);
@@ -283,7 +283,7 @@ impl Unknowns {
     }
 
     fn is_ordered(&self, block: &VariableBlock) -> bool {
-        self.monotone && block.variable == Variable::Stiffness
+        self.monotone && block.variable == DesignVariable::Stiffness
     }
 
     /// `x` projected into bounds and order, and scaled down per block to satisfy the means.
@@ -341,7 +341,7 @@ impl Unknowns {
         }
         let limited = self.blocks.iter().filter_map(|block| block.limited_mean().map(|most| (block, most)));
         for ((block, most), (mean, by)) in limited.zip(self.means(x)) {
-            let what = if block.variable == Variable::Amplitude { "mean amplitude" } else { "mean" };
+            let what = if block.variable == DesignVariable::Amplitude { "mean amplitude" } else { "mean" };
             let row = by.into_iter().enumerate().filter(|(_, by)| *by != 0.0).collect();
             constraints.push(Constraint::at_most(format!("{what} at most {most}"), row, (1.0 - mean).max(0.0)));
         }
@@ -363,7 +363,7 @@ impl Unknowns {
     /// is not an unknown.
     pub fn deviations(
         &self,
-        variable: &Variable,
+        variable: &DesignVariable,
         x: &[f64],
         v_t: &DMatrix<f64>,
         singular: &[f64],
@@ -398,7 +398,7 @@ impl Unknowns {
                     _ => match start {
                         0 => 1.0,
                         _ if b > 0 => 1.0,
-                        n if matches!(block.variable, Variable::Number(_)) => {
+                        n if matches!(block.variable, DesignVariable::Number(_)) => {
                             (0.3 * (2.399_963 * (n * (i + 1)) as f64).cos()).exp() // the golden angle
                         }
                         1 => (2.0 - xi) / 1.5,
@@ -409,8 +409,12 @@ impl Unknowns {
                         }
                     },
                 };
-                let even = if block.variable == Variable::Stiffness { block.mean.unwrap_or(1.0) } else { 1.0 };
-                x.push(block.unknown(if block.variable == Variable::Phase { factor - 1.0 } else { even * factor }));
+                let even = if block.variable == DesignVariable::Stiffness { block.mean.unwrap_or(1.0) } else { 1.0 };
+                x.push(block.unknown(if block.variable == DesignVariable::Phase {
+                    factor - 1.0
+                } else {
+                    even * factor
+                }));
             }
         }
         self.kept(x)

@@ -88,7 +88,7 @@ fn nominal(unit: &str, stepper: &Stepper) -> Option<f64> {
 }
 
 /// A variable or a parameter in the description.
-struct Entry {
+struct DescriptionEntry {
     name: String,
     reference: u32,
     description: String,
@@ -103,7 +103,7 @@ struct Entry {
     sized: bool,
 }
 
-impl Entry {
+impl DescriptionEntry {
     fn variable(fmu: &Fmu<'_>, standard: Standard, place: usize, variable: &Variable, node: Option<usize>) -> Self {
         let (stepper, model) = (&fmu.stepper, fmu.stepper.model());
         let arrays = fmu.has_arrays(standard);
@@ -371,23 +371,24 @@ fn nodes<'a>(fmu: &'a Fmu<'_>, variable: &Variable) -> impl Iterator<Item = usiz
 }
 
 /// All variables in order, one per entry if there are no arrays; then the parameters.
-fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<Entry> {
+fn entries(fmu: &Fmu<'_>, standard: Standard) -> Vec<DescriptionEntry> {
     let mut entries = Vec::new();
     for (place, variable) in variables(fmu, standard) {
         if fmu.has_arrays(standard) || variable.size == Size::Scalar {
-            entries.push(Entry::variable(fmu, standard, place, variable, None));
+            entries.push(DescriptionEntry::variable(fmu, standard, place, variable, None));
         } else {
-            entries
-                .extend(nodes(fmu, variable).map(|node| Entry::variable(fmu, standard, place, variable, Some(node))));
+            entries.extend(
+                nodes(fmu, variable).map(|node| DescriptionEntry::variable(fmu, standard, place, variable, Some(node))),
+            );
         }
     }
     let parameters = fmu.catalogue.parameters.iter().enumerate().filter(|(_, parameter)| fmu.shows(&parameter.name()));
-    entries.extend(parameters.map(|(place, parameter)| Entry::parameter(fmu, standard, place, parameter)));
+    entries.extend(parameters.map(|(place, parameter)| DescriptionEntry::parameter(fmu, standard, place, parameter)));
     entries
 }
 
 /// The model structure: outputs with the inputs on which they depend directly, and initial unknowns.
-fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[Entry]) -> Result<()> {
+fn structure(xml: &mut Xml, fmu: &Fmu<'_>, standard: Standard, entries: &[DescriptionEntry]) -> Result<()> {
     let (model, dynamics, form) = (fmu.stepper.model(), fmu.stepper.view().dynamics, fmu.stepper.form());
     let arrays = fmu.has_arrays(standard);
     let scalar = |variable: &Variable| variable.size == Size::Scalar;

@@ -12,7 +12,7 @@ const TICKS: f64 = 7.0;
 
 /// How numbers are spaced along an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Spacing {
+enum TickSpacing {
     Linear,
     Logarithmic,
     /// By the logarithm of their modulus, above or below the middle depending on their sign.
@@ -24,7 +24,7 @@ enum Spacing {
 pub struct ChartAxis {
     /// The values at 0 and 1: numbers, or their decimal logarithms; for a signed axis the middle and both ends.
     range: [f64; 2],
-    spacing: Spacing,
+    spacing: TickSpacing,
     /// Tick positions from 0 to 1 with their labels; minor ticks have none.
     pub ticks: Vec<(f64, String)>,
     /// Common power of ten of all labels.
@@ -52,7 +52,7 @@ impl ChartAxis {
             ((x - low) / (high - low), label)
         };
         let ticks = (0..20).map(tick).take_while(|(place, _)| *place <= 1.0 + 1e-9).collect();
-        Self { range: [low, high], spacing: Spacing::Linear, ticks, power }
+        Self { range: [low, high], spacing: TickSpacing::Linear, ticks, power }
     }
 
     /// A logarithmic axis that contains the positive `values`, with a margin.
@@ -93,7 +93,7 @@ impl ChartAxis {
                 }
             }
         }
-        Self { range: [low, high], spacing: Spacing::Logarithmic, ticks, power: 0 }
+        Self { range: [low, high], spacing: TickSpacing::Logarithmic, ticks, power: 0 }
     }
 
     /// A signed logarithmic axis: this many `decades` in each direction, from the largest modulus of `values` to zero in the
@@ -112,7 +112,7 @@ impl ChartAxis {
             ticks.push((0.5 + place, power_of_ten(power)));
             ticks.push((0.5 - place, format!("−{}", power_of_ten(power))));
         }
-        Self { spacing: Spacing::Signed, ticks, ..one }
+        Self { spacing: TickSpacing::Signed, ticks, ..one }
     }
 
     /// An axis of equally wide categories at 0, 1, 2 …
@@ -120,7 +120,7 @@ impl ChartAxis {
         let range = [-0.5, labels.len().max(1) as f64 - 0.5];
         let place = |i: usize| (i as f64 - range[0]) / (range[1] - range[0]);
         let ticks = labels.iter().enumerate().map(|(i, label)| (place(i), label.clone())).collect();
-        Self { range, spacing: Spacing::Linear, ticks, power: 0 }
+        Self { range, spacing: TickSpacing::Linear, ticks, power: 0 }
     }
 
     /// The same range, extended about its middle by `factor`.
@@ -138,9 +138,9 @@ impl ChartAxis {
     /// Its lower end.
     pub fn low(&self) -> f64 {
         match self.spacing {
-            Spacing::Linear => self.range[0],
-            Spacing::Logarithmic => 10.0_f64.powf(self.range[0]),
-            Spacing::Signed => -10.0_f64.powf(self.range[1]),
+            TickSpacing::Linear => self.range[0],
+            TickSpacing::Logarithmic => 10.0_f64.powf(self.range[0]),
+            TickSpacing::Signed => -10.0_f64.powf(self.range[1]),
         }
     }
 
@@ -148,9 +148,9 @@ impl ChartAxis {
     pub fn place(&self, x: f64) -> Option<f64> {
         let part = |x: f64| (x - self.range[0]) / self.size();
         let place = match self.spacing {
-            Spacing::Linear => part(x),
-            Spacing::Logarithmic => part(x.log10()),
-            Spacing::Signed => 0.5 + 0.5 * part(x.abs().log10()).max(0.0).copysign(x),
+            TickSpacing::Linear => part(x),
+            TickSpacing::Logarithmic => part(x.log10()),
+            TickSpacing::Signed => 0.5 + 0.5 * part(x.abs().log10()).max(0.0).copysign(x),
         };
         (-1e-6..=1.0 + 1e-6).contains(&place).then_some(place)
     }

@@ -27,7 +27,7 @@ pub mod vtk;
 pub use chart::Figure;
 pub use findings::{Findings, Table};
 pub use folder::{Claim, Folder, FolderWriter, JOURNAL, MANIFEST, Owner};
-pub use output::Output;
+pub use output::RunOutput;
 pub use page::Animation;
 pub use run_record::Frame;
 pub use summary::{FluidError, Summary};

@@ -24,7 +24,7 @@ use crate::variable::{Variable, View};
 
 /// The output folder of a run in progress.
 #[derive(Debug)]
-pub struct Output {
+pub struct RunOutput {
     trajectory: CsvTable,
     nodes: NodesWriter,
     record: RunRecord,
@@ -39,7 +39,7 @@ pub struct Output {
 /// Size of the summary, bytes: of its numbers, per final position, and the most that is reserved.
 const SUMMARY_BYTES: [usize; 3] = [8192, 90, 1 << 20];
 
-impl Output {
+impl RunOutput {
     /// Checks that the tables of a run of `scene` fit into `folder`.
     ///
     /// # Errors

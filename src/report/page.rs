@@ -27,7 +27,7 @@ pub struct Page<'a> {
 
 /// The data for the template.
 #[derive(Serialize)]
-struct Content<'a> {
+struct RunPageContent<'a> {
     summary: &'a Summary,
     displacement: String,
     step: String,
@@ -152,7 +152,7 @@ impl Page<'_> {
             .filter(|(key, _)| !["final_positions_m", "notes"].contains(&key.as_str()))
             .map(|(key, value)| (key.clone(), value.as_str().map_or_else(|| value.to_string(), str::to_string)))
             .collect();
-        let content = Content {
+        let content = RunPageContent {
             summary: self.summary,
             displacement: format!("{:.6e}", self.summary.net_displacement_m),
             step: number(self.summary.time_step_s),

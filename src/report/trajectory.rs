@@ -17,7 +17,7 @@ const POSITIONS: [&str; 2] = ["x_m", "y_m"];
 
 /// The values of one variable over time.
 #[derive(Debug, Clone)]
-pub struct Column {
+pub struct TrajectoryColumn {
     /// The variable.
     pub variable: &'static Variable,
     /// The nodes of its entries; `[0]` for a scalar.
@@ -29,7 +29,7 @@ pub struct Column {
 /// Variables at the recorded times of a scene.
 #[derive(Debug)]
 pub struct TrajectoryTable {
-    columns: Vec<Column>,
+    columns: Vec<TrajectoryColumn>,
     times: RecordingTimes,
     last: f64,
     record: RunRecord,
@@ -56,7 +56,7 @@ impl TrajectoryTable {
                 Size::Nodes => scene.recorded_nodes(),
                 Size::Scalar | Size::Joints => variable.entries(stepper.model()).collect(),
             };
-            Column { variable, nodes, values: Vec::new() }
+            TrajectoryColumn { variable, nodes, values: Vec::new() }
         };
         let columns = chosen.into_iter().map(column).collect();
         let mut trajectory = Self {
@@ -101,18 +101,18 @@ impl TrajectoryTable {
 
     fn row(&mut self, view: &View<'_>) {
         self.last = view.state.t;
-        for Column { variable, nodes, values } in &mut self.columns {
+        for TrajectoryColumn { variable, nodes, values } in &mut self.columns {
             values.extend(nodes.iter().map(|k| variable.at(view, *k).unwrap_or(f64::NAN)));
         }
     }
 
     /// The columns, in the order of the table of variables.
-    pub fn columns(&self) -> &[Column] {
+    pub fn columns(&self) -> &[TrajectoryColumn] {
         &self.columns
     }
 
     /// The same, to keep.
-    pub fn into_columns(self) -> Vec<Column> {
+    pub fn into_columns(self) -> Vec<TrajectoryColumn> {
         self.columns
     }
 

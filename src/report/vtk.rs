@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Write;
 
 use super::folder::Folder;
-use super::trajectory::Column;
+use super::trajectory::TrajectoryColumn;
 use crate::error::{Error, Result};
 use crate::files::WrittenFiles;
 use crate::rod::Rod;
@@ -28,7 +28,7 @@ pub fn fields(stepper: &Stepper) -> Vec<String> {
 ///
 /// # Errors
 /// [`Error::UnknownVariable`] without positions or times.
-pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> Result<WrittenFiles> {
+pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[TrajectoryColumn]) -> Result<WrittenFiles> {
     let find = |name: &'static str| {
         let found = columns.iter().find(|column| column.variable.name == name);
         found.ok_or_else(|| Error::UnknownVariable { name: name.to_string(), nearest: None, needs: None })
@@ -43,7 +43,7 @@ pub fn write(folder: &mut Folder, name: &str, rod: &Rod, columns: &[Column]) -> 
     for (row, t) in time.values.iter().enumerate() {
         let file = file_of(row);
         let _ = writeln!(collection, r#"    <DataSet timestep="{t}" file="{file}"/>"#);
-        let of = |column: &Column| -> Vec<f64> {
+        let of = |column: &TrajectoryColumn| -> Vec<f64> {
             let own = &column.values[row * column.nodes.len()..(row + 1) * column.nodes.len()];
             if column.nodes == *nodes {
                 return own.to_vec();

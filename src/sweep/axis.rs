@@ -70,7 +70,7 @@ pub struct Sampling {
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-enum Spacing {
+enum LevelSpacing {
     #[default]
     Linear,
     Log,
@@ -78,8 +78,8 @@ enum Spacing {
 
 /// Levels as read from the file.
 enum AxisLevels {
-    Listed { values: Vec<Value>, scale: Spacing },
-    Between { low: f64, high: f64, scale: Spacing },
+    Listed { values: Vec<Value>, scale: LevelSpacing },
+    Between { low: f64, high: f64, scale: LevelSpacing },
 }
 
 /// The axes in `table` at `path`, in no particular order.
@@ -173,7 +173,7 @@ fn axis(value: &Value, path: &str) -> Result<SweepAxis, Fault> {
     }
     let name = if kind == AxisKind::Factors && !has("keys") { format!("{name}.factor") } else { name };
     let levels = levels.into_iter().map(|level| vec![level]).collect();
-    let logarithmic = scale == Spacing::Log;
+    let logarithmic = scale == LevelSpacing::Log;
     Ok(SweepAxis { name, path: path.to_string(), kind, keys, labels, levels, sampled, logarithmic })
 }
 
@@ -333,7 +333,7 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, Fault> {
         count: Option<usize>,
         between: Option<[f64; 2]>,
         #[serde(default)]
-        scale: Spacing,
+        scale: LevelSpacing,
     }
     const ALLOWED: &str =
         "a list, { from, to, count, scale = \"linear\" or \"log\" } or { between = [low, high], scale }";
@@ -341,13 +341,13 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, Fault> {
     if let Value::Array(values) = value {
         return match values.len() {
             0 => Err(fault("an empty list".to_string(), "at least one level")),
-            _ => Ok(AxisLevels::Listed { values: values.clone(), scale: Spacing::Linear }),
+            _ => Ok(AxisLevels::Listed { values: values.clone(), scale: LevelSpacing::Linear }),
         };
     }
     let range: Range = value.clone().try_into().map_err(|_| fault(value.to_string(), ALLOWED))?;
     let ends = |low: f64, high: f64| match range.scale {
         _ if !(low.is_finite() && high.is_finite()) => Err(fault(format!("{low} to {high}"), "finite numbers")),
-        Spacing::Log if low.min(high) <= 0.0 => {
+        LevelSpacing::Log if low.min(high) <= 0.0 => {
             Err(fault(format!("{low} to {high}"), "positive numbers on a log scale"))
         }
         _ => Ok(()),
@@ -381,11 +381,11 @@ fn listed(value: &Value, path: &str) -> Result<AxisLevels, Fault> {
 }
 
 /// The point at fraction x between `low` and `high`; exactly `low` at 0.
-fn between(low: f64, high: f64, scale: Spacing, x: f64) -> f64 {
+fn between(low: f64, high: f64, scale: LevelSpacing, x: f64) -> f64 {
     match scale {
-        Spacing::Linear => low + (high - low) * x,
-        Spacing::Log if x == 0.0 => low,
-        Spacing::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
+        LevelSpacing::Linear => low + (high - low) * x,
+        LevelSpacing::Log if x == 0.0 => low,
+        LevelSpacing::Log => (low.ln() + (high.ln() - low.ln()) * x).exp(),
     }
 }
 
@@ -411,7 +411,7 @@ pub(super) fn sample(axes: &mut [SweepAxis], samples: Option<Sampling>) -> Resul
     let mut dice = fastrand::Rng::with_seed(seed);
     for axis in sampled {
         let [low, high] = [0, 1].map(|i| axis.levels[i].first().and_then(number).unwrap_or_default());
-        let scale = if axis.logarithmic { Spacing::Log } else { Spacing::Linear };
+        let scale = if axis.logarithmic { LevelSpacing::Log } else { LevelSpacing::Linear };
         let mut parts: Vec<usize> = (0..count).collect();
         dice.shuffle(&mut parts);
         let point = |part: usize| between(low, high, scale, (part as f64 + dice.f64()) / count as f64);

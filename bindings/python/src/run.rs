@@ -8,9 +8,9 @@ use caudal::assessment::Assessment;
 use caudal::report::Summary;
 use caudal::report::film::{FilmSettings, RodMotion};
 use caudal::report::picture::{self, PictureFormat};
-use caudal::report::trajectory::{Column, TrajectoryTable};
+use caudal::report::trajectory::{TrajectoryColumn, TrajectoryTable};
 use caudal::report::vtk;
-use caudal::report::{Claim, Folder, Output, Owner};
+use caudal::report::{Claim, Folder, Owner, RunOutput};
 use caudal::run::Ending;
 use caudal::variable::{Size, VARIABLES};
 use numpy::{PyArray1, PyArrayMethods, PyReadonlyArrayDyn};
@@ -46,7 +46,7 @@ pub fn run<'py>(
     }
     let mut trajectory = TrajectoryTable::start(scene, &stepper, record.as_deref()).or_raise(py)?;
     let claim = Claim::forced(force);
-    let mut output = out.map(|folder| Output::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
+    let mut output = out.map(|folder| RunOutput::create(&folder, scene, &stepper, claim)).transpose().or_raise(py)?;
     let duration = scene.solver.duration_s.get();
     let tell = |py: Python<'_>, time: f64| match &progress {
         None => Ok(ControlFlow::Continue(())),
@@ -86,7 +86,7 @@ pub fn run<'py>(
         attention.failure.get_or_insert(failure);
     }
     let (variables, arrays) = (PyDict::new(py), PyDict::new(py));
-    for Column { variable, nodes, values } in trajectory.into_columns() {
+    for TrajectoryColumn { variable, nodes, values } in trajectory.into_columns() {
         variables.set_item(variable.name, Variable::of(py, variable, stepper.model())?)?;
         let rows = values.len() / nodes.len();
         let array = PyArray1::from_vec(py, values); // takes the memory over
@@ -130,7 +130,7 @@ pub fn write_vtk(
             Size::Nodes => scene.recorded_nodes(),
             Size::Scalar | Size::Joints => variable.entries(&model).collect(),
         };
-        columns.push(Column { variable, nodes, values: array.as_array().iter().copied().collect() });
+        columns.push(TrajectoryColumn { variable, nodes, values: array.as_array().iter().copied().collect() });
     }
     let written = py.detach(|| {
         let mut folder = Folder::export(&folder, Owner::of("export", scene), Claim::Own)?;

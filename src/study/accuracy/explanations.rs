@@ -33,7 +33,7 @@ pub struct AccuracyReport<'a> {
 }
 
 /// A run with its errors.
-pub struct Row<'a> {
+pub struct AccuracyRow<'a> {
     pub case: &'a PlannedRun,
     pub run: &'a StudyRun,
     /// Error against the reference on the same mesh: that of the time steps. `None` if the run failed.
@@ -42,7 +42,7 @@ pub struct Row<'a> {
     pub total: Option<[f64; 3]>,
 }
 
-impl Row<'_> {
+impl AccuracyRow<'_> {
     fn setting(&self) -> String {
         let recipe = &self.case.recipe;
         let by = if recipe.is_whole() { recipe.to_string() } else { format!("model = \"{recipe}\"") };
@@ -94,7 +94,7 @@ impl AccuracyReport<'_> {
 
     pub fn findings(&self) -> Result<Findings> {
         let limit = self.mesh_limit();
-        let rows: Vec<Row<'_>> =
+        let rows: Vec<AccuracyRow<'_>> =
             self.cases.iter().zip(self.runs).map(|(case, run)| self.row(case, run, limit.as_ref())).collect();
         let mut findings = Findings { subject: "speed against accuracy", ..Findings::default() };
         self.references_in_words(&mut findings);
@@ -126,11 +126,16 @@ impl AccuracyReport<'_> {
         Some((limit, added.map(|e| 0.5 * e), order))
     }
 
-    fn row<'r>(&self, case: &'r PlannedRun, run: &'r StudyRun, limit: Option<&(RunResults, [f64; 3], f64)>) -> Row<'r> {
+    fn row<'r>(
+        &self,
+        case: &'r PlannedRun,
+        run: &'r StudyRun,
+        limit: Option<&(RunResults, [f64; 3], f64)>,
+    ) -> AccuracyRow<'r> {
         let result = run.is_complete(RUN_OPTIONS).then(|| RunResults::of(run));
         let mesh = self.meshes.iter().position(|nodes| *nodes == case.nodes);
         let reference = mesh.and_then(|mesh| self.references.get(mesh));
-        Row {
+        AccuracyRow {
             case,
             run,
             time: result.as_ref().zip(reference).map(|(result, reference)| result.errors(&reference.result)),
@@ -159,11 +164,11 @@ impl AccuracyReport<'_> {
     }
 
     /// The rows of a mesh.
-    pub fn on<'r, 's>(&self, rows: &'r [Row<'s>], nodes: u64) -> impl Iterator<Item = &'r Row<'s>> {
+    pub fn on<'r, 's>(&self, rows: &'r [AccuracyRow<'s>], nodes: u64) -> impl Iterator<Item = &'r AccuracyRow<'s>> {
         rows.iter().filter(move |row| row.case.nodes == nodes)
     }
 
-    fn own_setting(&self, rows: &[Row<'_>], findings: &mut Findings) {
+    fn own_setting(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let Some(own) = SimulationMethod::own(self.scene) else { return };
         let (pace, nodes) = (self.scene.pace(), self.nodes());
         let row = self.on(rows, nodes).find(|row| row.case.recipe == own && row.case.pace == pace);
@@ -186,7 +191,7 @@ impl AccuracyReport<'_> {
     }
 
     /// Compares the uncertainty of the fluid's law with the errors of steps and mesh.
-    fn law_in_words(&self, rows: &[Row<'_>], findings: &mut Findings) {
+    fn law_in_words(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let Some((name, of_law)) = self.law() else { return };
         for (quantity, error) in self.quantities().iter().zip(of_law) {
             findings.numbers.insert(format!("law_error_{}", quantity.key), json!(error));
@@ -217,8 +222,8 @@ impl AccuracyReport<'_> {
     }
 
     /// For each cheaper model, the run with the finest tolerance on the scene's own mesh, and its errors: the modelling errors.
-    pub fn settled<'r, 's>(&self, rows: &'r [Row<'s>]) -> Vec<(&'r Row<'s>, [f64; 3])> {
-        let mut settled: Vec<(&Row<'_>, [f64; 3])> = Vec::new();
+    pub fn settled<'r, 's>(&self, rows: &'r [AccuracyRow<'s>]) -> Vec<(&'r AccuracyRow<'s>, [f64; 3])> {
+        let mut settled: Vec<(&AccuracyRow<'_>, [f64; 3])> = Vec::new();
         for row in self.on(rows, self.nodes()).filter(|row| !row.case.recipe.is_whole()) {
             let Some(errors) = row.time else { continue };
             match settled.iter_mut().find(|(other, _)| other.case.recipe == row.case.recipe) {
@@ -231,9 +236,9 @@ impl AccuracyReport<'_> {
     }
 
     /// What the cheaper models omit, and what the full model costs at the same error.
-    fn cheaper_models(&self, rows: &[Row<'_>], findings: &mut Findings) {
+    fn cheaper_models(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let on_mesh = || self.on(rows, self.nodes());
-        let first = |row: &Row<'_>| row.time.map(|e| e[0]);
+        let first = |row: &AccuracyRow<'_>| row.time.map(|e| e[0]);
         let what = self.quantities()[0];
         let own_method = self.scene.method().ok().map(|(method, values)| SimulationMethod::whole(method, values));
         for (finest, errors) in self.settled(rows) {
@@ -285,15 +290,15 @@ impl AccuracyReport<'_> {
     /// The cheapest run whose error of the quantity is at most `target`, also with finer steps of the same method.
     pub fn cheapest<'r, 's>(
         &self,
-        rows: impl Iterator<Item = &'r Row<'s>>,
-        error: impl Fn(&Row<'s>) -> Option<f64>,
+        rows: impl Iterator<Item = &'r AccuracyRow<'s>>,
+        error: impl Fn(&AccuracyRow<'s>) -> Option<f64>,
         target: f64,
-    ) -> Option<&'r Row<'s>>
+    ) -> Option<&'r AccuracyRow<'s>>
     where
         's: 'r,
     {
         let rows: Vec<_> = rows.collect();
-        let holds = |row: &&&Row<'s>| {
+        let holds = |row: &&&AccuracyRow<'s>| {
             error(row).is_some_and(|e| e <= target)
                 && rows
                     .iter()
@@ -307,7 +312,7 @@ impl AccuracyReport<'_> {
         rows.iter().filter(holds).min_by(|a, b| a.run.processor_s.total_cmp(&b.run.processor_s)).copied()
     }
 
-    fn recommend(&self, rows: &[Row<'_>], findings: &mut Findings) {
+    fn recommend(&self, rows: &[AccuracyRow<'_>], findings: &mut Findings) {
         let nodes = self.nodes();
         for (i, quantity) in self.quantities().iter().map(|quantity| quantity.name).enumerate().take(2) {
             for target in TARGETS {

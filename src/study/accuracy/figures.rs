@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::explanations::{AccuracyReport, Row};
+use super::explanations::{AccuracyReport, AccuracyRow};
 use super::reference::RunResults;
 use crate::error::Result;
 use crate::integrator::Pace;
@@ -16,7 +16,7 @@ const MIN_ERROR_OVER_REFERENCE: f64 = 2.0;
 impl AccuracyReport<'_> {
     pub(super) fn charts(
         &self,
-        rows: &[Row<'_>],
+        rows: &[AccuracyRow<'_>],
         limit: Option<&(RunResults, [f64; 3], f64)>,
         findings: &mut Findings,
     ) -> Result<()> {
@@ -78,7 +78,7 @@ impl AccuracyReport<'_> {
     }
 
     /// Error of the first quantity due to the steps, one line per method, and due to each mesh, as level lines.
-    fn decomposition(&self, rows: &[Row<'_>], limit: &RunResults) -> Chart {
+    fn decomposition(&self, rows: &[AccuracyRow<'_>], limit: &RunResults) -> Chart {
         let nodes = self.nodes();
         let mut series: Vec<Series> = Vec::new();
         for row in self.on(rows, nodes) {
@@ -105,7 +105,7 @@ impl AccuracyReport<'_> {
     }
 
     /// For each method the cheapest step for each target error, on the scene's own mesh.
-    pub(super) fn recommended(&self, rows: &[Row<'_>]) -> Table {
+    pub(super) fn recommended(&self, rows: &[AccuracyRow<'_>]) -> Table {
         let nodes = self.nodes();
         let mut curves: Vec<String> = Vec::new();
         for row in self.on(rows, nodes) {
@@ -136,7 +136,7 @@ impl AccuracyReport<'_> {
         }
     }
 
-    pub(super) fn table(&self, rows: &[Row<'_>]) -> Table {
+    pub(super) fn table(&self, rows: &[AccuracyRow<'_>]) -> Table {
         let [first, _, energy] = self.quantities();
         let errors = |kind: &str| self.quantities().map(|quantity| format!("{kind}_error_{}", quantity.key));
         let columns: Vec<String> = ["model", "integrator", "time_step_s", "tolerance", "nodes"]
@@ -148,7 +148,7 @@ impl AccuracyReport<'_> {
             .chain(["time", "total"].into_iter().flat_map(errors))
             .chain(["failure".to_string()])
             .collect();
-        let line = |row: &Row<'_>| {
+        let line = |row: &AccuracyRow<'_>| {
             let (run, recipe) = (row.run, &row.case.recipe);
             let (step, tolerance) = match row.case.pace {
                 Pace::Fixed(step) => (json!(step), Value::Null),

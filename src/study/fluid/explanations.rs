@@ -23,7 +23,7 @@ pub struct FluidReport<'a> {
 
 /// A model with its run.
 #[derive(Clone, Copy)]
-pub struct Row<'a> {
+pub struct FluidModelRow<'a> {
     pub model: &'a FluidModel,
     pub swim: &'a FluidModelRun,
     /// Relative differences of motion and power from the reference.
@@ -41,12 +41,12 @@ impl<'a> FluidReport<'a> {
         if self.held { "thrust" } else { "speed" }
     }
 
-    pub fn rows(&self) -> Vec<Row<'a>> {
+    pub fn rows(&self) -> Vec<FluidModelRow<'a>> {
         let truth = self.reference.and_then(|i| self.swims[i].means);
         let against = |means: Means| truth.map(|truth| means.differences(&truth));
         let models = self.models.models.iter().zip(self.swims).enumerate();
         models
-            .map(|(i, (model, swim))| Row {
+            .map(|(i, (model, swim))| FluidModelRow {
                 model,
                 swim,
                 differences: swim.means.and_then(against),
@@ -65,7 +65,7 @@ impl<'a> FluidReport<'a> {
         findings
     }
 
-    fn words(&self, rows: &[Row<'_>], findings: &mut Findings) {
+    fn words(&self, rows: &[FluidModelRow<'_>], findings: &mut Findings) {
         let (motion, reynolds) = (self.motion(), self.models.reynolds);
         let mut say = |text: String| findings.answers.push(text);
         findings.numbers.insert("reynolds_number".into(), json!(reynolds));
@@ -122,20 +122,20 @@ impl<'a> FluidReport<'a> {
     }
 
     /// The fluid model that the scene needs: the simplest one whose differences are within the uncertainty of the reference.
-    fn verdict(&self, rows: &[Row<'_>], reference: &Row<'_>, limits: [f64; 2]) -> (String, String) {
+    fn verdict(&self, rows: &[FluidModelRow<'_>], reference: &FluidModelRow<'_>, limits: [f64; 2]) -> (String, String) {
         let keeps_water = self.models.water_decides && reference.model.reactive;
-        let within = |row: &&Row<'_>| {
+        let within = |row: &&FluidModelRow<'_>| {
             (row.model.reactive || !keeps_water)
                 && row.model.dropped == reference.model.dropped
                 && row.differences.is_some_and(|both| both.iter().zip(limits).all(|(x, limit)| x.abs() <= limit))
         };
         let uncertain =
-            |row: &Row<'_>| row.model.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
+            |row: &FluidModelRow<'_>| row.model.uncertainty.map_or(f64::INFINITY, |known| known.measured(self.held)[0]);
         // By what a law is, not by what a run took on this machine: dense laws last, the reactive force before those, of the
         // others the simplest: one whose drag is linear in the velocity, then that of the narrowest range, then the surest.
-        let order = |a: &&Row<'_>, b: &&Row<'_>| {
-            let dense = |row: &Row<'_>| matches!(row.model.law.reach, Reach::Rod { .. });
-            let curved = |row: &Row<'_>| row.model.law.resistance.is_none();
+        let order = |a: &&FluidModelRow<'_>, b: &&FluidModelRow<'_>| {
+            let dense = |row: &FluidModelRow<'_>| matches!(row.model.law.reach, Reach::Rod { .. });
+            let curved = |row: &FluidModelRow<'_>| row.model.law.resistance.is_none();
             (dense(a), a.model.reactive, curved(a))
                 .cmp(&(dense(b), b.model.reactive, curved(b)))
                 .then(a.model.law.reynolds.total_cmp(&b.model.law.reynolds))
@@ -178,7 +178,7 @@ impl<'a> FluidReport<'a> {
         (text, taken.model.to_string())
     }
 
-    fn table(&self, rows: &[Row<'_>]) -> Table {
+    fn table(&self, rows: &[FluidModelRow<'_>]) -> Table {
         let motion = if self.held { "thrust_n" } else { "speed_m_s" };
         let columns = [
             "law",
@@ -198,7 +198,7 @@ impl<'a> FluidReport<'a> {
         ])
         .chain(StudyRun::COSTS)
         .chain(["failure"]);
-        let line = |row: &Row<'_>| {
+        let line = |row: &FluidModelRow<'_>| {
             let (run, means) = (&row.swim.run, row.swim.means);
             let published = row.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
             let mut line = vec![

@@ -1,6 +1,6 @@
 //! Figures: error against cost, forces by source, and an animation of all models.
 
-use super::explanations::{FluidReport, Row};
+use super::explanations::{FluidModelRow, FluidReport};
 use super::model_run::{ForceBreakdown, PHASES};
 use crate::report::chart::{Chart, Figure, Mark, Scale, Series};
 use crate::report::{Animation, Findings, Frame};
@@ -11,7 +11,7 @@ const LANE_WIDTH: f64 = 1.15;
 const MIN_LANE_WIDTH: f64 = 0.2;
 
 impl FluidReport<'_> {
-    pub(super) fn charts(&self, rows: &[Row<'_>], findings: &mut Findings) {
+    pub(super) fn charts(&self, rows: &[FluidModelRow<'_>], findings: &mut Findings) {
         let Some(reference) = rows.iter().find(|row| row.is_reference) else { return };
         let uncertain = reference.model.uncertainty.map(|uncertainty| uncertainty.measured(self.held));
         for (i, what) in [self.motion(), "power"].into_iter().enumerate() {
@@ -57,7 +57,7 @@ impl FluidReport<'_> {
     }
 
     /// Forces of a model by their source.
-    fn forces(&self, row: &Row<'_>, file: &str, findings: &mut Findings) {
+    fn forces(&self, row: &FluidModelRow<'_>, file: &str, findings: &mut Findings) {
         let whose = if row.model.own { format!("{}, the scene's own", row.model) } else { row.model.to_string() };
         let mut figure = |name: &str,
                           title: &str,
@@ -109,18 +109,18 @@ impl FluidReport<'_> {
     }
 
     /// An animation of all completed runs, each on its own lane.
-    pub(super) fn motions(rows: &[Row<'_>]) -> Option<Box<(Animation, String)>> {
-        let mut swam: Vec<&Row<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
+    pub(super) fn motions(rows: &[FluidModelRow<'_>]) -> Option<Box<(Animation, String)>> {
+        let mut swam: Vec<&FluidModelRow<'_>> = rows.iter().filter(|row| row.swim.frames.len() > 1).collect();
         swam.sort_by_key(|row| !row.is_reference);
         let frames = swam.iter().map(|row| row.swim.frames.len()).min()?;
-        let heights = |row: &&&Row<'_>| {
+        let heights = |row: &&&FluidModelRow<'_>| {
             let ys = || row.swim.frames.iter().flat_map(|frame| &frame.points).map(|point| point[1]);
             ys().fold(f64::NEG_INFINITY, f64::max) - ys().fold(f64::INFINITY, f64::min)
         };
         let first = &swam.first()?.swim.frames[0].points;
         let length: f64 = first.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1])).sum();
         let lane = swam.iter().map(|row| heights(&row)).fold(MIN_LANE_WIDTH * length, f64::max) * LANE_WIDTH;
-        let on_lane = |i: usize, row: &Row<'_>| -> Vec<Frame> {
+        let on_lane = |i: usize, row: &FluidModelRow<'_>| -> Vec<Frame> {
             let down = i as f64 * lane;
             let mut frames = row.swim.frames[..frames].to_vec();
             for frame in &mut frames {
